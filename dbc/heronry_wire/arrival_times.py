@@ -1,15 +1,15 @@
 """When frames arrived, in ns of CLOCK_MONOTONIC, although SocketCAN stamps them with the clock of the day.
 
 The clock of the day may be set while a node flies, even by hours. It also runs on while a computer is suspended, which
-CLOCK_MONOTONIC does not. So the difference of two stamps, or of a stamp and now, may be anything. Two facts limit the
-error that such a step of the clock can cause:
+CLOCK_MONOTONIC does not. So the difference of two stamps, or of a stamp and now, may be anything. Before each reading
+of the bus, its reader takes a *look* at both clocks. Two facts limit the error that a step of the clock can cause:
 
     empty   a frame read after a look at which the queue of the bus was empty arrived later than that look
     two     a frame was stamped either before or after the step. Both cases are computed, and the earlier arrival counts
 
 So a frame never seems newer than it is, whatever the clock of the day does: a process that was paused must not take an
-old LEASE for a new one. And a frame never seems older than the last look at an empty queue. For a node that runs, that
-look was a few milliseconds ago.
+old LEASE for a new one. And a frame never seems to have arrived before the last look at an empty queue. A node that
+runs had that look a few milliseconds ago.
 
 The software bus stamps frames with CLOCK_MONOTONIC (`StampedMessage`); for these frames the clock of the day is not
 used. Apart from logs, no other file that runs in flight reads the clock of the day.
@@ -36,7 +36,7 @@ class StampedMessage(can.Message):
 class ArrivalTimes:
     """The ages of the frames of one bus.
 
-    The caller calls `look` before each reading of the bus, and `found_empty` when it has read all frames.
+    The reader of the bus calls `look` before each reading, and `found_empty` after a reading that left no frame unread.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class ArrivalTimes:
         self._offset_before_ns = 0  # and at the look before
 
     def look(self) -> None:
-        """Read both clocks. A pause between the two readings only makes the offset too small, so frames seem newer."""
+        """Read both clocks, to compare them with the time-stamps of the frames that are read next."""
         day_ns = time.time_ns()
         self._looked_ns = time.monotonic_ns()
         offset_ns = day_ns - self._looked_ns
@@ -54,11 +54,11 @@ class ArrivalTimes:
         self._offset_ns = offset_ns
 
     def found_empty(self) -> None:
-        """Note that nothing is left to read: each later frame arrives after the last look."""
+        """Note that the queue of the bus is empty: each frame that is read later has arrived after the last `look`."""
         self._empty_ns = self._looked_ns
 
     def age_ns(self, message: can.Message) -> int:
-        """Time in ns from the arrival of a message to the last look, 0 or more."""
+        """Time in ns from the arrival of a message to the last `look`, 0 or more."""
         if isinstance(message, StampedMessage):
             return max(0, self._looked_ns - message.monotonic_ns)
         offset_ns = max(self._offset_ns or 0, self._offset_before_ns)
@@ -68,5 +68,5 @@ class ArrivalTimes:
         return max(0, self._looked_ns - arrived_ns)
 
     def arrived_ns(self, message: can.Message) -> int:
-        """Time in ns of CLOCK_MONOTONIC at which a message arrived; never later than the last look."""
+        """Time in ns of CLOCK_MONOTONIC at which a message arrived; never later than the last `look`."""
         return self._looked_ns - self.age_ns(message)

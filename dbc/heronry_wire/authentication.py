@@ -15,9 +15,9 @@ one node has the key. What a tag covers beside the bytes of the frame:
               the frame. On page 0 also the number of pages 0 since the WELCOME and, with FAULT_PENDING, one EMCY that
               waits to be acknowledged: an EMCY has no room for a tag, so the state authenticates it
 
-A nonce is *plausible* if its last 16 bits are the tag of the rest for its node: a manager answers no other. So a nonce
-that was made up costs the manager nothing, and keeps no PE from its answer. A recorded nonce is plausible, too, and
-opens nothing: the PE takes an answer to its own present nonce alone.
+A nonce is *plausible* if its last 16 bits are the tag of its other bits and its node. A manager answers only plausible
+nonces. So a nonce that an attacker invents costs the manager nothing, and delays no answer to a PE. A recorded nonce is
+plausible, too, but of no use: a PE accepts only the answer to the nonce that it has sent last.
 
 A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table. This tag is not cut, because a
 table is long and decides which code runs. The text of a table names the node and the spec, and holds no nonce. So a
@@ -83,7 +83,11 @@ class Key:
         return f"Key({self.fingerprint})"
 
     def command_tag(self, manager: int, kind: int, place: Place, payload: bytes, nonce: int = NO_NONCE) -> int:
-        """Tag of a command: 48 bits."""
+        """Compute the 48-bit tag of a command.
+
+        kind: place of the command among the identifiers of its manager. payload: all bytes of the command. nonce: only
+        for a WELCOME, the nonce that it answers.
+        """
         tag = self._commands.copy()
         tag.update(_COMMAND.pack(manager, kind, *place, nonce))
         tag.update(payload)
@@ -92,11 +96,11 @@ class Key:
     def state_tag(
         self, node: int, session: Session, beat: int, said: bytes, digest: int, *, emergency: bytes = NO_EMERGENCY
     ) -> int:
-        """Tag of page 0 or 1 of a state: 24 bits.
+        """Compute the 24-bit tag of page 0 or 1 of a state frame.
 
         beat: number of this page 0 in its session; for page 1 the constant PAGE_1_BEAT. said: bytes of the page without
-        its digest, as `state_frames.split_state` gives them. emergency: all bytes of the EMCY that the tag
-        authenticates along with the page.
+        its digest, as `state_frames.split_state` gives them. digest: of the running configuration (page 0) or the
+        staged one (page 1). emergency: all bytes of an EMCY that waits to be acknowledged, if there is one.
         """
         tag = self._states.copy()
         tag.update(_STATE.pack(node, *session, beat))
@@ -106,22 +110,22 @@ class Key:
         return int.from_bytes(tag.digest(), "big")
 
     def nonce(self, node: int, drawn: int) -> int:
-        """Give the nonce of a node, from a number of DRAWN_BITS that it has drawn."""
+        """Make a nonce for a node: `drawn`, a random number of DRAWN_BITS bits, followed by 16 bits of tag."""
         tag = self._nonces.copy()
         tag.update(node.to_bytes(1) + drawn.to_bytes(DRAWN_BITS // 8))
         return drawn << 8 * _NONCE_TAG_BYTES | int.from_bytes(tag.digest())
 
     def is_plausible(self, node: int, nonce: int) -> bool:
-        """Tell whether a holder of the key has once made this nonce of this node."""
+        """Tell whether the last 16 bits of a nonce prove that a holder of the key made it for this node."""
         drawn = nonce >> 8 * _NONCE_TAG_BYTES
         return nonce != NO_NONCE and self.nonce(node, drawn) == nonce
 
     def sealed(self, table: bytes) -> bytes:
-        """Give the text of a table followed by its seal, which a PE with this key accepts over the bus."""
+        """Append to the bytes of a table the seal by which a PE with this key accepts the table over the bus."""
         return table + self._seal(table)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Give the text of a sealed table, without its seal; None where the seal was not made with this key."""
+        """Give the bytes of a sealed table without the seal; None where the seal was not made with this key."""
         table, seal = sealed[:-SEAL_BYTES], sealed[-SEAL_BYTES:]
         return table if compare_digest(seal, self._seal(table)) else None
 
@@ -132,5 +136,5 @@ class Key:
 
 
 def next_number(after: int, low: int, span: int) -> int:
-    """Rebuild a counter from its lowest bits: the first number above `after` that is `low` modulo `span`."""
+    """Rebuild a counter from its lowest bits: give the first number above `after` that equals `low` modulo `span`."""
     return after + 1 + (low - after - 1) % span

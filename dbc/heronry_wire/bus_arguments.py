@@ -1,8 +1,8 @@
 """Which python-can bus a command line names.
 
 python-can's own flags (`can.cli.add_bus_arguments`) name one bus; a value that no flag gives comes from can.conf or
-CAN_*. `--bus NAME=[INTERFACE:]CHANNEL` names the bus of a spec. A channel may itself contain colons (a path, an
-address): the text before a colon is an interface only if python-can knows an interface of that name.
+an environment variable CAN_*. `--bus NAME=[INTERFACE:]CHANNEL` names the bus of a spec. A channel may itself contain
+colons (a path, an address): the text before a colon is an interface only if python-can knows an interface of that name.
 
 A replicated bus has two channels, named with a comma between them in every place that names a channel: `-c can0,can1`,
 `--bus main=can0,can1`, `channel = can0,can1` in can.conf. The second may be of another kind: `-c
@@ -20,29 +20,26 @@ _FLAGS = ("channel", "interface", "bitrate", "timing")
 
 
 class BusArgumentError(HeronryError):
-    """The command line does not name a bus; the message is one sentence with the remedy."""
+    """The command line names no bus, or names one wrongly; the message is one sentence with the remedy."""
 
 
 def add_bus_arguments(parser: argparse.ArgumentParser, title: str) -> None:
-    """Add python-can's flags for a bus, as a group with a title.
-
-    The help does not list the thirty interfaces of python-can; the error for a misspelt interface does.
-    """
+    """Add python-can's flags for a bus to `parser`, as a group with this title."""
     can.cli.add_bus_arguments(parser, group_title=title)
     flag = next(action for action in parser._actions if action.dest == "interface")  # noqa: SLF001 - no public way
     flag.metavar, flag.help = "INTERFACE", "kind of the bus: socketcan, softbus, or any other of python-can"
 
 
 def flagged_bus(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Keyword arguments of `can.Bus` from python-can's flags; only those that were given."""
+    """Give the keyword arguments of `can.Bus` for those of python-can's flags that the command line has."""
     named = {flag: getattr(arguments, flag) for flag in _FLAGS if hasattr(arguments, flag)}
     return {**named, **getattr(arguments, "bus_kwargs", {})}
 
 
 def named_buses(texts: Sequence[str], owner: str, buses: Collection[str]) -> dict[str, tuple[str | None, str]]:
-    """Read the values of `--bus`: bus -> (interface, channel); the interface is None where none is given.
+    """Read the values of `--bus`: give (interface, channel) by bus; the interface is None where the value names none.
 
-    owner: the node whose `buses` these are, as the error message names it. Raises BusArgumentError.
+    owner: name of the node that has these `buses`, for error messages. Raises BusArgumentError.
     """
     named: dict[str, tuple[str | None, str]] = {}
     for text in texts:
@@ -59,7 +56,11 @@ def named_buses(texts: Sequence[str], owner: str, buses: Collection[str]) -> dic
 
 
 def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[dict[str, Any]]:
-    """Keyword arguments of `can.Bus` for each of the `channels` of a bus; raises BusArgumentError."""
+    """Split the configuration of a bus into one for each of its channels, whose number is `channels`.
+
+    The result has the keyword arguments of `can.Bus`. Raises BusArgumentError where the configuration names another
+    number of channels.
+    """
     if channels == 1:
         return [dict(config)]
     named = str(config.get("channel") or _default_channel(config))
@@ -71,7 +72,7 @@ def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[
 
 
 def channels_named(config: Mapping[str, Any]) -> int:
-    """Number of channels that the configuration names; for a caller that has no spec, which would give the number."""
+    """Count the channels that the configuration of a bus names, for a program that has no spec to tell their number."""
     return len(str(config.get("channel") or "").split(","))
 
 
@@ -86,7 +87,6 @@ def _channel(name: str) -> dict[str, str]:
 
 
 def _default_channel(config: Mapping[str, Any]) -> str:
-    """Channel from can.conf or CAN_CHANNEL; empty where they give none."""
     try:
         return str(can.util.load_config(config=dict(config)).get("channel") or "")
     except (can.CanError, ValueError):

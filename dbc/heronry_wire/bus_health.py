@@ -26,7 +26,7 @@ class BusHealth:
     """Whether one bus can be used, its error counts, and its link status events."""
 
     def __init__(self, name: str) -> None:
-        """name: the bus as the event sentences call it."""
+        """name: of the bus, as messages have it."""
         self.name = name
         self.off_since_ns: int | None = None  # None: on the bus
         self.counts: Counter[str] = Counter()
@@ -35,12 +35,15 @@ class BusHealth:
         self._told_ns: dict[str, int] = {}
 
     def take_link_events(self) -> list[str]:
-        """Give the link status events since the last call, as sentences."""
+        """Give the link status events since the last call, each as a sentence."""
         link_events, self._link_events = self._link_events, []
         return link_events
 
     def lost(self, now_ns: int, reason: str) -> None:
-        """Note that the bus cannot be used; the driver calls this again after every failed try to open the bus."""
+        """Report the bus as lost.
+
+        Called again after every failed try to open the bus, with the reason of that failure.
+        """
         if self.off_since_ns is None:
             self.off_since_ns = now_ns
             self.counts["lost"] += 1
@@ -50,14 +53,14 @@ class BusHealth:
             self._link_events.append(f"{self.name} is lost: {reason}; it is tried again until it is back")
 
     def back(self, now_ns: int) -> None:
-        """Note that the bus can be used again."""
+        """Report the bus as usable again."""
         if self.off_since_ns is not None:
             seconds = (now_ns - self.off_since_ns) / _NS_PER_S
             self._link_events.append(f"{self.name} is back after {seconds:.1f} s")
             self.off_since_ns = None
 
     def reported(self, report: ControllerReport, now_ns: int) -> None:
-        """Take the report of the controller, which came as an error frame."""
+        """Take the state and the error counts of the controller, as an error frame gave them."""
         self.counts.update(report.kinds)
         if report.state is not None:
             self.counts[report.state.name.lower().replace("_", "-")] += 1
@@ -65,11 +68,11 @@ class BusHealth:
             self._tell(_BAD[report.state], now_ns)
 
     def stuck(self, now_ns: int) -> None:
-        """Note that no frame of this node has left for `link.STUCK_NS`."""
+        """Report that no frame of this node has left for `link.STUCK_NS`."""
         self._tell(_STUCK, now_ns)
 
     def overrun(self, frames: int, now_ns: int) -> None:
-        """Note how many frames were lost because this process did not take them in time."""
+        """Report that `frames` frames were lost because this process did not read them in time."""
         if frames:
             self.counts["frames not taken in time"] += frames
             self._tell("brings more frames than this computer takes: some are lost", now_ns)

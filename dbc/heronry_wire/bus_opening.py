@@ -20,7 +20,7 @@ class LinkError(HeronryError):
 
 
 class Opened(NamedTuple):
-    """A bus that is open."""
+    """An open bus, with the file descriptor on which its frames arrive."""
 
     bus: can.BusABC
     fileno: int  # readable when a frame has come
@@ -28,12 +28,12 @@ class Opened(NamedTuple):
 
 
 def bus_name(config: Mapping[str, Any]) -> str:
-    """Name of a bus for messages, from python-can's keyword arguments."""
+    """Give the name that messages use for the bus with these keyword arguments of `can.Bus`."""
     return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
 
 
 def look_at_interface(config: Mapping[str, Any]) -> None:
-    """Check a SocketCAN interface, and restart it if it is bus-off; raises LinkError if it should not be used now."""
+    """Raise LinkError if a SocketCAN interface should not be used now; restarts its controller if that is bus-off."""
     interface = config.get("channel") if config.get("interface") == "socketcan" else None
     reason = None if interface is None else obstacle(interface, config.get("bitrate"))
     if reason is not None:
@@ -41,9 +41,9 @@ def look_at_interface(config: Mapping[str, Any]) -> None:
 
 
 def open_bus(config: Mapping[str, Any]) -> Opened:
-    """Open the bus that python-can's keyword arguments describe; raises LinkError.
+    """Open the bus that these keyword arguments of `can.Bus` describe; raises LinkError.
 
-    A socketcand is named by its channel: INTERFACE@HOST:PORT.
+    The channel of a socketcand is INTERFACE@HOST:PORT.
     """
     name = bus_name(config)
     at_server = config.get("interface") == socketcand.INTERFACE

@@ -66,7 +66,11 @@ def take_down_and_up(name: str) -> None:
 
 
 def obstacle(name: str, bitrate: int | None) -> str | None:
-    """Give the reason why an interface should not be used now, or None; restarts the interface if it is bus-off."""
+    """Give the reason why an interface should not be used now; None: there is no reason.
+
+    bitrate: bit rate that the bus must have; an interface with another one is not used. Restarts an interface whose
+    controller is bus-off.
+    """
     interface = read_interface(name)
     if interface is None or not interface.is_up:
         return None  # opening it gives the reason
@@ -133,7 +137,7 @@ def _attributes(block: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _ask(kind: int, flags: int, body: bytes) -> bytes:
-    """Send one request and give the body of the answer; raises OSError where the kernel refuses."""
+    """Send one rtnetlink request and give the body of the answer; raises OSError where the kernel refuses."""
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
         kernel.sendto(_HEADER.pack(_HEADER.size + len(body), kind, flags, 1, 0) + body, (0, 0))
         answer = kernel.recv(_BUFFER_BYTES)

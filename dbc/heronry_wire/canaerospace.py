@@ -108,7 +108,10 @@ _RANGES = {
 
 
 def value_range(data_type: DataType) -> tuple[float, float]:
-    """Give the least and the greatest value of a type of one number; without end for FLOAT, empty for other types."""
+    """Give the least and the greatest value of a type that holds one number.
+
+    Both are infinite for FLOAT; the result is empty for a type that does not hold one number.
+    """
     layout = _LAYOUTS[data_type].format.removeprefix(">")
     if layout == "f":
         return -math.inf, math.inf
@@ -130,7 +133,7 @@ Value = None | int | float | str | bytes | tuple[int, ...]
 
 
 class Datum(NamedTuple):
-    """One CANaerospace frame without its identifier; the type of `value` follows from `data_type`.
+    """One CANaerospace frame without its identifier; `data_type` determines the type of `value`.
 
     `data_type` is a plain int 100..255 for a user-defined type, whose value is 0..4 raw bytes.
     """
@@ -143,7 +146,7 @@ class Datum(NamedTuple):
 
 
 class Validity(IntEnum):
-    """Whether a datum may be used: code points of the high nibble of byte 2."""
+    """Whether a datum may be used; the values are those of the high nibble of byte 2."""
 
     NOT_STATED = 0
     VALID = 1
@@ -160,7 +163,7 @@ class Status(NamedTuple):
 
 
 def pack_status(status: Status) -> int:
-    """Give byte 2; raises WireError for a version outside 1..15."""
+    """Encode a status as byte 2 of a data frame; raises WireError for a version outside 1..15."""
     if not 1 <= status.version <= 15:
         raise WireError(f"version {status.version} does not fit into a frame: a variable has 1 to 15 versions")
     return status.validity << 4 | status.version
@@ -170,7 +173,7 @@ _VALIDITIES = tuple(Validity)
 
 
 def unpack_status(service_code: int) -> Status | Malformed:
-    """Read byte 2 of a data frame."""
+    """Decode byte 2 of a data frame; `Malformed` where it states no version or no known validity."""
     version, validity = service_code & 0x0F, service_code >> 4
     if version == 0:
         return Malformed("the datum states no version (low nibble of byte 2 is 0)")
@@ -227,7 +230,7 @@ def _takes(layout: struct.Struct) -> str:
 
 
 def decode_data(frame: Frame) -> Datum | Malformed:
-    """Decode the header and the value of a data frame, whatever its identifier; never raises."""
+    """Decode the header and the value of a data frame under any identifier; `Malformed` where they break a rule."""
     data = frame.data
     if frame.remote or frame.error:
         return Malformed("not a data frame")
@@ -246,17 +249,17 @@ def decode_data(frame: Frame) -> Datum | Malformed:
 
 
 def read_header(data: bytes) -> tuple[int, int, int, int]:
-    """Node-ID, type, service code and message code of a data frame, which must have these four bytes."""
+    """Give node-ID, type, service code and message code of a data frame of at least four bytes."""
     return data[0], data[1], data[2], data[3]
 
 
 def node_of(data: bytes) -> int | None:
-    """Node-ID of the sender of a data frame; None where the frame is empty."""
+    """Give the node-ID of the sender, byte 0 of a data frame; None where the frame is empty."""
     return data[0] if data else None
 
 
 def type_and_service_of(data: bytes) -> bytes:
-    """Bytes 1 and 2 of a data frame, type and service code; fewer where the frame is shorter."""
+    """Give bytes 1 and 2 of a data frame, type and service code; fewer bytes where the frame is shorter."""
     return data[1:3]
 
 
@@ -272,6 +275,6 @@ def decode_payload(code: int, payload: bytes) -> Value:
 
 
 def encode_emergency_event(node_id: int, report: ErrorReport, *, service_code: int = 0, message_code: int = 0) -> Frame:
-    """Give the emergency event frame of a node, under the identifier of the plan; `decode_data` reads it."""
+    """Encode the emergency event of a node, under the identifier for it in the identifier plan."""
     datum = Datum(node_id, DataType.ERROR, service_code, message_code, report)
     return encode_data(emergency_event_id(node_id), datum)

@@ -71,9 +71,8 @@ class Kind(Enum):
 class Variable(NamedTuple):
     """One value: an object of its own, or one sub-index of an object.
 
-    value: the constant of a CONST; for any other variable the value at power-on, where that is fixed.
-    of_node: whether the node-ID is added to `value`.
-    limits: lowest and highest number that may be written.
+    value: the constant of a CONST; for any other variable the value at power-on, where that is fixed. of_node: whether
+    the server adds the node-ID to `value`. limits: lowest and highest number that may be written.
     """
 
     name: str
@@ -89,10 +88,10 @@ class Variable(NamedTuple):
 class Entry:
     """One object of the dictionary.
 
-    variables: of a VAR or DOMAIN its one variable; of a RECORD the variables from sub-index 1 on; of an ARRAY one
-        variable, the model of all its elements.
+    variables: one for a VAR or DOMAIN; those of sub-indices 1, 2, ... for a RECORD; one for an ARRAY, which describes
+        each of its elements.
     most: largest number of elements of an ARRAY.
-    count: the variable at sub-index 0 of an ARRAY or RECORD; None: the number of its elements.
+    count: the variable at sub-index 0 of an ARRAY or RECORD; None where that is only the number of elements.
     """
 
     index: int
@@ -104,7 +103,7 @@ class Entry:
     meaning: str = ""
 
     def variable(self, sub_index: int) -> Variable | None:
-        """Variable at a sub-index; None where this object has no such sub-index."""
+        """Give the variable at a sub-index; None where this object has no such sub-index."""
         if self.kind in (Kind.VAR, Kind.DOMAIN):
             return self.variables[0] if sub_index == 0 else None
         if sub_index == 0:

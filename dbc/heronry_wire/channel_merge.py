@@ -38,12 +38,15 @@ from heronry_wire.protocol_times import late_ns
 
 
 def window_ns(heartbeat_ns: int) -> int:
-    """Longest time in ns between the arrivals of two copies of a frame."""
+    """Longest time in ns between the arrivals of the two copies of a frame on the two channels."""
     return heartbeat_ns // 2
 
 
 def latest_copy_ns(heartbeat_ns: int) -> int:
-    """Longest time in ns from the end of the first copy to the start of the second, so that both are in one window."""
+    """Longest time in ns from the end of a frame on one channel to the start of its copy on the other.
+
+    A copy that starts later arrives after the window in which the receiver recognizes it as a copy.
+    """
     return heartbeat_ns // 4
 
 
@@ -59,10 +62,9 @@ class _Copy:
 
 
 class ChannelMerge:
-    """Merges the frames of two channels into those of one bus; channels are 0 and 1 here."""
+    """Merges the frames of two channels, numbered 0 and 1, into the frames of one bus."""
 
     def __init__(self, heartbeat_ns: int) -> None:
-        """`heartbeat_ns` is the heartbeat period of the bus."""
         self.copies = 0  # frames dropped because the other channel had brought them
         self.stale = 0  # frames withheld whose copy never came
         self._window_ns, self._patience_ns = window_ns(heartbeat_ns), late_ns(heartbeat_ns)
@@ -72,7 +74,10 @@ class ChannelMerge:
         self._behind: dict[tuple[int, bool], tuple[int, int]] = {}  # channel, last time of the other
 
     def take(self, channel: int, frame: Frame, at_ns: int) -> bool:
-        """Note a frame that has arrived on a channel, and tell whether the node takes it."""
+        """Take a frame that has arrived on a channel at `at_ns`; tells whether the node is to process it.
+
+        The answer is no for the second copy of a frame, and for a frame that is withheld.
+        """
         self._expire(at_ns)
         waiting = self._alone.get(frame)
         if waiting is not None and waiting[0].channel != channel:
@@ -87,9 +92,9 @@ class ChannelMerge:
         return is_taken
 
     def _pair(self, waiting: deque[_Copy]) -> bool:
-        """Note that the second copy of a frame has come.
+        """Process the second copy of a frame.
 
-        Tells whether to take it now, because the first copy was withheld.
+        Tells whether the node is to process this copy, since the first was withheld.
         """
         first = waiting.popleft()
         first.is_alone = False
@@ -100,7 +105,7 @@ class ChannelMerge:
         return not first.is_taken
 
     def _may_lead(self, channel: int, frame: Frame, at_ns: int) -> bool:
-        """Tell whether to take a frame from this channel before the other channel has brought it."""
+        """Tell whether the node is to process a frame that only this channel has brought so far."""
         found = self._behind.get(_identifier(frame))
         if found is None:
             return True
@@ -111,7 +116,7 @@ class ChannelMerge:
         return at_ns - other_ns >= self._patience_ns
 
     def _expire(self, at_ns: int) -> None:
-        """Close the windows that have passed: where no copy came, the other channel is behind."""
+        """Find the copies that have not come within the window, and note which channel is behind."""
         self._now_ns = max(self._now_ns, at_ns)
         while self._order and self._order[0].at_ns < self._now_ns - self._window_ns:
             copy = self._order.popleft()

@@ -18,10 +18,16 @@ from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns
 
 
 class ChannelWatch:
-    """Watches the signs of life of two channels, which are 0 and 1 as arguments, and 1 and 2 in results."""
+    """Watches the two channels of a bus for signs of life.
+
+    Arguments number the channels 0 and 1; results number them 1 and 2.
+    """
 
     def __init__(self, heartbeat_ns: int, misses: int, now_ns: int) -> None:
-        """`heartbeat_ns` and `misses` are those of the bus."""
+        """misses: heartbeat periods without a sign after which a channel is lost.
+
+        Heartbeat_ns: heartbeat period of the bus.
+        """
         self._patience_ns = silent_ns(heartbeat_ns, misses)
         self._hold_down_ns = HOLD_DOWN_PERIODS * heartbeat_ns
         self._heard_ns = [now_ns, now_ns]
@@ -38,7 +44,7 @@ class ChannelWatch:
         self._sign(self._left_ns, channel, at_ns)
 
     def lost(self, now_ns: int) -> frozenset[int]:
-        """Channels that are lost for this node, numbered from 1."""
+        """Give the channels that are lost for this node, numbered from 1."""
         if self._lost or self._lags(0) or self._lags(1):
             self._lost = frozenset(channel + 1 for channel in (0, 1) if self._is_lost(channel, now_ns))
         return self._lost

@@ -19,7 +19,7 @@ _MISSING = re.compile(r"the following arguments are required: (.*)")
 
 
 class CommandParser(argparse.ArgumentParser):
-    """A parser whose epilog keeps its lines, and whose mistakes are one sentence; exit code 2."""
+    """A parser that reports a mistake in one sentence and exit code 2, and keeps the line breaks of its epilog."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
@@ -28,7 +28,7 @@ class CommandParser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse; an unknown argument is refused here, where the options that the user may have meant are known."""
+        """Parse as argparse does, but end the program with an error at an unknown argument."""
         known, left = super().parse_known_args(args, namespace)
         if left:
             self.error(self._unknown(left))
@@ -56,10 +56,9 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def program_version() -> str:
-    """Version of heronry as it is installed."""
+    """Give the version of heronry that is installed."""
     return version("heronry")
 
 
 def _kind(type_name: str) -> str:
-    """Name the kind of value that was expected: a number, for every reader of values in this project."""
     return "whole number" if type_name in ("int", "whole_number") else "number"

@@ -50,7 +50,10 @@ class Refusal(Enum):
 
 
 class Held(NamedTuple):
-    """A command that waits for its TAG."""
+    """A command that waits for its TAG.
+
+    event: the frame of the command as it was received. arrived_ns: time of its arrival, in ns of the core's clock.
+    """
 
     command: Command
     event: Received
@@ -70,12 +73,12 @@ class CommandSigner:
         self.number = -1  # of the last command
 
     def tag(self, frame: Frame) -> Frame | None:
-        """Give the TAG to send after a frame; None where the frame is no command of this manager."""
+        """Give the frame TAG to send after `frame`; None where `frame` is no command of this manager."""
         kind = self._kinds.get(frame.can_id)
         return None if kind is None else self._tag(kind, frame.data)
 
     def welcome(self, node: int, nonce: int) -> tuple[Frame, Frame]:
-        """Answer the nonce of a PE: give the WELCOME that opens the PE's session, and the TAG of that WELCOME."""
+        """Give the WELCOME that answers a PE's nonce and opens its session, and the TAG of that WELCOME."""
         number = self.number + 1
         answer = Control(self.term, node, Operation.WELCOME, number >> 16, number & 0xFFFF).encode()
         return Frame(self._control_id, answer), self._tag(WELCOME_KIND, answer, nonce)
@@ -88,10 +91,14 @@ class CommandSigner:
 
 
 class CommandVerifier:
-    """Accepts commands of managers, or refuses them."""
+    """Decides which commands of the managers this node accepts."""
 
     def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
-        """patience_ns: how long a command waits for its TAG. seek: find a place by trying numbers, without a nonce."""
+        """patience_ns: how long a command waits for its TAG.
+
+        Seek: for a standby manager, which has no nonce: find the number of a manager's command by trying possible
+        numbers.
+        """
         self._key, self._patience_ns, self._seek = key, patience_ns, seek
         self._held: dict[tuple[int, int], deque[Held]] = {
             (manager, kind): deque() for manager in MANAGER_NODES for kind in range(WELCOME_KIND + 1)
@@ -101,7 +108,7 @@ class CommandVerifier:
         self.refused: Counter[Refusal] = Counter()
 
     def hold(self, manager: int, command: Command, event: Received, arrived_ns: int) -> None:
-        """Take a command and hold it until its TAG comes."""
+        """Hold a command until its TAG comes; `event` is its frame as received."""
         is_answer = command is Command.CONTROL and is_welcome(event.frame.data)
         held = self._held[manager, WELCOME_KIND if is_answer else command]
         if len(held) == _HELD:
@@ -112,10 +119,10 @@ class CommandVerifier:
     def tagged(
         self, manager: int, data: bytes, arrived_ns: int, nonce: int = NO_NONCE, *, is_counted: bool = True
     ) -> Held | Refusal:
-        """Take a TAG; give the command that is accepted with it, or the reason why the TAG is refused.
+        """Take a TAG; give the held command that it makes valid, or the reason why the TAG is refused.
 
-        nonce: the nonce that the PE sent last, if its answer may still come. is_counted: whether a refusal is counted;
-        false where the TAG may belong to an answer to another node.
+        nonce: the nonce that this PE sent last, if the answer to it may still come. is_counted: whether a refusal is
+        counted in `refused`; false where the TAG may belong to an answer to another node.
         """
         found = self._find(manager, data, arrived_ns, nonce)
         if isinstance(found, Refusal) and is_counted:
@@ -123,9 +130,9 @@ class CommandVerifier:
         return found
 
     def recognized(self, manager: int, data: bytes) -> Held | None:
-        """Give the newest held command that a TAG proves to be a manager's, of any time; None: there is none.
+        """Give the newest held command if the TAG `data` proves that `manager` sent it at some time; else None.
 
-        For a manager that has no place here. The command is not accepted, and may be a replay.
+        Used for a manager of which no command has been accepted yet. The command is not accepted: it may be a replay.
         """
         fields = decode_tag(data)
         if fields is None or not self._held[manager, fields[0]]:
@@ -184,7 +191,7 @@ class CommandVerifier:
         return found._replace(arrived_ns=same[-1].arrived_ns) if same else found
 
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
-        """Place of a command whose TAG is valid; else the reason for refusal."""
+        """Give the place that the command must have if its TAG is valid, or the reason why the command is refused."""
         last = self.places.get(manager)
         if kind == WELCOME_KIND:
             term, _, _, upper, lower = CONTROL.fields_of(payload)
@@ -205,7 +212,7 @@ class CommandVerifier:
         return may
 
     def _sought(self, manager: int, fields: tuple[int, ...], held: deque[Held]) -> Held | Refusal:
-        """Try every number that the newest command may have; for a standby manager, which has no nonce."""
+        """Try possible numbers for the newest held command; give the command if its TAG is valid for one of them."""
         kind, low, tag = fields
         payload = held[-1].event.frame.data
         term = _term(kind, payload, 0)
@@ -217,7 +224,7 @@ class CommandVerifier:
 
 
 def _term(kind: int, payload: bytes, otherwise: int) -> int:
-    """Term that a command names; `otherwise` for SLICE, which has no field for a term."""
+    """Give the term that a command names; `otherwise` for SLICE, which has no field for a term."""
     if kind == Command.SLICE:
         return otherwise
     first = int.from_bytes(payload[:2], "big")

@@ -43,7 +43,7 @@ class Slice:
     expendable: frozenset[int] = frozenset()  # modules that stop while no manager is heard (`safe_mode`)
 
     def encode(self) -> bytes:
-        """Encode the slice; equal slices give equal bytes, and the empty slice gives none."""
+        """Encode the slice as bytes; the empty slice has none."""
         if self == Slice():
             return b""
         numbers = [len(self.modules)]
@@ -60,7 +60,7 @@ class Slice:
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
-        """Give this slice without publishing or forwarding that the slice `before` does not have (step BREAK)."""
+        """Give this slice, publishing and forwarding only what the slice `before` publishes and forwards, for BREAK."""
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {
             s: (node, mask & before.forward[s][1])
@@ -75,13 +75,13 @@ class Slice:
 
 
 class SliceError(HeronryError, ValueError):
-    """Bytes that are no slice of this PE; the message says why."""
+    """The bytes are not a slice for this PE; the message says why."""
 
 
 def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
-    """Decode a slice; `leaves` gives the number of leaves of each (module, mode) the PE's table has.
+    """Decode a slice; raises SliceError.
 
-    Raises SliceError.
+    leaves: number of leaves of each (module, mode) that the PE's table has.
     """
     if not body:
         return Slice()
@@ -117,12 +117,12 @@ def _read(numbers: Unpacker, leaves: Mapping[tuple[int, int], int]) -> Slice:
 
 
 def slice_digest(spec_digest: str, body: bytes) -> int:
-    """Digest (24 bits, never 0) of one PE's slice."""
+    """Compute the digest (24 bits, never 0) of one PE's slice, whose bytes are `body`."""
     return _digest24(bytes.fromhex(spec_digest), [body])
 
 
 def configuration_digest(spec_digest: str, slices: Mapping[int, bytes]) -> int:
-    """Digest (24 bits, never 0) of a whole configuration, given the slices by node-ID."""
+    """Compute the digest (24 bits, never 0) of a whole configuration, from the bytes of all slices by node-ID."""
     parts = (bytes((node,)) + len(body).to_bytes(2, "big") + body for node, body in sorted(slices.items()))
     return _digest24(bytes.fromhex(spec_digest), parts)
 

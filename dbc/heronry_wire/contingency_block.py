@@ -28,9 +28,9 @@ class Preloaded:
 
 
 def write_block(contingencies: Sequence[Preloaded]) -> bytes:
-    """Write contingencies, the first of which has number 1, as a PE keeps them.
+    """Encode contingencies as the block that a PE keeps; the first of them has number 1.
 
-    Without contingencies there are no bytes.
+    Without contingencies the block is empty.
     """
     if not contingencies:
         return b""
@@ -42,7 +42,7 @@ def write_block(contingencies: Sequence[Preloaded]) -> bytes:
 
 
 def read_block(block: bytes) -> tuple[Preloaded, ...]:
-    """Read what `write_block` wrote; raises PackingError."""
+    """Decode a block that `write_block` wrote; raises PackingError."""
     if not block:
         return ()
     numbers = Unpacker(block)

@@ -29,7 +29,6 @@ def plain_traceback(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Escape what is not printable ASCII; of a very long text, only the part that can be kept is read."""
     return "".join(c if " " <= c <= "~" else _escaped(c) for c in text[: TRACEBACK_BYTES + 1])
 
 

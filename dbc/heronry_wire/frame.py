@@ -68,7 +68,7 @@ class LoggedFrame(NamedTuple):
 
 
 def arbitration_key(frame: Frame) -> int:
-    """Key by which frames sort as in arbitration: of two frames that start together, the one with the smaller key wins.
+    """Give a key by which frames sort as in arbitration: of two frames that start together, the smaller key wins.
 
     The bits are compared as they are sent: the 11 base bits, RTR (SRR when extended), IDE, then the other 18 bits and
     RTR. So a standard frame wins against an extended one with the same base, and a data frame against the remote frame
@@ -81,7 +81,7 @@ def arbitration_key(frame: Frame) -> int:
 
 
 def format_frame(frame: Frame) -> str:
-    """Write a frame as can-utils do: three hex digits of identifier, or eight when it is extended."""
+    """Write a frame as can-utils do (`130#0102`): an identifier of three hexadecimal digits, or eight if extended."""
     if frame.error:
         identifier = f"{frame.can_id | _ERROR_FLAG:08X}"
     else:
@@ -90,7 +90,7 @@ def format_frame(frame: Frame) -> str:
 
 
 def parse_frame(text: str) -> Frame | Malformed:
-    """Read what `format_frame` writes, and what candump, cansend and python-can write."""
+    """Read a frame in the form of `format_frame`, candump, cansend or python-can; `Malformed` for any other text."""
     match = _FRAME_TEXT.fullmatch(text)
     if match is None:
         return Malformed(f"{text[:60]!r} is not a classical CAN frame, such as 130#01020000BFC00000")
@@ -111,8 +111,8 @@ def parse_frame(text: str) -> Frame | Malformed:
 def format_log_line(logged: LoggedFrame) -> str:
     """Write one line of `candump -L`, without a line end.
 
-    Times of whole microseconds get the six digits that every tool reads. Finer ones get nine, so that
-    nothing is lost and a replay sees the same times; canplayer of older can-utils reads six only.
+    A time of whole microseconds gets six digits, which every tool reads. A finer time gets nine digits, so that a
+    replay has the same times; canplayer of older can-utils reads only six.
     """
     seconds, fraction_ns = divmod(logged.time_ns, _NS_PER_S)
     whole_us = fraction_ns % 1000 == 0
@@ -121,7 +121,10 @@ def format_log_line(logged: LoggedFrame) -> str:
 
 
 def parse_log_line(line: str) -> LoggedFrame | Malformed:
-    """Read one line of a candump log, as can-utils and python-can write it (a trailing R or T is skipped)."""
+    """Read one line of a candump log, as can-utils and python-can write it; `Malformed` for any other text.
+
+    A trailing R or T (received, transmitted) is ignored.
+    """
     match = _LOG_TEXT.fullmatch(line.strip())
     if match is None:
         return Malformed(f"{line.strip()[:60]!r} is not a candump log line, such as (12.000345) can0 130#0102")

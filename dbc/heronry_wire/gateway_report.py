@@ -47,7 +47,7 @@ _DROPS = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """Condition of a radio, as its gateway measures it."""
+    """Condition of a radio, as the gateway that leads to it measures it."""
 
     node: int  # of the gateway
     state: LinkState
@@ -58,7 +58,7 @@ class LinkReport:
     dropped: int  # frames that the gateway has dropped since its start, modulo 65536
 
     def encode(self) -> bytes:
-        """Payload of LINK."""
+        """Encode the payload of LINK."""
         dropped = self.dropped % _DROPS
         return LINK.pack(
             self.node, self.state, self.sequence, self.usable, self.delivered, min(self.queued, 255), dropped
@@ -66,9 +66,9 @@ class LinkReport:
 
 
 def link_id(radio: int) -> int:
-    """Identifier of the reports on radio number `radio` (from 0, among the wireless buses of the spec).
+    """Give the identifier of the reports on a radio; raises WireError where there is none.
 
-    Raises WireError.
+    radio: position of the radio among the wireless buses of the spec, from 0.
     """
     if not 0 <= radio < len(GATEWAY_IDS):
         raise WireError(f"radio number {radio} has no identifier: there are {len(GATEWAY_IDS)}")

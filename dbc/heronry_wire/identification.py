@@ -22,7 +22,7 @@ REQUEST_ID = service_id(0, is_answer=False)
 
 
 class IdentificationService:
-    """Answers IDS requests for one node; `next_ns` is the time at which to call `tick`."""
+    """Answers the IDS requests to one node; `next_ns` is the time at which to call `tick` next."""
 
     def __init__(self, node: int) -> None:
         self._node = node
@@ -30,7 +30,10 @@ class IdentificationService:
         self.next_ns = NEVER_NS
 
     def asked(self, port: int, frame: Frame, now_ns: int) -> bool:
-        """Take a frame on the identifier of requests; False if it is malformed."""
+        """Take a frame that came under the identifier of requests, and schedule its answer.
+
+        Returns False where the frame is malformed.
+        """
         request = decode_service(frame)
         if isinstance(request, Malformed):
             return False
@@ -45,7 +48,7 @@ class IdentificationService:
         return True
 
     def tick(self, now_ns: int) -> list[Send]:
-        """Give the answers that are due."""
+        """Give the answers that are due at `now_ns`."""
         due = [send for at_ns, send in self._due if at_ns <= now_ns]
         self._due = [(at_ns, send) for at_ns, send in self._due if at_ns > now_ns]
         self.next_ns = min((at_ns for at_ns, _ in self._due), default=NEVER_NS)

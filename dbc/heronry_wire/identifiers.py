@@ -65,7 +65,7 @@ _MANAGEMENT_STEP = 10
 
 
 class Command(IntEnum):
-    """Kind of a management frame; the value is its place among the ten identifiers of its manager."""
+    """Kind of a management frame; the value is its position among the ten identifiers of its manager."""
 
     LEASE = 0
     ALIVE = 1
@@ -99,7 +99,7 @@ class Use(Enum):
 
 
 class Meaning(NamedTuple):
-    """Meaning of an identifier: its use, and where it has them the node and the management command."""
+    """Meaning of an identifier: its use, and the node and the management command where these are fixed."""
 
     use: Use
     node_id: int | None = None
@@ -142,7 +142,7 @@ def actuator_echo_id(node_id: int) -> int:
 
 
 def management_id(manager: int, command: Command) -> int:
-    """Give the identifier of a management command of manager 126 or 127."""
+    """Give the identifier of a management command of a manager, whose node-ID is 126 or 127."""
     index = _checked(manager, MANAGER_NODES, "manager") - FIRST_MANAGER
     return _MANAGEMENT_BASE + _MANAGEMENT_STEP * index + command
 
@@ -154,7 +154,10 @@ def _checked(node_id: int, allowed: range, kind: str) -> int:
 
 
 def planned_uses() -> Iterable[tuple[int, Meaning]]:
-    """Give every identifier that the plan uses, with its meaning; the rest is unassigned."""
+    """Give the meaning of every identifier that the plan uses.
+
+    Identifiers that are not in the result are unassigned.
+    """
     yield NMT_ID, Meaning(Use.NMT)
     yield TIME_ID, Meaning(Use.TIME)
     for node in EMERGENCY_EVENT_IDS:
@@ -187,7 +190,7 @@ _MEANINGS = dict(planned_uses())
 
 
 def classify(can_id: int) -> Meaning:
-    """Give the meaning of an 11-bit identifier; UNASSIGNED for an identifier that is not in the plan."""
+    """Give the meaning of an 11-bit identifier; its use is UNASSIGNED where the plan does not have the identifier."""
     return _MEANINGS.get(can_id, _UNASSIGNED)
 
 
@@ -195,11 +198,10 @@ def classify(can_id: int) -> Meaning:
 class Source:
     """A pair (producing module, variable), which needs an identifier.
 
-    standard: the standard identifier that the spec gives the variable, if any.
-    best_version: version that the producer gives in the first listed mode that gives the variable.
-    criticality_rank: best criticality that the source serves in any phase, 0 (A) .. 4 (E).
-    rate_mhz: rate at which the variable is sent, in thousandths of a hertz.
-    order: place of the source in the spec.
+    standard: the standard identifier that the spec gives the variable, if any. best_version: version that the producer
+    gives in the first listed mode that gives the variable. criticality_rank: best criticality of the functions that the
+    source serves, in any phase: 0 (A) .. 4 (E). rate_mhz: rate at which the variable is sent, in thousandths of a
+    hertz. order: position of the source in the spec.
     """
 
     producer: str

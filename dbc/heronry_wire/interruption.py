@@ -38,11 +38,11 @@ _PATIENCE_S: Final = 0.3
 
 
 class Interrupted(KeyboardInterrupt):
-    """Raised in the main thread by a signal; `came` gives the command's exit code."""
+    """A signal has come; raised in the main thread. `came` gives the exit code that the command must have."""
 
 
 class _State:
-    """Number of the signal that came, or 0; and whether the command needs time for its clean-up."""
+    """The signal that came, 0 before there is one; and whether the command needs time for its clean-up."""
 
     came = 0
     takes_time = False
@@ -66,28 +66,31 @@ def running() -> None:
 
 
 def finished() -> None:
-    """End an interrupted process here, without Python's own clean-up of all modules; else ignore later signals."""
+    """End the process with the signal's exit code if a signal has come; otherwise ignore signals from now on.
+
+    Python's own clean-up of all modules is skipped.
+    """
     if _State.came:
         _end(_State.came)
     _handle(signal.SIG_IGN)
 
 
 def came() -> int:
-    """Exit code of the signal that has interrupted this process; 0 where none has."""
+    """Give the exit code of the signal that has interrupted this process; 0 where no signal has come."""
     return 128 + _State.came if _State.came else 0
 
 
 def expect_none() -> None:
-    """Raise `Interrupted` where a signal has come already: a result after a signal may be a worse one."""
+    """Raise `Interrupted` if a signal has come; called before a result is written, as the signal may have spoilt it."""
     if _State.came:
         raise Interrupted
 
 
 @contextmanager
 def in_order() -> Iterator[None]:
-    """Let the first signal raise `Interrupted`, and let the clean-up take as long as it needs.
+    """From now on the first signal raises `Interrupted`, and the clean-up may take as long as it needs.
 
-    A second signal ends the process at once.
+    A second signal ends the process immediately.
     """
     _State.takes_time = True
     try:
@@ -97,9 +100,9 @@ def in_order() -> Iterator[None]:
 
 
 def _handle(handler: Callable[[int, FrameType | None], NoReturn] | signal.Handlers) -> bool:
-    """Install a handler for each signal that is not ignored and has no handler of other code.
+    """Install a handler for each signal that is neither ignored nor handled by other code.
 
-    Tells whether there was one.
+    Tells whether there was such a signal.
     """
     ours = (signal.SIG_DFL, signal.default_int_handler, _end_at_once, _interrupt)
     numbers = [number for number in NUMBERS if signal.getsignal(number) in ours]
@@ -120,7 +123,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
 
 
 def _watch(reader: int) -> None:
-    """Wait for signals, each of which Python writes to the pipe as one byte, whatever the main thread does."""
+    """Wait for signals on `reader`, a pipe into which Python writes one byte per signal; runs in the second thread."""
     while True:
         number = os.read(reader, 1)[0]
         if number not in NUMBERS or signal.getsignal(number) is not _interrupt:
@@ -139,10 +142,7 @@ def _end(number: int) -> NoReturn:
 
 
 def _report_unraisable(unraisable: "sys.UnraisableHookArgs", /) -> None:
-    """Report nothing for `Interrupted` in a callback, where Python cannot raise it.
-
-    Python itself would print a traceback and go on. The second thread ends the process.
-    """
+    """Print nothing for an `Interrupted` that a callback swallows: the second thread ends the process."""
     if not isinstance(unraisable.exc_value, Interrupted):
         sys.__unraisablehook__(unraisable)
 

@@ -19,7 +19,7 @@ class Field:
 
 
 class Layout:
-    """A payload of a whole number of bytes; fields in the order in which they travel."""
+    """A payload of a whole number of bytes, as a list of fields in the order in which they are sent."""
 
     def __init__(self, name: str, *fields: Field) -> None:
         total = sum(field.bits for field in fields)
@@ -37,7 +37,10 @@ class Layout:
         self._places = tuple((shift, mask) for _, shift, mask in steps)
 
     def pack(self, *values: int) -> bytes:
-        """Encode one value per field; raises ValueError where one does not fit its field."""
+        """Encode a payload from one value per field, in order.
+
+        Raises ValueError where a value does not fit its field.
+        """
         number = 0
         for (name, shift, mask), value in zip(self._steps, values, strict=True):
             if not 0 <= value <= mask:
@@ -46,16 +49,15 @@ class Layout:
         return number.to_bytes(self.length, "big")
 
     def unpack(self, data: bytes) -> tuple[int, ...] | None:
-        """Decode one value per field; None where `data` does not have the length of this layout."""
+        """Decode a payload into one value per field; None where `data` does not have the length of this layout."""
         if len(data) != self.length:
             return None
         return self.fields_of(data)
 
     def span(self, name: str) -> tuple[int, int]:
-        """First byte of a field and the byte after its last, for a caller that reads this field alone.
+        """Give the first byte of a field and the byte after its last, by which a caller can read this field alone.
 
-        Raises ValueError unless the field has whole bytes. The result is two numbers because compiled code takes no
-        slice as an index.
+        Raises ValueError if the field does not consist of whole bytes.
         """
         at = 0
         for field in self.fields:
@@ -65,10 +67,10 @@ class Layout:
         raise ValueError(f"{self.name} has no field {name} of whole bytes")
 
     def largest(self, name: str) -> int:
-        """Largest number that a field holds."""
+        """Give the largest number that a field can hold."""
         return next(mask for field, _, mask in self._steps if field == name)
 
     def fields_of(self, data: bytes) -> tuple[int, ...]:
-        """Decode one value per field; the caller has checked that the payload has the length of this layout."""
+        """Decode a payload that has the length of this layout into one value per field."""
         number = int.from_bytes(data, "big")
         return tuple([number >> shift & mask for shift, mask in self._places])

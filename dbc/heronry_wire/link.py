@@ -70,12 +70,12 @@ class Arrival(NamedTuple):
 
 
 class Link:
-    """A python-can bus with a queue in front of it."""
+    """One bus of a node: a python-can bus, with a queue of the frames to send."""
 
     def __init__(self, config: Mapping[str, Any], *, may_begin_lost: bool = False) -> None:
-        """Open the bus that python-can's keyword arguments `config` describe; raises LinkError.
+        """Open the bus that these keyword arguments of `can.Bus` describe; raises LinkError.
 
-        may_begin_lost: if the bus cannot be opened now, the link begins as lost, and no error is raised.
+        may_begin_lost: do not raise where the bus cannot be opened now, but begin as a lost bus.
         """
         self.name = bus_name(config)
         self.health = BusHealth(self.name)
@@ -106,44 +106,47 @@ class Link:
 
     @property
     def is_open(self) -> bool:
-        """Tell whether there is a descriptor to wait on."""
+        """Tell whether the bus is open, so that `fileno` gives a descriptor."""
         return self._bus is not None
 
     @property
     def readers(self) -> Sequence["Link"]:
-        """Links to select on for incoming frames."""
+        """Give the links whose file descriptors are to be watched for incoming frames."""
         return (self,) if self._bus is not None else ()
 
     @property
     def off_since_ns(self) -> int | None:
-        """Time in ns since when the bus is lost; None while it can be used."""
+        """Time in ns at which the bus was lost; None while it can be used."""
         return self.health.off_since_ns
 
     def take_link_events(self) -> list[str]:
-        """Give the link status events since the last call, as sentences."""
+        """Give the link status events since the last call, each as a sentence."""
         return self.health.take_link_events()
 
     @property
     def nothing_waits(self) -> bool:
-        """Tell whether all queued frames have been handed over."""
+        """Tell whether no queued frame waits to be handed to the controller."""
         return not self.queue
 
     @property
     def all_left(self) -> bool:
-        """Tell whether all queued frames have left on the bus."""
+        """Tell whether every queued frame has been sent on the bus."""
         return self._bus is not None and not self.queue and self._deadline_ns is None
 
     def fileno(self) -> int:
-        """File descriptor that is readable when `receive` has frames; only while `is_open`."""
+        """File descriptor that is readable when `receive` has frames; to be called only while `is_open`."""
         return self._fileno
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
-        """Queue a frame; it is sent when it is the most urgent one, the bus is free, and `until_ns` has not passed."""
+        """Queue a frame, and hand it to the controller as soon as it is the most urgent one and the bus is free.
+
+        until_ns: time after which the frame is dropped instead.
+        """
         if self.put(frame, until_ns):
             self.pump(now_ns)
 
     def put(self, frame: Frame, until_ns: int | None) -> bool:
-        """Queue a frame for the next `pump`, and tell whether the bus can be used; if not, the frame is dropped."""
+        """Queue a frame for the next `pump`; on a lost bus, drop the frame and return False."""
         if self._bus is None:
             self.health.counts["not sent while lost"] += 1
             self._departed.append(0)  # a caller that waits for the frame to leave the queue must not wait for ever
@@ -152,24 +155,21 @@ class Link:
         return True
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Remove the frames that wait under these identifiers from the queue; a frame in flight is not affected."""
+        """Remove the queued frames with these identifiers; a frame that the controller already has is still sent."""
         self.queue.withdraw(identifiers)
 
     def stand_back(self, until_ns: int) -> None:
-        """Hold data, and frames with a lower priority, in the queue until `until_ns`."""
+        """Until `until_ns`, keep data frames, and frames with a lower priority than data, in the queue."""
         self.queue.stands_back_until_ns = until_ns
 
     def accept(self, identifiers: Collection[int]) -> None:
-        """Receive only frames with these 11-bit identifiers from now on, and the echoes of this node's own frames."""
+        """From now on receive only frames with these 11-bit identifiers."""
         self._wanted = frozenset(identifiers)
         with self._surviving(time.monotonic_ns()):
             self._set_filters()
 
     def receive(self, now_ns: int) -> list[Arrival]:
-        """Read the frames that have arrived, at most a burst, without waiting.
-
-        Echoes and error frames are not among them.
-        """
+        """Read the frames that have arrived, up to a limit, without waiting; echoes and error frames are left out."""
         arrivals: list[Arrival] = []
         self._times.look()
         self.has_more = False
@@ -196,7 +196,7 @@ class Link:
         return arrivals
 
     def pump(self, now_ns: int) -> None:
-        """Hand over the next frame if none is in flight.
+        """Hand the most urgent frame to the controller if the controller has none of this link.
 
         The driver calls this after `send`, and at `next_deadline_ns`.
         """
@@ -220,7 +220,7 @@ class Link:
                 pass
 
     def next_deadline_ns(self) -> int | None:
-        """Time in ns at which to call `pump` at the latest; None: no deadline."""
+        """Time in ns at which `pump` must be called next; None where there is no such time."""
         if self._deadline_ns is None and len(self.queue):
             return self.queue.stands_back_until_ns
         return self._deadline_ns
@@ -236,7 +236,7 @@ class Link:
 
     @contextmanager
     def _surviving(self, now_ns: int) -> Iterator[None]:
-        """Treat the bus as lost if it raises an exception in this context."""
+        """Within this context, take any exception of the bus as a loss of the bus."""
         try:
             yield
         except Exception as error:  # noqa: BLE001 - a back-end may raise anything
@@ -285,7 +285,7 @@ class Link:
         self._try_to_open(now_ns, result)
 
     def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
-        """Try to open the bus now, or take the result of a slow opening."""
+        """Try to open a lost bus; `result` is the outcome of an opening in a thread, where one has ended."""
         try:
             if isinstance(result, HeronryError):
                 raise result
@@ -297,16 +297,16 @@ class Link:
             self.health.back(now_ns)
 
     def departures_ns(self) -> list[int]:
-        """Give, for each frame that has left since the last call, how long it was in the controller, in ns.
+        """Give for each frame sent since the last call how long the controller had it, in ns.
 
-        0 means that the time is not known.
+        A time of 0 means that it is not known.
         """
         departed = list(self._departed)
         self._departed.clear()
         return departed
 
     def _is_echo(self, frame: Frame, now_ns: int, age_ns: int) -> bool:
-        """Tell whether a frame is an echo. If it is the echo of the frame in flight, hand over the next frame."""
+        """Tell whether a frame is an echo; the echo of the frame in flight makes room for the next frame."""
         if frame == self._in_flight:
             self._left(frame, now_ns, max(1, now_ns - age_ns - self._handed_ns))
             self._in_flight = self._deadline_ns = self._waiting_since_ns = None
@@ -330,16 +330,15 @@ class Link:
             self._lose("its controller is bus-off", now_ns)
 
     def _count_overruns(self, now_ns: int) -> None:
-        """After a full burst, count the frames for which SocketCAN had no room."""
+        """After a reading that reached its limit, count the frames that SocketCAN had no room for."""
         dropped = 0 if self._bus is None else frames_dropped(self._bus)
         self.health.overrun(dropped - self._overruns, now_ns)
         self._overruns = dropped
 
     def _has_nothing_left(self) -> bool:
-        """Tell whether nothing is left to read after `recv` gave None.
+        """Tell whether all frames have been read, once `recv` has given None.
 
-        `recv` also gives None where a modem has sent an answer in place of a frame. Raises OSError where the connection
-        has ended.
+        A serial modem's answer also makes `recv` give None. Raises OSError where the connection has ended.
         """
         if self._is_well_known or self._bus is None:
             return True
@@ -348,7 +347,7 @@ class Link:
         return not select.select([self._fileno], [], [], 0)[0]
 
     def _wants(self, frame: Frame) -> bool:
-        """Tell whether the node takes a frame; always true where the back-end itself filters."""
+        """Tell whether the node wants a frame; always true where the back-end itself filters."""
         if self._is_well_known or self._wanted is None:
             return True
         return frame.can_id in self._wanted and not frame.extended
@@ -360,7 +359,7 @@ class Link:
         self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])
 
     def _hand_over(self, bus: can.BusABC, frame: Frame, now_ns: int) -> bool:
-        """Hand the first frame of the queue to the bus, and tell whether another may follow immediately."""
+        """Hand the first frame of the queue to the bus; tells whether the next frame may follow immediately."""
         if frame.can_id not in self._sent:
             self._sent.add(frame.can_id)
             self._set_filters()

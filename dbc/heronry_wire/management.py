@@ -67,11 +67,12 @@ class Operation(IntEnum):
 
 
 class ElementKind(IntEnum):
-    """Kinds of elements in EMCY and CONTROL; the index of an element counts in the spec's order.
+    """Kinds of elements in EMCY and CONTROL. The index of an element is its position among its kind in the spec.
 
-    A phase occurs only in requests, and so does a priority: the index in an EMCY is the function (high byte) and the
-    number of the request (low byte), the detail is the priority, or SPECS_PRIORITY. For a channel, the index is that of
-    its bus among the buses of the reporting PE, and the detail of the EMCY is the channel's number, from 1.
+    There are exceptions. PHASE and PRIORITY occur only in requests. For a requested priority, the index in an EMCY has
+    the function in its high byte and the number of the request in its low byte; the detail is the priority, or
+    SPECS_PRIORITY. For a channel, the index is the position of its bus among the buses of the reporting PE, and the
+    detail of the EMCY is the number of the channel, from 1.
     """
 
     PE = 0
@@ -150,7 +151,10 @@ EMCY = Layout(
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """A manager is active, and `epoch` with `digest` has reached `step` (protocol rule 4)."""
+    """The active manager reports how far `epoch` has got: to `step` (protocol rule 4).
+
+    `digest`: of its configuration.
+    """
 
     term: int
     epoch: int
@@ -158,7 +162,7 @@ class Lease:
     digest: int
 
     def encode(self) -> bytes:
-        """Payload of LEASE."""
+        """Encode the payload of LEASE."""
         return LEASE.pack(self.term, self.epoch, self.step, self.digest)
 
 
@@ -171,13 +175,16 @@ class Alive:
     nodes: frozenset[int]
 
     def encode(self) -> bytes:
-        """Payload of ALIVE."""
+        """Encode the payload of ALIVE."""
         return ALIVE.pack(self.term, self.sequence, 0, sum(1 << (node - FIRST_PE) for node in self.nodes))
 
 
 @dataclass(frozen=True, slots=True)
 class Prepare:
-    """Command all PEs to stage a configuration: contingency number `contingency`, or with 0 the slices that follow."""
+    """Commands all PEs to stage the configuration with this digest.
+
+    contingency: its number among the contingencies on board; 0: the slices follow in SLICE frames.
+    """
 
     term: int
     epoch: int
@@ -185,13 +192,13 @@ class Prepare:
     contingency: int = 0
 
     def encode(self) -> bytes:
-        """Payload of PREPARE."""
+        """Encode the payload of PREPARE."""
         return PREPARE.pack(self.term, self.contingency, self.epoch, self.digest)
 
 
 @dataclass(frozen=True, slots=True)
 class SliceHead:
-    """Length in bytes and digest of the slice of one PE in the epoch being prepared."""
+    """Announces the slice of one PE, for the epoch being prepared: its length in bytes and its digest."""
 
     node: int
     epoch_low: int
@@ -199,13 +206,16 @@ class SliceHead:
     digest: int
 
     def encode(self) -> bytes:
-        """Payload of SLICE with index 0."""
+        """Encode the payload of SLICE with index 0."""
         return SLICE_HEAD.pack(self.node, self.epoch_low, 0, self.length, self.digest)
 
 
 @dataclass(frozen=True, slots=True)
 class SliceBody:
-    """Five bytes of a slice, from byte 5 (index - 1) on, padded with zeros; index 1..255."""
+    """Up to five bytes of a slice, padded with zeros.
+
+    With `index` 1 they are the first five, with 2 the next five, to 255.
+    """
 
     node: int
     epoch_low: int
@@ -213,7 +223,7 @@ class SliceBody:
     body: bytes
 
     def encode(self) -> bytes:
-        """Payload of SLICE with index 1 or more."""
+        """Encode the payload of SLICE with index 1 or more."""
         if self.index == 0 or len(self.body) > SLICE_BYTES_PER_FRAME:
             raise ValueError(f"SLICE {self.index} has {len(self.body)} bytes; send 5 at a time, from index 1 on")
         number = int.from_bytes(self.body.ljust(SLICE_BYTES_PER_FRAME, b"\0"), "big")
@@ -222,7 +232,7 @@ class SliceBody:
 
 @dataclass(frozen=True, slots=True)
 class Activate:
-    """Command all PEs to bring the staged configuration into use, up to `step`."""
+    """Commands all PEs to activate the staged configuration, up to `step`."""
 
     term: int
     epoch: int
@@ -230,26 +240,26 @@ class Activate:
     digest: int
 
     def encode(self) -> bytes:
-        """Payload of ACTIVATE."""
+        """Encode the payload of ACTIVATE."""
         return ACTIVATE.pack(self.term, self.epoch, self.step, self.digest)
 
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """Command a PE to send pages 0 and 1 of its state now; node 0 means all PEs."""
+    """Commands one PE, or all PEs with node 0, to send pages 0 and 1 of its state immediately."""
 
     term: int
     node: int
     sequence: int
 
     def encode(self) -> bytes:
-        """Payload of PING."""
+        """Encode the payload of PING."""
         return PING.pack(self.term, self.node, self.sequence)
 
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """An operation on one PE, or on all PEs with node 0."""
+    """Commands one PE, or all PEs with node 0, to carry out an operation, whose arguments are `a` and `b`."""
 
     term: int
     node: int
@@ -258,7 +268,7 @@ class Control:
     b: int = 0
 
     def encode(self) -> bytes:
-        """Payload of CONTROL."""
+        """Encode the payload of CONTROL."""
         return CONTROL.pack(self.term, self.node, self.operation, self.a, self.b)
 
 
@@ -274,12 +284,12 @@ class Emergency:
 
     @property
     def acknowledgement(self) -> tuple[int, int]:
-        """Give the fields `a` and `b` of the ACKNOWLEDGE that answers this report."""
+        """Give the arguments `a` and `b` of the CONTROL that acknowledges this report."""
         restart = RESTART_HEARD if self.code is FaultCode.MODULE_RESTARTED else 0
         return self.kind | restart, self.detail if self.kind is ElementKind.PHASE else self.index
 
     def encode(self) -> bytes:
-        """Payload of EMCY."""
+        """Encode the payload of EMCY."""
         return EMCY.pack(self.code & 0xFF, self.code >> 8, self.error_register, self.kind, self.index, self.detail)
 
 
@@ -299,12 +309,15 @@ COMMAND_OF: Mapping[type[ManagementMessage], Command] = {
 
 
 def element_field(kind: ElementKind, node: int = EVERYWHERE) -> int:
-    """Give the a of CLEAR and HOLDS: the kind, and of a module the node-ID of the PE on which alone it is out."""
+    """Give the argument `a` of CLEAR and HOLDS for an element of this kind.
+
+    node: for a module that has failed on one PE alone, the node-ID of that PE; otherwise EVERYWHERE.
+    """
     return kind | node << 8
 
 
 def kind_and_place(a: int) -> tuple[int, int]:
-    """Give the number of the kind, and the node-ID of the place, in the a of CLEAR or HOLDS."""
+    """Split the argument `a` of CLEAR or HOLDS into the number of the element's kind and a node-ID, or EVERYWHERE."""
     return a & 0xFF, a >> 8
 
 
@@ -316,7 +329,7 @@ def is_newer(epoch: int, than: int) -> bool:
 
 
 def newest_epoch(epochs: Iterable[int]) -> int:
-    """Newest of some epochs, which must lie within 2^15 of each other; NO_EPOCH where there are none."""
+    """Give the newest of some epochs, which must lie within 2^15 of one another; NO_EPOCH where `epochs` is empty."""
     newest = NO_EPOCH
     for epoch in epochs:
         newest = epoch if is_newer(epoch, newest) else newest
@@ -324,7 +337,7 @@ def newest_epoch(epochs: Iterable[int]) -> int:
 
 
 def next_epoch(epoch: int) -> int:
-    """Epoch after this one; never 0."""
+    """Give the number of the next epoch after this one; it is never 0."""
     return epoch % 0xFFFF + 1
 
 
@@ -410,34 +423,34 @@ def is_welcome(control: bytes) -> bool:
 
 
 def control_node(data: bytes) -> int:
-    """Node that a CONTROL addresses; the caller has checked the length of `data`."""
+    """Give the node-ID that a CONTROL addresses, from its payload, whose length must be right."""
     return data[_CONTROL_NODE_AT]
 
 
 def slice_node(data: bytes) -> int:
-    """Node whose slice a SLICE carries a part of; the caller has checked the length of `data`."""
+    """Give the node-ID for whose slice a SLICE is, from its payload, whose length must be right."""
     return data[_NODE_AT]
 
 
 def read_alive(data: bytes, node: int) -> tuple[int, bool] | None:
-    """Read what a PE needs of an ALIVE: its term, and whether it names `node` (92..125). None for a wrong length."""
+    """Give the term of an ALIVE, and whether the ALIVE names `node` (92..125); None where `data` has a wrong length."""
     fields = ALIVE.unpack(data)
     return None if fields is None else (fields[0], bool(fields[3] >> node - FIRST_PE & 1))
 
 
 def without_sequence(alive: bytes) -> bytes:
-    """Give the bytes of an ALIVE without its sequence, which always changes."""
+    """Give the payload of an ALIVE without the number that changes with every ALIVE."""
     return alive[:_SEQUENCE_FROM] + alive[_SEQUENCE_TO:]
 
 
 def decode_tag(data: bytes) -> tuple[int, int, int] | None:
-    """Kind, lower part of the number, and tag of a TAG; None for a wrong length."""
+    """Give kind, lowest 13 bits of the number, and tag from the payload of a TAG; None for a wrong length."""
     fields = TAG.unpack(data)
     return None if fields is None else (fields[0], fields[1], fields[2])
 
 
 def tag_kind(data: bytes) -> int | None:
-    """Kind of command that a TAG names, from its first byte; None where the TAG is empty."""
+    """Give the kind of command that a TAG is for, from its first byte; None where the TAG is empty."""
     return data[0] >> 8 - TAG.fields[0].bits if data else None
 
 

@@ -17,7 +17,7 @@ _COMMAND_BYTES = 2
 
 
 class NmtState(Enum):
-    """States of CiA 301; the value is the byte of the heartbeat, boot-up first."""
+    """States of CiA 301; the value is the byte that a heartbeat carries."""
 
     INITIALISING = 0x00
     STOPPED = 0x04
@@ -38,15 +38,15 @@ def decode_command(data: bytes) -> NmtCommand | None:
 
 
 def code_of(data: bytes) -> int:
-    """Code of an NMT command; `data` must have at least one byte."""
+    """Give the code of an NMT command; `data` must have at least one byte."""
     return data[0]
 
 
 def encode_heartbeat(state: NmtState) -> bytes:
-    """Payload of a heartbeat."""
+    """Encode the payload of a heartbeat."""
     return bytes((state.value,))
 
 
 def decode_heartbeat(data: bytes) -> int:
-    """Code of the state in a heartbeat; `data` must have at least one byte."""
+    """Give the code of the sender's state from the payload of a heartbeat, which must have at least one byte."""
     return data[0]

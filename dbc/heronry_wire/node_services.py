@@ -47,9 +47,9 @@ class Service(IntEnum):
 
 
 class Result(IntEnum):
-    """Result in the message code of an answer (signed), or in the LONG of a block answer.
+    """Result of a service request, in the message code of an answer; a signed byte.
 
-    In an answer to DDS, 0 means XOFF (wait) and 1 means XON (go on).
+    An answer to DDS or DUS has it in its LONG. In an answer to DDS, 0 means XOFF (wait) and 1 means XON (go on).
     """
 
     OUT_OF_RANGE = -6
@@ -61,12 +61,16 @@ class Result(IntEnum):
 
     @property
     def message_code(self) -> int:
-        """This result as the byte of the message code."""
+        """The result as an unsigned byte, for the message code of a frame."""
         return self & 0xFF
 
 
 class ServiceMessage(NamedTuple):
-    """A node service frame: `datum.node_id` is the node addressed or answering, `datum.service_code` the service."""
+    """A request or an answer of a node service.
+
+    datum: its `node_id` is that of the addressed node in a request, of the sender in an answer; its `service_code` is
+    the service.
+    """
 
     channel: int
     is_answer: bool
@@ -74,7 +78,10 @@ class ServiceMessage(NamedTuple):
 
 
 class Identification(NamedTuple):
-    """The answer to IDS; each field is 0..255. Distribution 0 and header type 0 are the standard ones."""
+    """The four bytes of an answer to IDS, each 0..255.
+
+    CANaerospace V1.7 itself has distribution 0 and header type 0.
+    """
 
     hardware_revision: int
     software_revision: int
@@ -83,7 +90,7 @@ class Identification(NamedTuple):
 
 
 def service_id(channel: int, *, is_answer: bool) -> int:
-    """Give the identifier of requests to, or answers on, a channel."""
+    """Give the identifier of the requests on a channel, or of the answers; raises WireError for an unknown channel."""
     low = channel >= _FIRST_LOW_CHANNEL
     ids, index = (LOW_SERVICE_IDS, channel - _FIRST_LOW_CHANNEL) if low else (HIGH_SERVICE_IDS, channel)
     if not 0 <= 2 * index < len(ids) or ids[2 * index] in LSS_IDS:
@@ -97,7 +104,7 @@ def encode_service(message: ServiceMessage) -> Frame:
 
 
 def decode_service(frame: Frame) -> ServiceMessage | Malformed:
-    """Read a node service frame."""
+    """Decode a node service frame; `Malformed` for any other frame."""
     if frame.extended or frame.can_id in LSS_IDS:
         return Malformed("not a node service frame")
     if frame.can_id in HIGH_SERVICE_IDS:
@@ -120,7 +127,10 @@ def request(
     message_code: int = 0,
     value: Value = None,
 ) -> ServiceMessage:
-    """Make a request to a node (0: all nodes); IDS, STS, FPS, NIS and DSS carry a message code and no value."""
+    """Make a request to a node (0: all nodes).
+
+    IDS, STS, FPS, NIS and DSS carry a message code and no value.
+    """
     return ServiceMessage(channel, is_answer=False, datum=Datum(node_id, data_type, service, message_code, value))
 
 
@@ -132,19 +142,19 @@ def answer(
     message_code: int = 0,
     value: Value = None,
 ) -> ServiceMessage:
-    """Make the answer of node `node_id` to a request, on the channel of the request."""
+    """Make the answer of node `node_id` to a request; channel and service are those of the request."""
     datum = Datum(node_id, data_type, request.datum.service_code, message_code, value)
     return ServiceMessage(request.channel, is_answer=True, datum=datum)
 
 
 def answer_identification(request: ServiceMessage, node_id: int, own: Identification) -> ServiceMessage:
-    """Make the answer to IDS; the message code is that of the request."""
+    """Make the answer of node `node_id` to an IDS request, with the message code of the request."""
     code = request.datum.message_code
     return answer(request, node_id, data_type=DataType.UCHAR4, message_code=code, value=tuple(own))
 
 
 def read_identification(message: ServiceMessage) -> Identification | Malformed:
-    """Read an answer to IDS."""
+    """Give the identification in an answer to IDS; `Malformed` for any other message."""
     _, data_type, service, _, value = message.datum
     right = message.is_answer and service == Service.IDS and data_type == DataType.UCHAR4
     if not right or not isinstance(value, tuple):

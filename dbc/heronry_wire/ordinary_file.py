@@ -15,22 +15,26 @@ _NOT_ORDINARY = "this is not an ordinary file"
 
 
 def read_ordinary(file: Path, most_bytes: int | None = None) -> bytes:
-    """Read a file, or its first `most_bytes` bytes; raises OSError, FileNotFoundError where there is no file."""
+    """Read a file, or its first `most_bytes` bytes.
+
+    Raises OSError, which is FileNotFoundError where there is no file.
+    """
     with os.fdopen(_opened(file, os.O_RDONLY), "rb") as stream:
         return stream.read(most_bytes)
 
 
 def open_ordinary(file: Path) -> int:
-    """Open a new, empty file for writing, in place of an old one; gives its descriptor, or raises OSError."""
+    """Open a new, empty file that takes the place of an old one; gives a descriptor for writing, or raises OSError."""
     descriptor = _opened(file, os.O_WRONLY | os.O_CREAT)
     os.ftruncate(descriptor, 0)
     return descriptor
 
 
 def replace_ordinary(file: Path, data: bytes) -> None:
-    """Replace a file by one with this content; when the function returns, the content is on the disk. Raises OSError.
+    """Replace the content of a file by `data`; raises OSError.
 
-    If it fails or is interrupted, the old file stays, and nothing else is left behind.
+    When the function returns, the content is on the disk. If it fails or is interrupted, the file keeps its old
+    content, and no other file is left behind.
     """
     draft = file.with_name(f"{file.name}.new")
     try:
@@ -46,7 +50,10 @@ def replace_ordinary(file: Path, data: bytes) -> None:
 
 
 def move_ordinary(draft: Path, file: Path) -> None:
-    """Put a finished draft in the place of a file, durably; raises OSError where no ordinary file is there."""
+    """Move the finished file `draft` to the path `file`; when the function returns, the move is on the disk.
+
+    Raises OSError where the path holds something else than an ordinary file.
+    """
     if file.exists() and not file.is_file():
         raise OSError(errno.EINVAL, _NOT_ORDINARY, str(file))
     draft.replace(file)
@@ -58,7 +65,7 @@ def move_ordinary(draft: Path, file: Path) -> None:
 
 
 def _opened(file: Path, flags: int) -> int:
-    """Open a file without waiting for the other end of a pipe."""
+    """Open a file; a pipe does not make this wait for its other end."""
     descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)

@@ -8,7 +8,7 @@ class PackingError(ValueError):
 
 
 def pack(numbers: Iterable[int]) -> bytes:
-    """Write numbers that are not negative, one after the other."""
+    """Encode numbers of 0 or more, one after the other."""
     out = bytearray()
     for number in numbers:
         rest = number
@@ -20,7 +20,7 @@ def pack(numbers: Iterable[int]) -> bytes:
 
 
 class Unpacker:
-    """Reads what `pack` wrote."""
+    """Decodes bytes of `pack`, from the first to the last."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -39,11 +39,11 @@ class Unpacker:
         raise PackingError("the bytes end within a number, or a number has more than 70 bits")
 
     def numbers(self) -> list[int]:
-        """Read a count, and then as many numbers; raises PackingError."""
+        """Decode a number n, and the n numbers that follow it; raises PackingError."""
         return [self.number() for _ in range(self.number())]
 
     def text(self) -> bytes:
-        """Read a count, and then as many bytes; raises PackingError."""
+        """Decode a number n, and the n bytes that follow it; raises PackingError."""
         length = self.number()
         found = self._data[self._at : self._at + length]
         if len(found) < length:
@@ -52,5 +52,5 @@ class Unpacker:
         return found
 
     def left(self) -> int:
-        """Count the bytes that have not been read."""
+        """Number of bytes that have not been decoded yet."""
         return len(self._data) - self._at

@@ -33,7 +33,7 @@ _SHA_256 = re.compile("[0-9a-f]{64}")
 
 
 class TableError(HeronryError, ValueError):
-    """A table cannot be used; the message says why and what to do, in one line for any content of the table."""
+    """A table cannot be used; the message says in one line why, and what to do."""
 
     def __init__(self, sentence: str) -> None:
         super().__init__(on_one_line(sentence))
@@ -94,7 +94,7 @@ class ModuleEntry:
 
 @dataclass(frozen=True, slots=True)
 class SourceEntry:
-    """A (producing module, variable) pair, the identifier of its data frames, and their longest period."""
+    """A pair (producing module, variable), with the identifier of its data frames and their longest period."""
 
     module: str
     variable: str
@@ -122,7 +122,7 @@ class DeviceEntry:
 
 @dataclass(frozen=True, slots=True)
 class PhaseEntry:
-    """A mission phase, and its rule: the phase is entered once `variable` has been beyond a threshold for `hold_ns`."""
+    """A mission phase, and the rule by which it is entered: `variable` is above or below a threshold for `hold_ns`."""
 
     name: str
     variable: str | None = None  # None: no rule
@@ -178,14 +178,14 @@ class PeTable:
         return table
 
     def preloaded(self) -> tuple[Preloaded, ...]:
-        """Contingencies on board, from number 1 on; raises TableError."""
+        """Give the contingencies on board, the first of which has number 1; raises TableError."""
         try:
             return read_block(b64decode(self.contingencies, validate=True))
         except (PackingError, ValueError) as error:
             raise TableError(f"the contingencies of the table cannot be read ({error}); {_REMEDY}") from None
 
     def leaf_counts(self) -> dict[tuple[int, int], int]:
-        """Number of leaves of each (module index, mode index), for `decode_slice`."""
+        """Give the number of leaves of each mode, by (module index, mode index)."""
         return {(m.index, i): len(mode.leaves) for m in self.modules for i, mode in enumerate(m.modes)}
 
 
@@ -195,7 +195,7 @@ def _check(table: PeTable) -> None:
 
 
 def _faults(table: PeTable) -> Iterator[str]:
-    """Find contradictions between the numbers of a table, each as a sentence; the types were checked before."""
+    """Find contradictions between the fields of a table whose types are right; each is a sentence."""
     if table.node_id not in PE_NODES:
         yield f"node_id {table.node_id} is not a PE's; PEs have {PE_NODES[0]} to {PE_NODES[-1]}"
     if not 0 <= table.uplink < len(table.ports):
@@ -240,7 +240,10 @@ def _mode_faults(module: str, mode: ModeEntry, variables: Collection[str]) -> It
 
 
 def _read(kind: Any, raw: Any, where: str) -> Any:
-    """Convert JSON data to the type `kind` without any coercion; raises TableError with the place."""
+    """Convert parsed JSON to the type `kind`, without converting a value of another type; raises TableError.
+
+    where: the place in the table, for the message.
+    """
     origin, arguments = get_origin(kind), get_args(kind)
     if is_dataclass(kind) and isinstance(raw, dict):
         return _read_record(kind, raw, where)

@@ -80,17 +80,17 @@ RADIO_QUICK_PERIODS = 2
 
 
 def late_ns(period_ns: int) -> int:
-    """Time in ns after the last beat at which the next beat is late: a period and a quarter."""
+    """Time in ns after the last beat at which the next beat counts as late: 1 1/4 periods."""
     return silent_ns(period_ns, 1)
 
 
 def silent_ns(period_ns: int, misses: int) -> int:
-    """Time in ns after the last beat at which `misses` beats have been missed: `misses` periods and a quarter."""
+    """Time in ns after the last beat at which `misses` beats count as missed: `misses` + 1/4 periods."""
     return period_ns * misses + slack_ns(period_ns)
 
 
 def unsent_ns(period_ns: int) -> int:
-    """Time in ns after the last frame of a PE at which no frame of the PE is on its way any more.
+    """Time in ns after the last frame of a silent PE at which no frame of the PE can still be on its way.
 
     period_ns: heartbeat period of the slowest bus between the PE and the listener.
     """
@@ -98,15 +98,15 @@ def unsent_ns(period_ns: int) -> int:
 
 
 def heard_ns(period_ns: int, misses: int) -> int:
-    """Time in ns in which a listener hears every node that is alive, even if `misses` beats of a node are lost."""
+    """Time in ns in which a new listener hears every node that is alive, even if `misses` beats are lost."""
     return period_ns * (misses + 1)
 
 
 def slack_ns(period_ns: int) -> int:
-    """Largest deviation in ns of a beat that still is in time: a quarter of a period."""
+    """Largest deviation in ns of a beat that is still in time: a quarter of a period."""
     return period_ns // 4
 
 
 def t_lease_ns(period_ns: int) -> int:
-    """T_lease on a bus with this period."""
+    """Give T_lease in ns, for a bus with this heartbeat period."""
     return LEASE_PERIODS * period_ns

@@ -31,14 +31,14 @@ def frame_of(message: can.Message) -> Frame:
 
 
 def message_of(frame: Frame) -> can.Message:
-    """Convert a frame to a message of python-can, to be sent."""
+    """Convert a frame to a message that python-can can send."""
     return can.Message(
         arbitration_id=frame.can_id, is_extended_id=frame.extended, is_remote_frame=frame.remote, data=frame.data
     )
 
 
 def frames_dropped(bus: can.BusABC) -> int:
-    """Number of frames that SocketCAN has dropped since the bus was opened; 0 for other back-ends."""
+    """Number of received frames that SocketCAN has dropped since the bus was opened; 0 for other back-ends."""
     raw = getattr(bus, "socket", None)
     if not isinstance(raw, socket.socket):
         return 0
@@ -48,7 +48,7 @@ def frames_dropped(bus: can.BusABC) -> int:
 
 
 def is_full(error: Exception) -> bool:
-    """Tell whether a send failed only because the controller's queue is full."""
+    """Tell whether a send failed for no other reason than that the controller's queue is full."""
     if isinstance(error, can.CanError) and error.error_code is None:
         return "buffer full" in str(error)  # python-can 4.6 on SocketCAN, when its socket is not writable
     code = error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
@@ -56,7 +56,7 @@ def is_full(error: Exception) -> bool:
 
 
 def sentence_of(error: BaseException) -> str:
-    """Describe an error, without a full stop: the remedy where one is known, else the first line of the error."""
+    """Describe an error without a full stop: by the remedy if one is known, else by the first line of its text."""
     code = error.errno if isinstance(error, OSError) else getattr(error, "error_code", None)
     if code in _REMEDIES:
         return _REMEDIES[code]

@@ -45,10 +45,13 @@ _DEPARTURES_KEPT = 64
 
 
 class ReplicatedLink:
-    """Two links that form one bus."""
+    """Two links, one for each channel, that form one bus."""
 
     def __init__(self, configs: Sequence[Mapping[str, Any]], heartbeat_ns: int, misses: int) -> None:
-        """Open both channels of a bus with this heartbeat and misses; raises LinkError where neither can be opened."""
+        """Open both channels of a bus; raises LinkError where neither can be opened.
+
+        misses: heartbeat periods without a sign of life after which a channel is lost.
+        """
         self.links = tuple(Link(config, may_begin_lost=True) for config in configs)
         self.merge = ChannelMerge(heartbeat_ns)
         self.name = " and ".join(link.name for link in self.links)
@@ -64,42 +67,42 @@ class ReplicatedLink:
 
     @property
     def is_open(self) -> bool:
-        """Tell whether some channel is open."""
+        """Tell whether at least one channel is open."""
         return any(link.is_open for link in self.links)
 
     @property
     def readers(self) -> Sequence[Link]:
-        """Links to select on for incoming frames."""
+        """Give the links whose file descriptors are to be watched for incoming frames."""
         return [link for link in self.links if link.is_open]
 
     @property
     def has_more(self) -> bool:
-        """Tell whether the last `receive` took a whole burst of some channel."""
+        """Tell whether the last `receive` reached its limit on a channel, so that more frames may wait there."""
         return any(link.has_more for link in self.links)
 
     @property
     def off_since_ns(self) -> int | None:
-        """Time in ns since when both channels are lost; None while one can be used."""
+        """Time in ns since when both channels are lost; None while at least one can be used."""
         since_ns = [link.off_since_ns for link in self.links]
         known_ns = [one_ns for one_ns in since_ns if one_ns is not None]
         return max(known_ns) if len(known_ns) == len(since_ns) else None
 
     @property
     def nothing_waits(self) -> bool:
-        """Tell whether all queued frames have been handed over, on a channel that is open."""
+        """Whether on an open channel no queued frame waits for the controller; also true where no channel is open."""
         return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
 
     @property
     def all_left(self) -> bool:
-        """Tell whether all queued frames have left on some channel."""
+        """Whether on some channel every queued frame has been sent."""
         return any(link.all_left for link in self.links)
 
     def take_link_events(self) -> list[str]:
-        """Give the link status events of both channels since the last call, as sentences."""
+        """Give the link status events of both channels since the last call, each as a sentence."""
         return [sentence for link in self.links for sentence in link.take_link_events()]
 
     def lost_channels(self, now_ns: int) -> frozenset[int]:
-        """Channels, counted from 1, that carry no frames although the other one does."""
+        """Give the channels, numbered from 1, that are lost for this node although the other channel carries frames."""
         return self._watch.lost(now_ns)
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
@@ -111,20 +114,20 @@ class ReplicatedLink:
             link.pump(now_ns)
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Remove the frames that wait under these identifiers from both queues.
+        """Remove the queued frames with these identifiers on both channels.
 
-        A frame that a controller has is not affected.
+        Frames that a controller already has are still sent.
         """
         for link in self.links:
             link.withdraw(identifiers)
 
     def stand_back(self, until_ns: int) -> None:
-        """Hold data, and frames with a lower priority, in both queues until `until_ns`."""
+        """Until `until_ns`, keep data frames, and frames with a lower priority than data, in both queues."""
         for link in self.links:
             link.stand_back(until_ns)
 
     def accept(self, identifiers: Collection[int]) -> None:
-        """Receive only frames with these 11-bit identifiers from now on, and the echoes of this node's own frames."""
+        """From now on receive only frames with these 11-bit identifiers."""
         for link in self.links:
             link.accept(identifiers)
 
@@ -140,18 +143,21 @@ class ReplicatedLink:
         return taken
 
     def pump(self, now_ns: int) -> None:
-        """Hand over the next frame on each channel. The driver calls this after `send`, and at `next_deadline_ns`."""
+        """On each channel, hand the most urgent frame to the controller if the controller has none of this link.
+
+        The driver calls this after `send`, and at `next_deadline_ns`.
+        """
         for link in self.links:
             link.pump(now_ns)
 
     def next_deadline_ns(self) -> int | None:
-        """Time in ns at which to call `pump` at the latest; None: no deadline."""
+        """Time in ns at which `pump` must be called next; None where there is no such time."""
         return min((at_ns for link in self.links if (at_ns := link.next_deadline_ns()) is not None), default=None)
 
     def departures_ns(self) -> list[int]:
-        """Give, for each frame that has left since the last call, how long it was in the controller, in ns.
+        """Give for each frame sent since the last call how long the controller had it, in ns.
 
-        The controller is that of the channel that sent the frame first.
+        A time of 0 means that it is not known. Of the two copies of a frame, the one that was sent first counts.
         """
         departed = list(self._departed)
         self._departed.clear()
@@ -163,7 +169,7 @@ class ReplicatedLink:
             link.close()
 
     def _left(self, channel: int, frame: Frame, now_ns: int, took_ns: int) -> None:
-        """Note that a frame has left on one channel, and limit how long its copy may wait on the other."""
+        """Take note that a copy was sent on one channel, and drop the other copy if it cannot start soon."""
         self._watch.left(channel, now_ns)
         self.links[1 - channel].queue.limit(frame, now_ns + self._latest_copy_ns, now_ns)
         if self._leaving.take(channel, frame, now_ns):
@@ -176,5 +182,9 @@ AnyLink = Link | ReplicatedLink
 
 
 def open_link(configs: Sequence[Mapping[str, Any]], heartbeat_ns: int, misses: int) -> AnyLink:
-    """Open a bus on the channels that python-can's keyword arguments describe, one or two; raises LinkError."""
+    """Open a bus of one channel or two.
+
+    configs: for each channel the keyword arguments of `can.Bus`. misses: heartbeat periods without a sign of life after
+    which a channel is lost. Raises LinkError where no channel can be opened.
+    """
     return Link(configs[0]) if len(configs) == 1 else ReplicatedLink(configs, heartbeat_ns, misses)

@@ -23,7 +23,10 @@ class RuntimeFolderError(HeronryError):
 
 
 def runtime_folder() -> Path:
-    """Give this user's folder; it may not exist, and nothing about it has been verified."""
+    """Give the path of this user's folder.
+
+    The folder may not exist, and its owner and access rights are not verified.
+    """
     named = os.environ.get("XDG_RUNTIME_DIR")
     if named and _belongs_to_this_user(Path(named)):
         return Path(named) / "heronry"
@@ -31,7 +34,10 @@ def runtime_folder() -> Path:
 
 
 def owned_folder(folder: Path) -> Path:
-    """Make a folder that only this user can enter, or verify an existing one; raises RuntimeFolderError."""
+    """Create a folder that only this user can enter, or verify that an existing one is so.
+
+    Raises RuntimeFolderError.
+    """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
@@ -40,7 +46,10 @@ def owned_folder(folder: Path) -> Path:
 
 
 def trusted_folder(folder: Path) -> Path:
-    """Give the folder back if it belongs to this user alone, or does not exist; raises RuntimeFolderError otherwise."""
+    """Give `folder` if it belongs to this user and no other can write to it, or if it does not exist.
+
+    Raises RuntimeFolderError for any other folder.
+    """
     try:
         found = folder.lstat()
     except FileNotFoundError:

@@ -15,9 +15,10 @@ NEVER_NS = 1 << 61  # the deadline that never comes: 73 years, which still fit i
 
 
 class Received(NamedTuple):
-    """A frame has arrived on a port, which is the position of its bus among the buses of this node.
+    """Event: a frame has arrived on a port.
 
-    age_ns: time since the arrival. After a pause of the process a frame may be old, and say nothing about the present.
+    port: position of its bus among the buses of this node. age_ns: time since the arrival; after a pause of the process
+    a frame may be old, so that it no longer shows the state of its sender.
     """
 
     port: int
@@ -27,11 +28,11 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The core's deadline has come."""
+    """Event: the time that the core gave as its deadline has come."""
 
 
 class Send(NamedTuple):
-    """Queue a frame for a port; the node's own queue is ordered by priority (protocol rule 13).
+    """Action: queue a frame to be sent on a port; the queue is ordered by priority (protocol rule 13).
 
     until_ns: time on the core's clock after which the frame is dropped instead; None: the driver's own limit applies.
     """
@@ -43,7 +44,7 @@ class Send(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Withdraw:
-    """Remove the frames that still wait in this node's queues under these identifiers: they must not be sent any more.
+    """Action: remove the frames with these identifiers from this node's queues, because they must not be sent any more.
 
     Another node may be about to send under the same identifiers. The state frame in which this node reports that it has
     stopped is more urgent than data, so it would overtake data frames in the queue. A frame that the controller already
@@ -55,7 +56,7 @@ class Withdraw:
 
 @dataclass(frozen=True, slots=True)
 class StandBack:
-    """Until `until_ns`, on the core's clock, send only frames with a higher priority than data on a port.
+    """Action: until `until_ns`, on the core's clock, send only frames with a higher priority than data on a port.
 
     A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn. It
     waits for the data of all other nodes, and the answer of this node to the manager would wait behind it.
@@ -66,14 +67,17 @@ class StandBack:
 
 
 class InvariantError(AssertionError):
-    """A core is in a state that must not occur; the message gives the contradiction and the recent events."""
+    """A core is in a state that must not occur.
+
+    The message describes the contradiction, and gives the recent events.
+    """
 
 
 def require(condition: bool, story: str, *facts: object) -> None:
-    """Check an invariant, also under `python -O`; raises InvariantError with the text `story`.
+    """Raise InvariantError with the text `story` if `condition` is false, also under `python -O`.
 
-    The further arguments replace each `{}` in the story. The text is formatted only on failure, because this function
-    runs after every step.
+    The further arguments replace the `{}` in the text, one each. The text is formatted only on failure, because this
+    function runs after every step.
     """
     if not condition:
         raise InvariantError(story.format(*facts))

@@ -80,76 +80,82 @@ def command_of(message: bytes) -> int:
 
 
 def read_length(rest: bytes) -> int:
-    """Read the last four bytes of a message (`read_head`) as a number: a length, or the code of an abort."""
+    """Convert the last four bytes of a message to a number: a length, or the code of an abort."""
     return int.from_bytes(rest, "little")
 
 
 def read_number(value: bytes) -> int:
-    """Read the value of an object as an unsigned number."""
+    """Convert the value of an object to an unsigned number."""
     return int.from_bytes(value, "little")
 
 
 def expedited_length(command: int) -> int:
-    """How many of the last four bytes of an expedited initiate are data."""
+    """Give the number of data bytes in a message that opens a transfer and carries all of its data.
+
+    command: first byte of the message.
+    """
     return EXPEDITED_BYTES - (command >> 2 & 3)
 
 
 def segment_data(message: bytes) -> bytes:
-    """Data bytes of a segment, 1 to 7."""
+    """Give the data bytes of a segment, 1 to 7."""
     return message[1 : MESSAGE_BYTES - (message[0] >> 1 & 7)]
 
 
 def block_segment_data(message: bytes) -> bytes:
-    """Seven bytes of a segment in a block; the end of the block tells how many bytes of the last segment are data."""
+    """Give the seven bytes of a segment in a block, of which the last ones may be padding (`unused_in_block`)."""
     return message[1:]
 
 
 def unused_in_block(message: bytes) -> int:
-    """Number of bytes without data in the last segment, from the message that ends a block transfer."""
+    """Give the number of padding bytes in the last segment, from the message that ends a block transfer."""
     return message[0] >> 2 & 7
 
 
 def block_acknowledged(message: bytes) -> tuple[int, int]:
-    """Read the acknowledgement of a block: segments received in order, and segments in the next block."""
+    """Read the acknowledgement of a block: give the segments received in order, and the size of the next block."""
     return message[1], message[2]
 
 
 def block_size(rest: bytes) -> int:
-    """Number of segments in a block, from the last four bytes of the message that opens a block transfer."""
+    """Number of segments in a block; `rest` has the last four bytes of the message that opens a block transfer."""
     return rest[0]
 
 
 def with_data(command: int, index: int, sub_index: int, data: bytes = b"") -> bytes:
-    """Give a message with up to four bytes of data."""
+    """Make a message with up to four bytes of data."""
     return _HEAD.pack(command, index, sub_index, data)
 
 
 def with_number(command: int, index: int, sub_index: int, number: int) -> bytes:
-    """Give a message with a number, such as a length, in its last four bytes."""
+    """Make a message with a number, such as a length, in its last four bytes."""
     return _WITH_NUMBER.pack(command, index, sub_index, number)
 
 
 def abort_message(index: int, sub_index: int, reason: Abort) -> bytes:
-    """Give the message that aborts a transfer."""
+    """Make the message that aborts a transfer."""
     return _WITH_NUMBER.pack(ABORT, index, sub_index, reason.value)
 
 
 def segment(command: int, data: bytes) -> bytes:
-    """Give a message with up to seven bytes of data."""
+    """Make a message with up to seven bytes of data."""
     return bytes((command,)) + data.ljust(SEGMENT_BYTES, b"\0")
 
 
 def block_end(command: int, checksum: int = 0) -> bytes:
-    """Give the message that ends a block transfer, with the checksum of its data if that is used."""
+    """Make the message that ends a block transfer, with the checksum of its data if the transfer uses one."""
     return _BLOCK_END.pack(command, checksum)
 
 
 def block_checksum(message: bytes) -> int:
-    """Checksum in the message that ends a block transfer."""
+    """Give the checksum that the message at the end of a block transfer carries."""
     checksum: int = _BLOCK_END.unpack(message)[1]
     return checksum
 
 
 def crc(data: bytes | bytearray) -> int:
-    """Checksum of the data of a block transfer: CRC-16, polynomial 1021h, from 0 (CiA 301, 7.2.4.3.16)."""
+    """Compute the checksum of the data of a block transfer: CRC-16, polynomial 1021h, start value 0.
+
+    Source: CiA 301, 7.2.4.3.16.
+    """
     return crc_hqx(data, 0)

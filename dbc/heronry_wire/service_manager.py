@@ -19,7 +19,7 @@ class ServiceManager:
     """Sends the reports of one node to systemd."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
-        """Read the address from NOTIFY_SOCKET, which may be a path, or an abstract name that begins with '@'."""
+        """Take the address of systemd's socket from NOTIFY_SOCKET: a path, or an abstract name that begins with '@'."""
         place = environment.get("NOTIFY_SOCKET", "")
         self._address = f"\0{place[1:]}" if place.startswith("@") else place
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) if place else None
@@ -29,7 +29,10 @@ class ServiceManager:
         self._is_ready = False
 
     def lives(self, now_ns: int) -> None:
-        """Note that a heartbeat has left: the first one reports this node ready, later ones reset the watchdog."""
+        """Report that a heartbeat was sent: the first report means that the node is ready.
+
+        Each later one resets the watchdog.
+        """
         if self._socket is None:
             return
         if not self._is_ready:
@@ -40,11 +43,11 @@ class ServiceManager:
             self._say("WATCHDOG=1")
 
     def status(self, sentence: str) -> None:
-        """Report a sentence that `systemctl status` shows."""
+        """Report a sentence, which `systemctl status` then shows."""
         self._say(f"STATUS={sentence}")
 
     def stopping(self) -> None:
-        """Report that the node stops in order."""
+        """Report that the node has begun to stop because it was asked to."""
         self._say("STOPPING=1")
 
     def close(self) -> None:

@@ -19,17 +19,17 @@ from heronry_wire.errors import HeronryError
 
 
 class SlowOpening:
-    """One try to open a bus."""
+    """One attempt to open a bus in a thread."""
 
     def __init__(self, open_bus: Callable[[], Opened]) -> None:
-        """Start the thread; `open_bus` gives the bus, or raises."""
+        """Start the thread, which calls `open_bus`; that gives the bus, or raises an exception."""
         self.result: Opened | HeronryError | None = None
         self._is_wanted = True
         self._lock = Lock()
         Thread(target=self._run, args=(open_bus,), daemon=True).start()
 
     def abandon(self) -> None:
-        """Give up the opening: if the thread still opens the bus, it closes the bus again."""
+        """End the attempt: if the thread still opens the bus, it closes the bus as soon as that is open."""
         with self._lock:
             self._is_wanted = False
             opened, self.result = self.result, None

@@ -19,7 +19,10 @@ SERVER_S = 2.0  # limit for an answer of the server
 
 
 def open_at_server(config: Mapping[str, Any]) -> can.BusABC:
-    """Open the bus that python-can's keyword arguments describe; raises ValueError, or any exception of python-can."""
+    """Open the bus that these keyword arguments of `can.Bus` describe.
+
+    Raises ValueError, or any exception of python-can.
+    """
     place = _at_its_server(config)
     if "host" in place:
         socket.create_connection((place["host"], place["port"]), SERVER_S).close()
@@ -33,7 +36,7 @@ def open_at_server(config: Mapping[str, Any]) -> can.BusABC:
 
 
 def connection_of(bus: can.BusABC) -> socket.socket | None:
-    """Give the connection of an open bus, set to blocking; None for a bus of another back-end."""
+    """Give the TCP connection of an open bus, set to blocking; None for a bus of another back-end."""
     if not bus.channel_info.startswith(f"{INTERFACE} "):
         return None
     connection = next((kept for kept in vars(bus).values() if isinstance(kept, socket.socket)), None)
@@ -43,7 +46,10 @@ def connection_of(bus: can.BusABC) -> socket.socket | None:
 
 
 def see_whether_it_ended(connection: socket.socket) -> None:
-    """Raise ConnectionResetError if the server has closed the connection, or OSError; reads no data."""
+    """Raise ConnectionResetError if the server has closed the connection; reads no data.
+
+    Raises OSError for other failures.
+    """
     with suppress(BlockingIOError):
         if not connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT):
             raise ConnectionResetError("its server has closed the connection")

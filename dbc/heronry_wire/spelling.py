@@ -7,12 +7,15 @@ _MOST_NAMES = 40  # in one sentence
 
 
 def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
-    """Give the known word that is closest to `word`; None where no word has at least `likeness`, 0 to 1."""
+    """Give the known word most similar to `word`; None where none has at least the similarity `likeness`, 0 to 1."""
     return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=likeness)), None)
 
 
 def meant(word: str, known: Iterable[str], otherwise: str = "") -> str:
-    """Give the closest known word as a question; else `otherwise`, or the list of known words, the first of many."""
+    """Give "did you mean ...?" with the known word most similar to `word`.
+
+    Where none is similar, give `otherwise`; without `otherwise`, a sentence that lists the first known words.
+    """
     names = list(known)
     found = close(word, names)
     if found:

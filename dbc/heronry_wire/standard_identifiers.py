@@ -26,7 +26,7 @@ class StandardIdentifier(NamedTuple):
 
     @property
     def byte_2_is_an_index(self) -> bool:
-        """Whether byte 2 carries a waypoint, tyre or brake number, and so cannot carry version and validity."""
+        """Whether byte 2 numbers a waypoint, tyre or brake, so that it cannot carry version and validity."""
         return self.notes.startswith("service code field contains")
 
 

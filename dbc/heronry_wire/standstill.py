@@ -20,14 +20,14 @@ TELL_AGAIN_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class StoodStill:
-    """This process was kept from running for `for_ns`, more than a quarter of the heartbeat period of its uplink."""
+    """Event: this process was kept from running for `for_ns`, more than a quarter of its uplink's heartbeat period."""
 
     for_ns: int
 
 
 @dataclass(slots=True)
 class Standstills:
-    """The standstills of one process; a core counts them."""
+    """Counts the standstills of one process."""
 
     period_ns: int
     times: int = 0
@@ -38,7 +38,7 @@ class Standstills:
     _told_at_ns: int = -TELL_AGAIN_NS
 
     def count(self, one: StoodStill, now_ns: int) -> bool:
-        """Count a standstill, and tell whether the core is to report it."""
+        """Count a standstill; tells whether the core is to report it in an event now."""
         self.times += 1
         self.longest_ns = max(self.longest_ns, one.for_ns)
         if one.for_ns <= self.period_ns:
@@ -52,7 +52,7 @@ class Standstills:
 
 
 class LatenessMeter:
-    """Measures how late a loop wakes; the driver gives it the times."""
+    """Measures how late a driver's loop wakes; the loop passes in all times."""
 
     def __init__(self, period_ns: int, now_ns: int, used_ns: int) -> None:
         """period_ns: heartbeat period of the uplink. used_ns: processor time of this thread so far."""
@@ -61,12 +61,15 @@ class LatenessMeter:
         self._is_waiting = False
 
     def waits(self, due_ns: int | None) -> None:
-        """Note that the loop waits now, until `due_ns` at the latest; None: without a limit."""
+        """Note that the loop begins to wait, until `due_ns` at the latest; None: for any time."""
         self._is_waiting = due_ns is not None
         self._due_ns = due_ns or 0
 
     def woke(self, now_ns: int, used_ns: int) -> StoodStill | None:
-        """Take the end of a wait; gives the standstill if the loop woke too late, else None."""
+        """Note that the loop has woken; gives a standstill if that was too late, else None.
+
+        used_ns: processor time of this thread so far.
+        """
         own_ns, self._used_ns = used_ns - self._used_ns, used_ns
         late_ns = now_ns - self._due_ns - own_ns
         return StoodStill(late_ns) if self._is_waiting and late_ns > self._slack_ns else None

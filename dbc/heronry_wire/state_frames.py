@@ -44,7 +44,7 @@ class PeFlags(IntFlag):
 
 
 class Reason(IntEnum):
-    """Why a PE has not staged, or what it last refused."""
+    """Why a PE has not staged a configuration, or which command it last refused."""
 
     NONE = 0
     INCOMPLETE = 1  # frames of the slice are missing: send it again
@@ -79,7 +79,7 @@ STATE_BYTES = STATE_0.length
 
 @dataclass(frozen=True, slots=True)
 class StatePage0:
-    """The running configuration of a PE."""
+    """Page 0: the running configuration of a PE."""
 
     state: PeState
     flags: PeFlags
@@ -89,15 +89,15 @@ class StatePage0:
     digest: int
 
     def encode(self) -> bytes:
-        """Payload of a state frame, page 0."""
+        """Encode the payload of a state frame, page 0."""
         return STATE_0.pack(0, self.state, self.flags, self.incarnation, self.epoch, self.sequence, self.digest)
 
 
 @dataclass(frozen=True, slots=True)
 class StatePage1:
-    """Page 1: the epoch of the last PREPARE, its staged digest or the reason why nothing is staged, and the CPU load.
+    """Page 1: the epoch of the last PREPARE, what is staged for it, and the CPU load in per cent.
 
-    The digest is 0 as long as nothing is staged. The load is in per cent.
+    digest: of the staged slice; 0 while nothing is staged. reason: why nothing is staged.
     """
 
     state: PeState
@@ -108,7 +108,7 @@ class StatePage1:
     load: int
 
     def encode(self) -> bytes:
-        """Payload of a state frame, page 1."""
+        """Encode the payload of a state frame, page 1."""
         return STATE_1.pack(
             1, self.state, self.flags, self.staged_epoch, self.staged_digest, self.reason, min(self.load, 255)
         )
@@ -116,22 +116,22 @@ class StatePage1:
 
 @dataclass(frozen=True, slots=True)
 class StatePage2:
-    """A PE with a key requests a new session; the manager answers its nonce with WELCOME (protocol rule 11)."""
+    """Page 2: a PE with a key requests a new session; WELCOME answers its nonce (protocol rule 11)."""
 
     state: PeState
     flags: PeFlags
     nonce: int
 
     def encode(self) -> bytes:
-        """Payload of a state frame, page 2."""
+        """Encode the payload of a state frame, page 2."""
         return STATE_2.pack(2, self.state, self.flags, self.nonce)
 
 
 @dataclass(frozen=True, slots=True)
 class StatePage3:
-    """Page 3, with a key: digest of the running configuration, and the number of refused commands (modulo 2^16).
+    """Page 3, with a key: digest of the running configuration, and how many commands the PE has refused, modulo 2^16.
 
-    One number counts commands with an invalid tag, the other commands refused for other reasons.
+    Commands with an invalid tag and commands refused for other reasons are counted separately.
     """
 
     state: PeState
@@ -141,7 +141,7 @@ class StatePage3:
     other: int
 
     def encode(self) -> bytes:
-        """Payload of a state frame, page 3."""
+        """Encode the payload of a state frame, page 3."""
         return STATE_3.pack(3, self.state, self.flags, self.digest, self.unproven, self.other)
 
 
@@ -162,28 +162,28 @@ def page_of(data: bytes) -> int | None:
 
 
 def epoch_of(page_0: bytes) -> int:
-    """Epoch that a page 0 names; the caller has checked the length of the page."""
+    """Give the epoch in a page 0 whose length is right."""
     return int.from_bytes(page_0[_EPOCH_FROM:_EPOCH_TO], "big")
 
 
 def sequence_of(page_0: bytes) -> int:
-    """Sequence of a page 0; the bytes behind the sequence may be missing."""
+    """Give the sequence in a page 0, which may be cut off after it."""
     return page_0[_SEQUENCE_FROM]
 
 
 def without_sequence(data: bytes) -> bytes:
-    """Give a page without the byte that holds the sequence in page 0, so that repeated states compare equal."""
+    """Give a state frame without the byte that holds the sequence in page 0, so that repeated states compare equal."""
     return data[:_SEQUENCE_FROM] + data[_SEQUENCE_TO:]
 
 
 def split_state(data: bytes) -> tuple[bytes, int]:
-    """Split a tagged page 0 or 1 into its bytes without the tag, and the tag (in the place of the digest)."""
+    """Split a page 0 or 1 that carries a tag into its other bytes and the tag, which is in the place of the digest."""
     first, after = _tag_place(data)
     return data[:first] + data[after:], int.from_bytes(data[first:after], "big")
 
 
 def joined_state(said: bytes, tag: int) -> bytes:
-    """Put a page together again: the reverse of `split_state`."""
+    """Put a tag into a page 0 or 1 from which `split_state` has taken it."""
     first, after = _tag_place(said)
     return said[:first] + tag.to_bytes(after - first, "big") + said[first:]
 

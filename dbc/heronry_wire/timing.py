@@ -50,14 +50,14 @@ Exact = int | Fraction
 
 
 def worst_bits(data_bytes: int, *, extended: bool = False) -> int:
-    """Give the length in bits of the longest frame with that many data bytes, 0..8."""
+    """Give the length in bits of the longest possible frame with that many data bytes, 0..8."""
     if not 0 <= data_bytes <= MAX_DATA_BYTES:
         raise WireError(f"a frame has 0..8 data bytes, not {data_bytes}")
     return (80 if extended else 55) + 10 * data_bytes
 
 
 def exact_bits(frame: Frame) -> int:
-    """Give the length in bits of this very frame, with its stuff bits; not for error frames."""
+    """Give the length of a frame in bits, with the stuff bits that its content needs; not for error frames."""
     data = frame.data
     if frame.extended:
         base, extension = frame.can_id >> 18, frame.can_id & 0x3FFFF
@@ -75,7 +75,7 @@ def exact_bits(frame: Frame) -> int:
 
 @lru_cache(maxsize=4096)
 def _head(header: int, header_bits: int) -> tuple[int, int, int]:
-    """Start a frame: give its length in bits without data, the CRC of the header, and the state of the stuffing."""
+    """Begin a frame with its header; give its length without data, its CRC so far, and the state of the stuffing."""
     crc = 0
     for bit in f"{header:0{header_bits}b}":
         crc = crc << 1 ^ (_CRC_POLYNOMIAL if (crc >> 14) ^ int(bit) else 0)
@@ -95,7 +95,12 @@ def _crc_table() -> list[int]:
 
 
 def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
-    """Send bits one by one; give the number of stuff bits inserted, and the final state of the stuffing."""
+    """Count the stuff bits in a sequence of bits.
+
+    Gives their number, the last bit, and how many equal bits end with it.
+
+    last, run: the bit before the sequence, and how many equal bits end with it.
+    """
     stuffed = 0
     for bit in bits:
         last, run = bit, run + 1 if bit == last else 1
@@ -114,10 +119,11 @@ _CRC_TABLE = _crc_table()
 
 
 class Message(NamedTuple):
-    """A periodic (or sporadic) message; all times in bit times of its bus, exact.
+    """A periodic (or sporadic) message; all times are exact, in bit times of its bus.
 
     bits: length of its longest frame, with intermission. period: shortest time between two instances. jitter: longest
-    time from when an instance is due until it is queued. deadline: from when an instance is due; may exceed the period.
+    time from when an instance is due until it is queued. deadline: counted from when an instance is due; it may be
+    longer than the period.
     """
 
     name: str
@@ -128,14 +134,14 @@ class Message(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """How often errors destroy frames: at most `burst` (1 or more) at once, and one per `interval` bit times."""
+    """How often errors destroy frames: up to `burst` (1 or more) in succession, then one per `interval` bit times."""
 
     burst: int
     interval: Exact
 
 
 class Response(NamedTuple):
-    """The longest response time of a message, in bit times; `bits` is None when it is unbounded."""
+    """The longest response time of a message, in bit times; `bits` is None where the response time is unbounded."""
 
     name: str
     bits: Fraction | None
@@ -144,7 +150,7 @@ class Response(NamedTuple):
 
 
 class _Stream(NamedTuple):
-    """The numbers of a message on the common denominator; `cost` is the length of its frame."""
+    """A message, with its times as integers on the common denominator; `cost` is the length of its frame."""
 
     cost: int
     period: int
@@ -153,10 +159,10 @@ class _Stream(NamedTuple):
 
 
 class _Window:
-    """A time window that grows by the messages released in it.
+    """A time window whose length is the time that the messages released in it take to send.
 
-    Releases strictly before `length + ahead` count. `due` is a heap with the next release of each stream that does not
-    count yet. The window only grows, so every release is counted once.
+    ahead: a message counts if it is released before `length + ahead`. due: a heap with the next release of each stream
+    that does not count yet. The window only grows, so every release is counted once.
     """
 
     __slots__ = ("ahead", "due", "length")
@@ -167,13 +173,13 @@ class _Window:
         self.due = due
 
     def admit(self, cost: int, period: int, jitter: int) -> None:
-        """Add a stream; its first instance is released at -jitter and always counts."""
+        """Add a stream, whose first instance is released at -jitter and always counts."""
         count = max(1, -(-(self.length + self.ahead + jitter) // period))
         self.length += count * cost
         heappush(self.due, (count * period - jitter, period, cost))
 
     def settle(self) -> None:
-        """Grow until no more message is released inside: the least fixed point."""
+        """Grow until the window contains every message that is released in it: the least fixed point."""
         due, limit = self.due, self.length + self.ahead
         while due and due[0][0] < limit:
             release, period, cost = due[0]
@@ -187,9 +193,10 @@ class _Window:
 
 
 class _Level(NamedTuple):
-    """The delays of a priority level that messages do not cause: blocking by a lower priority, and errors.
+    """The delays of one priority that messages of a higher priority do not cause.
 
-    Where one of these differs from the level above, the windows start anew.
+    blocking: a frame of lower priority that has just started. error_cost, error_jitter: of an error that destroys a
+    frame.
     """
 
     blocking: int
@@ -198,11 +205,11 @@ class _Level(NamedTuple):
 
 
 def analyse(messages: Sequence[Message], *, blocking_bits: int = 0, errors: Errors | None = None) -> list[Response]:
-    """Give the response time of each message; `messages` are in order of priority, highest first.
+    """Compute the longest response time of each message; `messages` are in order of priority, highest first.
 
-    blocking_bits: longest frame on the bus with a lower priority than all of these (0: there is none).
-    errors: errors that the bus must tolerate (None: no errors).
-    Raises WireError for a message without a length or a period.
+    blocking_bits: longest frame on the bus with a lower priority than all of these (0: there is none). errors: errors
+    that the bus must tolerate (None: no errors). Raises WireError for a message without a length or a period, or with a
+    negative jitter.
     """
     _check(messages, errors)
     scale, streams, interval = _on_one_denominator(messages, errors)
@@ -236,7 +243,7 @@ def _check(messages: Sequence[Message], errors: Errors | None) -> None:
 
 
 def _on_one_denominator(messages: Sequence[Message], errors: Errors | None) -> tuple[int, list[_Stream], int]:
-    """Give the number of steps in a bit time, the messages and the interval between errors in steps."""
+    """Give the common denominator of all times, and the messages and the interval between errors as multiples of it."""
     interval = errors.interval if errors else 1
     times = [interval, *(time for m in messages for time in (m.period, m.jitter, m.deadline))]
     scale = lcm(*(time.denominator for time in times))
@@ -265,7 +272,7 @@ def _levels(streams: list[_Stream], scale: int, blocking_bits: int, *, with_erro
 
 
 def _bounded(streams: list[_Stream], levels: list[_Level], interval: int) -> int:
-    """Give the number of messages, from the highest priority down, that load the bus by less than it can carry."""
+    """Count the messages with a bounded response time; they are the first ones, since priority falls with the index."""
     whole = lcm(interval, *(stream.period for stream in streams))
     load = 0
     for index, (stream, level) in enumerate(zip(streams, levels, strict=True)):
@@ -287,7 +294,7 @@ def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_S
 
 
 def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
-    """Give the longest response time among the instances in the busy period, and the number of these instances."""
+    """Give the longest response time among the instances of a message in the busy period, and their number."""
     instances = -(-(busy + stream.jitter) // stream.period)
     worst = delay = queue.length
     if instances > 1:

@@ -7,7 +7,7 @@ Frames of one identifier stay in their order. The queue is bounded, so that a bu
 the memory: a full queue drops the least urgent and newest frame, and counts it. A frame may have an expiry time, after
 which it is dropped too: a frame that waited through a pause of its sender must not go out as if it were new.
 
-A sender may hold data back for a moment: data, and frames with a lower priority, then stay in the queue.
+A sender may hold data back until `stands_back_until_ns`: data, and frames of a lower priority, then stay in the queue.
 """
 
 from bisect import insort
@@ -21,7 +21,7 @@ FIRST_HELD_BACK = arbitration_key(Frame(STANDARD_DATA_IDS[0], b""))  # arbitrati
 
 
 class TransmitQueue:
-    """Frames that wait, the most urgent first."""
+    """The frames of one node that wait to be sent, the most urgent first."""
 
     def __init__(self, capacity: int = CAPACITY) -> None:
         self.dropped = 0  # frames dropped because the queue was full
@@ -35,7 +35,7 @@ class TransmitQueue:
         return len(self._frames)
 
     def push(self, frame: Frame, until_ns: int | None = None) -> None:
-        """Add a frame that expires at `until_ns`; if the queue is full, the least urgent frame is dropped."""
+        """Add a frame, which expires at `until_ns`; a full queue drops its least urgent frame."""
         self._count += 1
         insort(
             self._frames, (-arbitration_key(frame), -self._count, frame, _FOR_EVER_NS if until_ns is None else until_ns)
@@ -47,7 +47,7 @@ class TransmitQueue:
     def limit(self, frame: Frame, until_ns: int, now_ns: int) -> None:
         """Let the first frame equal to `frame` expire at `until_ns` at the latest.
 
-        Drop the frames that have expired.
+        Drops frames that have expired at `now_ns`.
         """
         kept = [one for one in self._frames if one[3] >= now_ns]
         self.expired += len(self._frames) - len(kept)
@@ -63,15 +63,15 @@ class TransmitQueue:
         self._frames = [one for one in self._frames if one[2].extended or one[2].can_id not in identifiers]
 
     def clear(self) -> int:
-        """Drop all frames, and give their number."""
+        """Drop all frames; gives their number."""
         count = len(self._frames)
         self._frames.clear()
         return count
 
     def first(self, now_ns: int) -> Frame | None:
-        """Give the most urgent frame that may be sent now, without removing it; None if there is none.
+        """Give the most urgent frame that may be sent now, without removing it; None where no frame may.
 
-        Expired frames are dropped.
+        Frames that have expired at `now_ns` are dropped.
         """
         while self._frames and self._frames[-1][3] < now_ns:
             self._frames.pop()
@@ -81,5 +81,5 @@ class TransmitQueue:
         return self._frames[-1][2]
 
     def pop(self) -> Frame:
-        """Remove the most urgent frame and give it; raises IndexError where the queue is empty."""
+        """Remove the most urgent frame, and give it; raises IndexError where the queue is empty."""
         return self._frames.pop()[2]

@@ -32,7 +32,7 @@ _NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class ScheduledMessage:
-    """One message of one bus; times in nanoseconds, worst cases rounded up."""
+    """One message on one bus; times are in nanoseconds, and worst cases are rounded up."""
 
     identifier: int
     kind: str  # management | data | heartbeat
@@ -47,13 +47,16 @@ class ScheduledMessage:
 
     @property
     def slack_ns(self) -> int | None:
-        """Deadline minus response time in ns, negative where the deadline can be missed; None where unbounded."""
+        """Deadline minus response time in ns.
+
+        Negative where the deadline can be missed, None where `response_ns` is None.
+        """
         return None if self.response_ns is None else self.deadline_ns - self.response_ns
 
 
 @dataclass(frozen=True, slots=True)
 class BusSchedule:
-    """The messages of one bus and its load; shares are fractions of the bit rate."""
+    """The messages on one bus, and its load as fractions of the bit rate."""
 
     bus: Bus
     is_up: bool
@@ -64,12 +67,12 @@ class BusSchedule:
     blocking_ns: int  # longest frame that may have started just before a message is due
 
     def share(self, message: ScheduledMessage) -> Fraction:
-        """Share of the bit rate that a message takes at most, as a fraction."""
+        """Give the largest share of the bit rate that a message takes."""
         return Fraction(message.bits * _NS_PER_S, message.period_ns * self.bus.bitrate)
 
     @property
     def reserve_left_frames_per_s(self) -> int:
-        """Number of 8-byte frames per second for which the reserve still has room; 0 where it is exceeded."""
+        """Number of 8-byte frames per second for which the reserve still has room; 0 where no room is left."""
         left = (self.bus.reserve - self.management) * self.bus.bitrate / WORST_BLOCKING_BITS
         return max(0, int(left))
 
@@ -132,7 +135,10 @@ def _datum(
 
 
 def _arrives(hop: Hop, responses: _Responses) -> int | None:
-    """Latest time at which the datum of a hop arrives at the hop's bus; a wireless bus before this bus adds nothing."""
+    """Give the longest time in ns from source to this hop's bus; None where it is unbounded.
+
+    A wireless bus before this one adds nothing, as it is not analysed.
+    """
     before = responses.get((hop.producer, hop.variable, hop.after)) if hop.after is not None else None
     return 0 if before is None else before.response_ns
 
@@ -140,7 +146,7 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 def _messages(
     spec: Spec, bus: Bus, data: list[ScheduledMessage], jitters: list[int | None]
 ) -> tuple[ScheduledMessage, ...]:
-    """Add the regular management frames to the data of a bus; the result has response times if the bus is wired."""
+    """Add the regular management frames to the data on a bus, and compute response times if the bus is wired."""
     above, below = _above(spec, bus), _below(spec, bus)
     if bus.kind == "wired":
         bounded = [ns for ns in jitters if ns is not None]
@@ -152,7 +158,7 @@ def _messages(
 
 
 def _above(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
-    """LEASE, ALIVE and the states of the PEs on a bus; a gateway forwards LEASE and ALIVE from the manager's bus."""
+    """Give the management messages with a higher priority than data: LEASE, ALIVE, and the state of each PE there."""
     lease, alive = (management_id(FIRST_MANAGER, command) for command in (Command.LEASE, Command.ALIVE))
     nodes = sorted((pe.node_id, pe.name) for pe in spec.pes.values() if bus.name in pe.buses)
     period_ns = bus.heartbeat_ns
@@ -164,7 +170,7 @@ def _above(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
 
 
 def _below(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
-    """The CANopen heartbeats on a bus, of one byte each."""
+    """Give the messages with a lower priority than data: the CANopen heartbeats on the bus."""
     nodes = sorted((pe.node_id, pe.name) for pe in spec.pes.values() if bus.name in pe.buses)
     if bus.name == spec.manager.bus:
         nodes.append((FIRST_MANAGER, "manager"))
@@ -183,7 +189,7 @@ def _management(
 
 
 def _times(bus: Bus, messages: list[ScheduledMessage], jitters_ns: list[int]) -> list[int | None]:
-    """Response times in nanoseconds, rounded up."""
+    """Give the response time of each message in ns, rounded up; None where it is unbounded."""
     bits_per_ns = Fraction(bus.bitrate, _NS_PER_S)
     analysed = [
         Message(m.name, m.bits, m.period_ns * bits_per_ns, jitter * bits_per_ns, m.deadline_ns * bits_per_ns)

@@ -12,9 +12,9 @@ N = TypeVar("N")
 
 
 def components(graph: Mapping[N, Collection[N]]) -> list[list[N]]:
-    """Give the strongly connected components (Tarjan 1972); each component comes after those that it points to.
+    """Give the strongly connected components of a graph (Tarjan 1972).
 
-    The nodes of a component are in the order of the graph.
+    A component comes after those to which its nodes point; its nodes are in the order of the graph.
     """
     return _Tarjan(graph).found()
 
@@ -44,8 +44,6 @@ def _way_back(parents: Mapping[N, N], first: N, last: N) -> list[N]:
 
 
 class _Tarjan(Generic[N]):
-    """One run of the algorithm, with an explicit stack of calls."""
-
     def __init__(self, graph: Mapping[N, Collection[N]]) -> None:
         self._graph = graph
         self._rank = {node: rank for rank, node in enumerate(graph)}

@@ -41,7 +41,7 @@ def check_demux_paths(draft: Draft, spec: Spec, findings: Findings) -> None:
 
 
 def _check_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
-    """Find an end that belongs to no branch, or to several, or to the branch of another end."""
+    """Find ends that belong to no branch, to several branches, or to the branch of another end."""
     hint = "name one end for each branch: a module that can run only if that branch does"
     if len(demux.to) != len(demux.branches):
         sentence = f"DEMUX '{demux.name}' has {len(demux.branches)} branches, and 'to' names {len(demux.to)} modules"
@@ -63,7 +63,7 @@ def _check_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findi
 
 
 def _check_lack_of_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
-    """Find the first branch that has no actuator and leads on to one: the function would be served without it."""
+    """Find the first branch that drives no actuator itself but leads on to one, where the DEMUX has no `to`."""
     actuators = [name for name, module in paths.spec.modules.items() if _drives(paths.spec, module)]
     lost = [name for name in actuators if not paths.can_run(name, without=demux.branches)]
     for branch in _bare(paths.spec, demux):
@@ -77,7 +77,7 @@ def _check_lack_of_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, finding
 
 
 def _bare(spec: Spec, demux: Demux) -> list[str]:
-    """Branches that drive no actuator."""
+    """Branches of a DEMUX that drive no actuator."""
     return [branch for branch in demux.branches if not _drives(spec, spec.modules[branch])]
 
 
@@ -109,12 +109,12 @@ class DemuxPaths:
         self._without: dict[frozenset[str], _Remains] = {frozenset(): self._whole}
 
     def can_run(self, module: str, *, without: Collection[str] = ()) -> bool:
-        """Tell whether some mode of a module can run while these modules have failed."""
+        """Tell whether some mode of a module can run if the modules in `without` have failed."""
         remains = self._remaining(frozenset(without))
         return any((module, mode) in remains.modes for mode in self.spec.modules[module].modes)
 
     def belongs(self, module: str, branch: str) -> bool:
-        """Tell whether a module can run, and cannot without a branch."""
+        """Tell whether a module can run, but cannot run without a branch."""
         return self.can_run(module) and not self.can_run(module, without=(branch,))
 
     def reached_from(self, module: str) -> set[str]:
@@ -136,7 +136,7 @@ class DemuxPaths:
         return self._without[failed]
 
     def _remove(self, remains: "_Remains", failed: Iterable[str], doubtful: Iterable[tuple[Module, Mode]]) -> None:
-        """Remove the modes of failed modules, and then all modes whose needs cannot hold any more."""
+        """Remove the modes of failed modules, then all modes whose needs can no longer be met."""
         falling = [
             (self.spec.modules[name], mode) for name in failed for mode in self.spec.modules[name].modes.values()
         ]
@@ -153,7 +153,7 @@ class DemuxPaths:
 
 
 class _Remains:
-    """What can still run, and for each datum the number of modules that still give it."""
+    """The modes that can still run, and for each datum how many modules still give it."""
 
     def __init__(self, modes: Collection[tuple[str, str]], givers: Counter[_Datum]) -> None:
         self.modes = set(modes)

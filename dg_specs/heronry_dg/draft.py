@@ -29,6 +29,20 @@ _NAME: Final = re.compile(NAME_PATTERN)
 _SECTIONS: Final = tuple(name for name in field_names(schema.SpecForm) if name not in field_names(schema.HeaderForm))
 _MODE_FIELDS: Final = field_names(schema.ModeForm)
 
+_OTHER_KINDS: Final = (  # fields that tell a kind of file, what it is, and what to do
+    (
+        frozenset(("objective", "modules", "functions")),
+        "it is a plan, as 'heronry plan --json' writes it",
+        "name the *.dg.yaml, or check the plan with: heronry verify SPEC PLAN.json",
+    ),
+    (frozenset(("spec_digest", "node_id")), "it is the table of a PE", "name the *.dg.yaml of which it was compiled"),
+    (
+        frozenset(("pcs",)),
+        "it is a component graph",
+        "the name of such a file ends in .pcs.yaml or .pcs.json; see: heronry pcs --help",
+    ),
+)
+
 _NAME_HINT: Final = "use a letter, then letters, digits and '_', at most 64 in all"
 _PRINTABLE: Final = (
     rules.BAD_TEXT,
@@ -55,7 +69,7 @@ _WANTED: Final = {  # by type of pydantic error: the rule, the value that was ex
 
 @dataclass(frozen=True, slots=True)
 class Element(Generic[F_co]):
-    """One named element of the file; `form` is None where a field has a mistake."""
+    """One named element of the file; `form` has its fields, or is None where a field has a mistake."""
 
     name: str
     place: Place  # of its name
@@ -65,7 +79,7 @@ class Element(Generic[F_co]):
 
 @dataclass(frozen=True, slots=True)
 class ModuleElement(Element[schema.ModuleForm]):
-    """A module with its modes, best first; broken modes are listed too."""
+    """A module with its modes, best first; a mode with a mistake is among them, with `form` None."""
 
     modes: Mapping[str, Element[schema.ModeForm]] = field(default_factory=dict)
 
@@ -97,7 +111,26 @@ def read_draft(root: Node, findings: Findings) -> Draft | None:
         hint = "begin with dg: 1, then buses:, pes:, modules: ..."
         findings.add(rules.NOT_A_MAP, root.place, "a spec is a map of sections", hint)
         return None
+    other = _other_kind(root.entries)
+    if other is not None:
+        findings.add(rules.MISSING_FIELD, root.place, f"the file is no spec: {other[0]}", other[1])
+        return None
     return _DraftReader(root, findings).read()
+
+
+def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
+    """Say which other kind of file one without `dg` is, and what to do; None where it may be a spec.
+
+    Every field of such a file would be a mistake of its own, and none of those findings helps.
+    """
+    if "dg" in keys:
+        return None
+    for marks, sentence, hint in _OTHER_KINDS:
+        if marks <= frozenset(keys):
+            return sentence, hint
+    if any(key in keys for key in field_names(schema.SpecForm)):
+        return None
+    return "none of its fields is one of a spec", "a spec begins with dg: 1; is this the right file?"
 
 
 class _DraftReader:
@@ -222,10 +255,10 @@ class _DraftReader:
         *,
         misspelt: Collection[str] = (),
     ) -> F_co | None:
-        """Read the fields of an element; None, and findings, where a field has a mistake.
+        """Read the fields of an element; gives None, and adds findings, where a field has a mistake.
 
-        known: names of fields to suggest, if they are not just those of `form`. misspelt: fields that the file has
-        under a wrong name; they are not reported as missing.
+        known: names of fields to suggest for an unknown field; by default those of `form`. misspelt: fields that the
+        file has under a wrong name, so that they are not reported as missing.
         """
         fields = {} if yaml_source.is_nothing(node) else yaml_source.plain(node)
         try:
@@ -291,12 +324,12 @@ class _FormFindings:
 
 
 def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
-    """Give the known fields that some of the names seem to be misspellings of."""
+    """Give the known fields of which some of these names seem to be misspellings."""
     return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 
 def _translated(error: Any) -> tuple[Rule, str, str]:
-    """Give rule, sentence and hint for an error of one of pydantic's own types."""
+    """Give rule, sentence and hint for an error that pydantic itself raises."""
     rule, wanted, hint = _WANTED.get(
         error["type"], (rules.WRONG_TYPE, "something else", "heronry schema tells what each field may be")
     )

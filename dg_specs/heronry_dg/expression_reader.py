@@ -34,7 +34,7 @@ _OPERATORS: Final = ("and", "or", "xor")
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """An expression without mistakes, and what the gates that contain it need to know."""
+    """An expression without mistakes, with the facts about it that the gates around it need."""
 
     expression: Expression
     places: tuple[Place, ...]  # of the leaves, in the order of `gates.leaves`
@@ -55,12 +55,12 @@ class ExpressionReader:
         self._read_named_gates()
 
     def shorthands(self) -> dict[str, Expression]:
-        """Give every named gate that is no DEMUX and has no mistake, written out, in the order of the file."""
+        """Give the expression of every named gate that is no DEMUX and has no mistake, in the order of the file."""
         readings = ((name, self._gates[name, False]) for name in self._draft.shorthands)
         return {name: reading.expression for name, reading in readings if reading is not None}
 
     def read(self, node: Node) -> Reading | None:
-        """Read the `needs` of a mode; None, and findings, where there is a mistake."""
+        """Read the `needs` of a mode; gives None, and adds findings, where it has a mistake."""
         reading = self._expression(node, below_choice=False)
         if reading is None:
             return None
@@ -107,7 +107,10 @@ class ExpressionReader:
     # Leaves and named gates
 
     def _reference(self, place: Place, text: str, below_choice: bool) -> Reading | None:
-        """Read a name: a variable with or without versions, or a gate."""
+        """Read a name in an expression: a variable, with versions or without, or a gate.
+
+        below_choice: whether an OR or a XOR is above it.
+        """
         match = self._matched(place, text)
         if match is None:
             return None
@@ -159,7 +162,7 @@ class ExpressionReader:
         return replace(reading, expression=replace(reading.expression, only_in=phases))
 
     def _phases(self, node: Node) -> frozenset[str] | None:
-        """Read the phases of `only_in`; None, and findings, where there is a mistake."""
+        """Read the phases of `only_in`; gives None, and adds findings, where there is a mistake."""
         if yaml_source.has_refused(node):
             return None
         items = node.items if isinstance(node, yaml_source.Sequence) else []
@@ -191,7 +194,10 @@ class ExpressionReader:
         return _reading_of(Leaf(match["name"], best, worst, given), place) if given is not None else None
 
     def _worth(self, node: Node, best: int, worst: int, versions: int) -> tuple[int, ...] | None:
-        """Give the points per accepted version; the list has one number per accepted version, or one per version."""
+        """Read `worth`: the points for each accepted version, best first.
+
+        The list in the file has one number per accepted version, or one per version of the variable.
+        """
         if yaml_source.has_refused(node):
             return None
         items = node.items if isinstance(node, yaml_source.Sequence) else []
@@ -281,7 +287,7 @@ class ExpressionReader:
         return None if idle else _joined(Xor(_expressions(inputs)), inputs, holds_unwired=False)
 
     def _inputs(self, place: Place, gate: str, node: Node, least: int, below_choice: bool) -> list[Reading] | None:
-        """Read all inputs of a gate; None where an input, or their combination, has a mistake."""
+        """Read all inputs of a gate; gives None where an input, or the combination of inputs, has a mistake."""
         items = node.items if isinstance(node, yaml_source.Sequence) else []
         if len(items) < least:
             sentence = f"{gate} takes a list of {least} or more inputs"
@@ -333,7 +339,7 @@ def _expressions(inputs: list[Reading]) -> tuple[Expression, ...]:
 
 
 def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
-    """Best and worst version that a reference accepts."""
+    """Give the best and the worst version that a reference accepts."""
     if match["version"] is None:
         return 1, versions
     version = int(match["version"])
@@ -341,7 +347,7 @@ def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
 
 
 def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> tuple[int, ...]:
-    """Default points: a better version is worth more where there is a choice of versions."""
+    """Give the points of an input without `worth`; a better version gets more where there is a choice of versions."""
     if not below_choice and best == worst:
         return (0,)
     return tuple(versions - version + 1 for version in range(best, worst + 1))

@@ -30,7 +30,7 @@ class Place(NamedTuple):
 
 
 class Use(NamedTuple):
-    """A use of an unknown name: its place, the kind of element expected there, and the closest known name."""
+    """A use of an undeclared name: its place, the kind of element expected there, and the most similar known name."""
 
     place: Place
     kind: str
@@ -39,7 +39,7 @@ class Use(NamedTuple):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
-    """One mistake: its place, its rule, a sentence, and where it helps a hint what to write instead."""
+    """One mistake in a file: its place, its rule, a sentence about it, and often a hint what to write instead."""
 
     file: str
     place: Place
@@ -85,12 +85,15 @@ class Findings:
         return iter(sorted(self._found.values()))
 
     def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:
-        """Add a finding; a second finding at a place is dropped if both stop the spec from being loaded."""
+        """Add a finding.
+
+        Of several findings at one place that stop the spec from being loaded, only the first is kept.
+        """
         key = (place, "", "") if rule.stops else (place, rule.code, sentence)
         self._found.setdefault(key, Finding(self._file, place, rule.code, rule.severity, sentence, hint))
 
     def unknown(self, rule: Rule, place: Place, kind: str, name: str, known: Collection[str]) -> None:
-        """Add a finding about a name that refers to nothing; once for a place that is read twice."""
+        """Add a finding about an undeclared name, unless there already is one at its place."""
         closest, uses = self.closest(name, known), self.unknown_names.setdefault(name, [])
         if not any(one.place == place for one in uses):
             uses.append(Use(place, kind, closest))
@@ -98,16 +101,16 @@ class Findings:
         self.add(rule, place, f"no {kind} is named {shown(name)}", hint)
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
-        """Give the hint "did you mean ...?" where a known name is close, else ""."""
+        """Give the hint "did you mean ...?" with the most similar known name; empty where none is similar."""
         closest = self.closest(name, known)
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
-        """Remove the finding at a place that stops the spec, because another finding describes the mistake better."""
+        """Remove the finding at a place that stops the spec from being loaded, so that a better one can replace it."""
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:
-        """Give the known name that the author may have meant, ignoring case; None where no name is close."""
+        """Give the known name that the author may have meant, ignoring case; None where none is similar."""
         if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
             return None
         self._comparisons_left -= len(known)
@@ -116,7 +119,7 @@ class Findings:
         return None if found is None else spelt[found]
 
     def error(self) -> SpecError:
-        """Give all findings as one error."""
+        """Give one error that carries all findings."""
         return SpecError(self._found.values())
 
 

@@ -22,7 +22,7 @@ _Datum = tuple[str, int]  # variable, version
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """Every expression of a spec; complete only if there are no findings."""
+    """The expressions of a spec, read; one with a mistake is missing."""
 
     shorthands: Mapping[str, Expression]
     needs: Mapping[ModeName, Expression | None]
@@ -31,7 +31,7 @@ class Gates:
 
 
 def read_gates(draft: Draft, findings: Findings) -> Gates:
-    """Read and check every expression; a gate with a mistake causes a finding, and is missing from the result."""
+    """Read and check every expression; one with a mistake gives a finding, and is missing from the result."""
     reader = ExpressionReader(draft, findings)
     assess = _GateRules(draft, findings)
     for module in draft.modules.values():
@@ -108,7 +108,7 @@ class _GateRules:
                 self._refuse_cycle(cycle)
 
     def _check_votes(self, reading: Reading) -> None:
-        """Check that one mode does not name a DEMUX twice, nor accept a version of a variable at two leaves."""
+        """Check that a mode names a DEMUX once at most, and that no two of its leaves accept one version."""
         demuxes: set[str] = set()
         accepted: set[_Datum] = set()
         for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):
@@ -138,7 +138,7 @@ class _GateRules:
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
     def _outputs(self, name: str) -> list[str]:
-        """Modules of which one serves a function with this output."""
+        """Modules that serve a function with this output, a module or a DEMUX; one of them is enough."""
         demux = self._draft.demuxes.get(name)
         ends = demux.form.to if demux is not None and demux.form is not None else []
         return ends or self.branches.get(name, [name])
@@ -148,7 +148,7 @@ class _GateRules:
         return all(m.modes and all((m.name, mode) in self.readings for mode in m.modes) for m in modules)
 
     def _wiring(self) -> dict[ModeName | _Datum, list[ModeName | _Datum]]:
-        """Build the graph of modes and the data that they give, without data that have an initial value."""
+        """Give the graph of modes and the data that they give; data with an initial value are left out."""
         graph: dict[ModeName | _Datum, list[ModeName | _Datum]] = {}
         for module in self._draft.modules.values():
             for mode in module.modes.values():

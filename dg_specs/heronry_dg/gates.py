@@ -20,7 +20,7 @@ from typing import Literal, TypeVar, assert_never
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """One datum a mode reads: `variable` in a version from `best` to `worst` (1 is the best version)."""
+    """One input of a mode: `variable`, in a version from `best` to `worst` (1 is the best version)."""
 
     variable: str
     best: int
@@ -38,7 +38,7 @@ class Leaf:
         return self.only_in is None or phase is None or phase in self.only_in
 
     def closed(self) -> "Leaf":
-        """Give the leaf as it is in a phase in which it is never wired: it accepts no version."""
+        """Give a copy of the leaf that accepts no version, for a phase in which the leaf is never wired."""
         return replace(self, worst=self.best - 1, worth=())
 
     def points(self, version: int) -> int:
@@ -76,7 +76,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """The texts in which messages and pictures describe a kind of gate."""
+    """The texts by which messages and pictures describe one kind of gate."""
 
     rule: str  # sub-rule of the verifier (`verify`)
     demand: str  # how many inputs must hold
@@ -89,7 +89,7 @@ class Words:
 
 
 def bounds(gate: Gate) -> tuple[int, int]:
-    """Fewest and most inputs that must hold for the gate to hold."""
+    """Give the least and the largest number of inputs that may hold if the gate is to hold."""
     match gate:
         case And(inputs):
             return len(inputs), len(inputs)
@@ -102,7 +102,7 @@ def bounds(gate: Gate) -> tuple[int, int]:
 
 
 def words(gate: Gate) -> Words:
-    """The texts for a gate."""
+    """Give the texts about a kind of gate."""
     match gate:
         case And():
             return Words("3.and", "all must", "and", "AND", "and")
@@ -117,7 +117,11 @@ def words(gate: Gate) -> Words:
 def fold(
     expression: Expression, leaf: Callable[[Leaf, str], T], gate: Callable[[Gate, list[T]], T], path: str = ""
 ) -> T:
-    """Compute a value bottom-up: `leaf` maps a leaf and its path, `gate` maps a gate and the values of its inputs."""
+    """Compute a value of an expression from the leaves up.
+
+    leaf: gives the value of a leaf, from the leaf and its path. gate: gives that of a gate, from the values of its
+    inputs.
+    """
     if isinstance(expression, Leaf):
         return leaf(expression, path)
     inputs = enumerate(expression.inputs)
@@ -133,9 +137,9 @@ def could_hold(expression: Expression, is_given: Callable[[Leaf], bool]) -> bool
 
 
 def most_points(expression: Expression | None, of_leaf: Callable[[Leaf, str], int]) -> int:
-    """Most points that the leaves of an expression can have together.
+    """Give the most points that the leaves of an expression can have together.
 
-    `of_leaf` gives the points of one leaf, 0 or more.
+    of_leaf: gives the points of one leaf, 0 or more.
     """
 
     def together(gate: Gate, points: list[int]) -> int:
@@ -145,7 +149,7 @@ def most_points(expression: Expression | None, of_leaf: Callable[[Leaf, str], in
 
 
 def most_together(points: Sequence[int], most: int) -> int:
-    """Sum of the `most` largest numbers of `points`: the most points that `most` inputs can have together."""
+    """Add up the `most` largest numbers of `points`: the most points that `most` inputs can have together."""
     return sum(points) if most == len(points) else sum(sorted(points, reverse=True)[:most])
 
 

@@ -49,7 +49,7 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A spec, with the draft and the gates it was built from, which have the places in the file."""
+    """A spec, with the draft and the gates from which it was built; these two have the places in the file."""
 
     draft: Draft
     gates: Gates
@@ -74,7 +74,7 @@ def load_bytes(data: bytes, name: str) -> Spec:
 
 
 def read_file(path: Path, findings: Findings) -> bytes | None:
-    """Read a file, up to one byte more than a spec may have; None, and a finding, on an error."""
+    """Read a file, at most one byte more than a spec may have; gives None, and adds a finding, on an error."""
     try:
         with path.open("rb") as file:
             return file.read(yaml_source.MOST_BYTES + 1)
@@ -85,7 +85,7 @@ def read_file(path: Path, findings: Findings) -> bytes | None:
 
 
 def read(data: bytes, file: str, findings: Findings) -> Loaded | None:
-    """Read a spec from bytes; None where findings stop it from being loaded."""
+    """Read a spec from bytes; gives None where a finding stops the spec from being loaded."""
     with collector_at_rest():
         return _read(data, file, findings)
 
@@ -133,7 +133,6 @@ def _name_of(file: str) -> str:
 
 
 def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
-    """Build the model from a draft without findings that stop it."""
     header = _of(draft.header)
     contingency = _of(draft.contingency.form)
     buses = {name: _bus(name, form) for name, form in _forms(draft.buses)}
@@ -257,7 +256,7 @@ def _phase(name: str, form: schema.PhaseForm, order: list[str]) -> Phase:
 
 
 def _by_phase(values: Mapping[str, V]) -> dict[str | None, V]:
-    """Convert a map by phase: `default`, which stands for all other phases, becomes the key None."""
+    """Convert a map by phase: its key `default`, for all phases that it does not name, becomes None."""
     return {None if phase == DEFAULT_PHASE else phase: value for phase, value in values.items()}
 
 
@@ -270,7 +269,7 @@ def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
 
 
 def _of(value: V | None) -> V:
-    """Give `value`, which is not None in a spec without findings; raises an internal error if it is None."""
+    """Give `value`, which only a spec with findings may lack; raises an internal error if it is None."""
     if value is None:
         raise AssertionError("a spec without findings lacks a value")
     return value

@@ -23,12 +23,12 @@ from heronry_dg.situation import Situation, Survivors, survivors
 
 
 def lost_elements(spec: Spec, now: Situation) -> frozenset[str]:
-    """PEs, devices, modules and places that a situation takes out of use, directly or as a consequence."""
+    """PEs, devices, modules and places that are out of use in a situation, directly or as a consequence."""
     return lost_of(survivors(spec, now))
 
 
 def lost_of(left: Survivors) -> frozenset[str]:
-    """Do what `lost_elements` does, for `Survivors` that are already computed."""
+    """Give the result of `lost_elements` for survivors that are already computed."""
     spec = left.spec
     pes = (f"pe:{pe}" for pe in spec.pes if pe not in left.pe_cpu_millis)
     devices = (f"device:{device}" for device in spec.devices if device not in left.devices)

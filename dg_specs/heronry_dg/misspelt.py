@@ -39,7 +39,7 @@ _ALIKE: Final = 0.85  # less similar names are taken for two different names
 
 
 def blame_declarations(draft: Draft, findings: Findings) -> None:
-    """Replace the findings at the uses of a name by one at its misspelt or missing declaration."""
+    """Replace several findings about one undeclared name by one finding, at its misspelt or missing declaration."""
     if not findings.unknown_names:
         return
     named = _named(draft.root)
@@ -99,7 +99,7 @@ def _one_for_all(findings: Findings, uses: list[Use], place: Place, sentence: st
 
 
 def _declared(draft: Draft, name: str) -> Place | None:
-    """Place of the element with a name, if exactly one has it."""
+    """Place of the element with this name; None where no element, or more than one, has the name."""
     sections: tuple[Mapping[str, object], ...] = (
         *(draft.buses, draft.pes, draft.devices, draft.variables, draft.demuxes, draft.shorthands),
         *(draft.modules, draft.functions, draft.phases, draft.plants),

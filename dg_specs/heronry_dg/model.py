@@ -99,7 +99,7 @@ class Mode:
         return leaves(self.needs)
 
     def in_phase(self, phase: str | None) -> "Mode":
-        """Give the mode with every input closed that is not to be wired in a phase."""
+        """Give a copy of the mode for a phase: inputs that are not wired in that phase accept no version."""
         if self.needs is None:
             return self
         needs = with_leaves(self.needs, lambda leaf: leaf if leaf.is_open_in(phase) else leaf.closed())
@@ -123,7 +123,7 @@ class Module:
     rate_per_h: Fraction | None = None
 
     def in_phase(self, phase: str | None) -> "Module":
-        """Give the module with every input closed that is not to be wired in a phase."""
+        """Give a copy of the module for a phase: inputs that are not wired in that phase accept no version."""
         return replace(self, modes={name: mode.in_phase(phase) for name, mode in self.modes.items()})
 
     def mode_index(self, mode: str) -> int:
@@ -142,12 +142,15 @@ class Demux:
 
     @property
     def ends(self) -> tuple[str, ...]:
-        """Modules of which one runs when the DEMUX serves, the preferred one first."""
+        """Modules of which one runs while the DEMUX serves a function: `to`, or else the branches.
+
+        The preferred one first.
+        """
         return self.to or self.branches
 
     @property
     def exclusives(self) -> Mapping[str, tuple[str, ...]]:
-        """Sets of modules of which at most one runs, by the name of the exclusive thing that such a set drives."""
+        """Give sets of modules of which at most one may run, by the name of what the modules of a set drive."""
         things = {self.name: self.branches}
         return {**things, f"{self.name}.to": self.to} if self.to else things
 
@@ -165,11 +168,11 @@ class Function:
     priority_range: tuple[int, int] | None = None  # within which application code may change the priority; None: never
 
     def criticality_in(self, phase: str | None) -> Criticality:
-        """Criticality in a phase."""
+        """Criticality of the function in a phase."""
         return self.criticality.get(phase, self.criticality[None])
 
     def priority_in(self, phase: str | None) -> int:
-        """Priority in a phase as the spec has it; 0: the function is not wanted.
+        """Priority of the function in a phase, as the spec has it; 0: the function is not wanted.
 
         `Situation.priority_of` gives the priority in flight, which a module may have changed.
         """
@@ -217,7 +220,7 @@ class Plant:
 
 @dataclass(frozen=True, slots=True)
 class Contingency:
-    """The contingencies to plan ahead: number of simultaneous faults, and phases."""
+    """What to plan ahead for: the number of simultaneous faults, and the phases."""
 
     faults: int = 1
     phases: tuple[str, ...] | None = None  # None: all
@@ -245,7 +248,7 @@ class Spec:
     plants: Mapping[str, Plant] = field(default_factory=dict)
 
     def exclusive_things(self) -> dict[str, tuple[str, ...]]:
-        """Give for each branch or end of a DEMUX the names of the exclusive things that it drives."""
+        """Give for each module that is a branch or end of a DEMUX the names of what only one module may drive."""
         things: dict[str, tuple[str, ...]] = {}
         for demux in self.demuxes.values():
             for thing, modules in demux.exclusives.items():

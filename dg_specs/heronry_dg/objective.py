@@ -23,7 +23,7 @@ Placement = Mapping[str, tuple[str, str]]
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """The levels, most important first; the comments say whether more or fewer is better."""
+    """The value of a configuration on the seven levels, most important first."""
 
     critical: tuple[int, int, int, int]  # sum of the priorities of served functions of class A, B, C, D: more
     utility: int  # sum of priority times value of served functions: more
@@ -54,14 +54,17 @@ class Objective:
 def score(
     spec: Spec, now: Situation, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
-    """Compute the objective of a configuration in a situation; without `running` nothing counts as a change."""
+    """Compute the objective of a configuration in a situation.
+
+    running: what runs now, from which changes are counted; without it there are no changes.
+    """
     return score_among(survivors(spec, now), now, configuration, running)
 
 
 def score_among(
     left: Survivors, now: Situation, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
-    """Do what `score` does, for `Survivors` that are already computed."""
+    """Compute the objective as `score` does, from survivors that are already computed."""
     spec = left.spec
     served = [(function, branch) for function, branch in serving_modules(spec, configuration) if branch is not None]
     published = hops(left, configuration)
@@ -88,20 +91,20 @@ def serving_modules(spec: Spec, configuration: Configuration) -> Iterator[tuple[
 
 
 def value_of(spec: Spec, configuration: Configuration, function: Function, output: str) -> int:
-    """Value of a function that the running module `output` serves, in that module's mode."""
+    """Value of a function that the running module `output` serves in its present mode."""
     module = spec.modules[output]
     return function.value_of(module.mode_index(configuration.modules[output].mode), len(module.modes))
 
 
 def placement(running: Configuration | Placement) -> Placement:
-    """Mode and PE of each running module."""
+    """Give mode and PE of each running module."""
     if isinstance(running, Configuration):
         return {name: (module.mode, module.pe) for name, module in running.modules.items()}
     return running
 
 
 def changes(after: Placement, running: Configuration | Placement | None) -> int:
-    """Count the modules that are started, stopped, moved or put into another mode."""
+    """Count the modules of `running` and `after` that are started, stopped, moved or put into another mode."""
     if running is None:
         return 0
     before = placement(running)

@@ -52,7 +52,7 @@ class PlanError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LevelReport:
-    """A level of the objective: its value, and the best value possible while all levels above keep theirs."""
+    """A level of the objective: its value, and a bound: the best value possible while all levels above keep theirs."""
 
     level: str
     value: int
@@ -62,7 +62,7 @@ class LevelReport:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A plan; `make_plan` makes plans."""
+    """A configuration with its situation, its objective, the proof that it is optimal, and a report."""
 
     spec: str  # digest of the spec's file: SHA-256, hexadecimal
     now: Situation
@@ -127,11 +127,11 @@ def make_plan(
     bounds: Bounds | None = None,
     reasons: Mapping[str, str] | None = None,
 ) -> Plan:
-    """Make a plan; its report is computed when it is read.
+    """Make a plan; its report is computed when it is first read.
 
-    bounds: the best possible value of each level. None: an optimal plan's own values, and unknown for another plan.
-    reasons: why functions are not served, where the planner knows more than `why_not`. Every name in the configuration
-    must exist in the spec.
+    bounds: the best possible value of each level. None: the values of an optimal plan itself; unknown for any other
+    plan. reasons: why functions are not served, where the planner knows more than `why_not`. Every name in the
+    configuration must exist in the spec.
     """
     in_order = Configuration(
         {name: configuration.modules[name] for name in spec.modules if name in configuration.modules}
@@ -170,7 +170,7 @@ def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelRep
 
 
 def _reported(level: str, key: int) -> int:
-    """Convert an integer of `Objective.key` to the reported number: costs positive, bits per second rounded down."""
+    """Convert an integer of `Objective.key` as reports show it: costs positive, bits per second rounded down."""
     quantity = -key if level in _COSTS else key
     return quantity // 1000 if level == "bus_bits_per_s" else quantity
 
@@ -228,7 +228,7 @@ def read_plan(text: str, spec: Spec) -> Plan:
 
 
 def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[LevelReport, ...]:
-    """Read the levels of a plan with their bounds; the values must be those of its objective."""
+    """Read the levels of a plan, with their bounds; raises PlanError where a value is not that of its objective."""
     claimed: list[object] = _field(document, "levels", list, "the plan")
     levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
@@ -270,7 +270,11 @@ def read_situation(text: str, spec: Spec) -> Situation:
             [f"{f}={_field(priorities, f, int, 'priorities')}" for f in priorities],
         )
     except UnknownElementError as error:
-        raise PlanError(str(error)) from None
+        other = document.get("spec")
+        is_of_another = isinstance(other, str) and other != spec.digest
+        raise PlanError(
+            f"the plan is of another spec than {spec.name}: {error}" if is_of_another else str(error)
+        ) from None
 
 
 def read_configuration(text: str) -> Configuration:
@@ -279,7 +283,7 @@ def read_configuration(text: str) -> Configuration:
 
 
 def configuration_of(document: Json) -> Configuration:
-    """Do what `read_configuration` does, for a parsed JSON document."""
+    """Read the configuration from a parsed plan file, as `read_configuration` does."""
     return Configuration({name: _running(fields, f"modules.{name}") for name, fields in _modules(document)})
 
 
@@ -351,7 +355,8 @@ def _document(text: str) -> Json:
     try:
         document = json.loads(text, object_pairs_hook=_fields, parse_constant=_no_constant)
     except json.JSONDecodeError as error:
-        raise PlanError(f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg})") from None
+        hint = "; a spec stands before the plan" if text.lstrip().startswith(("dg:", "#")) else ""
+        raise PlanError(f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg}){hint}") from None
     except RecursionError:
         raise PlanError("the file is nested too deeply to be a plan") from None
     except PlanError:

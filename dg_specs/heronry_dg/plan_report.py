@@ -56,11 +56,11 @@ class Report:
         self._spec, self._now, self._configuration, self._reasons = spec, now, configuration, reasons or {}
 
     def with_reasons(self, reasons: Mapping[str, str]) -> "Report":
-        """Give the same report with other reasons why functions are not served."""
+        """Give a copy with other reasons why functions are not served."""
         return Report(self._spec, self._now, self._configuration, reasons)
 
     def work_out(self) -> None:
-        """Compute all parts now, so that reading them takes no time."""
+        """Compute all parts now, and not when they are first read."""
         _ = self.functions, self.pes, self.buses
 
     @cached_property

@@ -37,9 +37,9 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class Late:
-    """A hop whose datum can miss its deadline, and all hops on which its response time depends (itself included).
+    """A hop whose datum can miss its deadline, and all hops on which its response time depends, with this hop itself.
 
-    As long as all of these are published, the datum is late, whatever else is published.
+    As long as all of these hops are published, the datum can be late, whatever else is published.
     """
 
     hop: Hop
@@ -58,7 +58,10 @@ class ResponseTimes:
         self._punctual: dict[Hop, Message] = {}  # messages without jitter, computed so far
 
     def responses(self, published: Iterable[Hop]) -> list[Response]:
-        """Compute the response time of every hop on a wired bus, in order of bus (as in the spec) and priority."""
+        """Compute the response time of every hop on a wired bus.
+
+        The result is in the order of buses in the spec, and on each bus in order of priority.
+        """
         by_bus = self._by_bus(published)
         delays = self._delays_ns(by_bus)
         return [
@@ -84,7 +87,7 @@ class ResponseTimes:
         return by_bus
 
     def _delays_ns(self, by_bus: Mapping[str, list[Hop]]) -> dict[tuple[str, str, str], Fraction | None]:
-        """Compute the exact time from the source to the end of each hop, wireless hops included; None: unbounded."""
+        """Compute the exact time from the source to the end of each hop in ns; None where it is unbounded."""
         delays: dict[tuple[str, str, str], Fraction | None] = {}
         analysed: dict[str, list[Fraction | None]] = {}  # bus -> the jitters from which its delays were computed
         while True:
@@ -106,7 +109,7 @@ class ResponseTimes:
     def _cross(self, bus: Bus, hops_there: list[Hop], jitters: list[Fraction | None]) -> list[Fraction | None]:
         """Compute the delays at the end of a wired bus, in order of priority.
 
-        If the delay of a frame is unbounded, those of all frames with a lower priority are unbounded too.
+        Where the delay of one frame is unbounded, those of all frames with a lower priority are so too.
         """
         bounded = jitters.index(None) if None in jitters else len(jitters)
         data = [
@@ -157,7 +160,7 @@ class ResponseTimes:
         return frozenset(found)
 
     def _delaying(self, hop: Hop, by_bus: Mapping[str, list[Hop]]) -> Iterator[Hop]:
-        """Hops on which a hop's delay depends directly: more urgent hops on a wired bus, and its own previous hop."""
+        """Give the hops that delay a hop directly: more urgent hops on a wired bus, and its own previous hop."""
         if self.spec.buses[hop.bus].kind == "wired":
             there = by_bus[hop.bus]
             yield from there[: there.index(hop)]

@@ -367,7 +367,8 @@ class DemuxForm(Form):
     demux: str = Field(description="Variable that the running branch reads.", examples=["elevator_demand"])
     to: Names = Field(
         default=[],
-        description="Modules at which the branches end, one of each, the preferred first; the branches if left out.",
+        description="For each branch the module at which it ends, the preferred one first. "
+        "Left out: each branch is its own end.",
         examples=[["driver_1", "driver_2"]],
     )
 

@@ -35,7 +35,7 @@ class Hop:
 
 
 def frame_bits(spec: Spec, variable: str) -> int:
-    """Worst-case length in bits of a variable's data frame (11-bit identifier), with stuff bits and intermission."""
+    """Give the length in bits of a variable's longest data frame (11-bit identifier), with its intermission."""
     return worst_bits(HEADER_BYTES + DataType[spec.variables[variable].type].payload_bytes)
 
 
@@ -58,7 +58,7 @@ def hops(left: Survivors, configuration: Configuration) -> tuple[Hop, ...]:
 
 
 def bus_loads_mbit_per_s(spec: Spec, published: Iterable[Hop]) -> dict[str, int]:
-    """Add up the bandwidth of the published sources on each bus of the spec, in thousandths of a bit/s."""
+    """Give the bandwidth that the published sources take on each bus of the spec, in thousandths of a bit/s."""
     loads = dict.fromkeys(spec.buses, 0)
     for hop in published:
         mode = spec.modules[hop.producer].modes[hop.mode]
@@ -92,7 +92,10 @@ def _identifier_source(spec: Spec, producer: str, variable: str, rank: int, orde
 
 
 def criticality_ranks(spec: Spec) -> dict[str, int]:
-    """Give the best criticality, 0 (A) to 4 (E), that each module could serve, in any phase and over all modes."""
+    """Give for each module the best criticality, 0 (A) to 4 (E), of the functions to which it could contribute.
+
+    All phases count, and all modes of the modules.
+    """
     ranks = dict.fromkeys(spec.modules, len(CRITICALITIES) - 1)
     feeders = _feeders(spec)
     for function in spec.functions.values():
@@ -113,7 +116,7 @@ def best_rank(spec: Spec, function: Function) -> int:
 
 
 def _feeders(spec: Spec) -> dict[str, set[str]]:
-    """Find for each module the modules whose data it could read, over all modes of both."""
+    """Find for each module the modules whose data it could read."""
     givers: dict[tuple[str, int], list[str]] = {}
     for module in spec.modules.values():
         for mode in module.modes.values():

@@ -52,14 +52,14 @@ Source = tuple[str, str]  # producer, variable
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The modules of one PE under a configuration, and the data that the PE sends and forwards."""
+    """What one PE does under a configuration: the modules that it runs, and the data that it sends and forwards."""
 
     modules: frozenset[tuple[str, str]] = frozenset()  # with their modes
     sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # mbit/s on each of these buses
     forwards: frozenset[tuple[Source, str, str]] = frozenset()  # a source, its PE, the bus onto which it is forwarded
 
     def broken(self, after: "Part") -> "Part":
-        """What remains of this part after BREAK, on the way to another part."""
+        """What this PE still does after BREAK, on the way to `after`."""
         kept = self.modules & after.modules
         running = {module for module, _ in kept}
         both = {
@@ -72,7 +72,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """Highest possible load of a bus during a transition, and its limit, in thousandths of a bit/s."""
+    """Highest possible load of a bus during a transition, and the limit of that bus, in thousandths of a bit/s."""
 
     mbit_per_s: int
     limit_mbit_per_s: int
@@ -103,7 +103,7 @@ class Transition:
 
 
 def transition(spec: Spec, before: Configuration | Placement, after: Configuration, now: Situation) -> Transition:
-    """Find the transition from what runs to a configuration that is legal in the situation `now`.
+    """Find the steps from what runs to the configuration `after`, which must be legal in the situation `now`.
 
     before: what runs, with its wires if they are known; modules, modes and PEs that the spec lacks are ignored.
     """
@@ -128,7 +128,7 @@ class Transitions:
         self._things = spec.exclusive_things()
 
     def transition(self, before: Configuration | Placement, after: Configuration, now: Situation) -> Transition:
-        """Find a transition; see the function of this name."""
+        """Find a transition, as the function `transition` does."""
         spec, left = self._spec, survivors(self._spec, now)
         known = isinstance(before, Configuration)
         runs = self._in_spec(placement(before))
@@ -176,7 +176,7 @@ class Transitions:
         return frozenset(exclusive).union(budget)
 
     def parts(self, configuration: Configuration) -> dict[str, Part]:
-        """Give the part of every PE in a configuration."""
+        """Give what each PE does under a configuration."""
         runs = placement(configuration)
         return self._parts(runs, _links(configuration, runs))
 
@@ -187,7 +187,7 @@ class Transitions:
         }
 
     def _floods(self, runs: Placement) -> Iterator[tuple[Source, str]]:
-        """Give every source once for every PE, as if every PE read every source."""
+        """Assume that every PE reads every source: give each source with each PE."""
         for module, (mode, _) in runs.items():
             for variable in self._spec.modules[module].modes[mode].gives:
                 yield from (((module, variable), pe) for pe in self._spec.pes)
@@ -216,7 +216,7 @@ class Transitions:
     ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
         """Give the PEs that give up something exclusive to another PE, each with the reasons.
 
-        Give also the DEMUXes that a silent PE may drive.
+        The second result names the DEMUXes that a silent PE may still drive.
         """
         driver_on = {thing: pe for m, (_, pe) in wanted.items() for thing in self._things.get(m, ())}
         reasons: dict[str, tuple[str, ...]] = {}
@@ -249,7 +249,7 @@ class Transitions:
 
 
 class _Mixtures:
-    """The highest possible loads of the buses, for any set of PEs that have taken a step."""
+    """The highest possible load of each bus while some PEs run the old configuration and others already the new one."""
 
     def __init__(
         self,
@@ -258,7 +258,7 @@ class _Mixtures:
         left: Survivors,
         gateways: Mapping[tuple[str, str], str],
     ) -> None:
-        """old: the parts that each PE in the transition may run now. new: the part of each PE after it."""
+        """old: what each PE may do before the transition. new: what it does after the transition."""
         self._old, self._new, self._left, self._gateways = old, new, left, gateways
         self._gone = {pe: [part.broken(new[pe]) for part in parts] for pe, parts in old.items()}
 
@@ -268,7 +268,7 @@ class _Mixtures:
         return {bus: max(room, carried.get(bus, 0)) for bus, room in self._left.bus_mbit_per_s.items()}
 
     def peaks(self, waited_for: Collection[str]) -> dict[str, int]:
-        """Highest load of each bus, if the PEs `waited_for` are BROKEN before any PE goes."""
+        """Give the highest load of each bus, if all PEs in `waited_for` have reported BROKEN before any PE gets GO."""
         states = {
             pe: [*([] if pe in waited_for else self._old[pe]), *self._gone[pe], self._new[pe]] for pe in self._old
         }
@@ -314,7 +314,7 @@ class _Mixtures:
         return peaks
 
     def _loads(self, pe: str, part: Part, forwards: Collection[tuple[str, Source, str, str]]) -> dict[str, int]:
-        """Load of a part on each bus, if every gateway in `forwards` forwards its sources."""
+        """Give the load that a PE puts on each bus by `part`, with what gateways forward according to `forwards`."""
         loads: dict[str, int] = {}
         for source, (mbit_per_s, buses) in part.sends.items():
             reached = set(buses)
@@ -339,7 +339,7 @@ def _links(configuration: Configuration, runs: Placement) -> Iterator[tuple[Sour
 
 
 def _behind(configuration: Configuration, output: str) -> set[str]:
-    """The modules from which a module's data come, directly or through others, itself included."""
+    """Give a module and all modules from which its data come, directly or through others."""
     found, frontier = set[str](), [output]
     while frontier:
         module = frontier.pop()

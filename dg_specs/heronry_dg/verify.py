@@ -46,7 +46,7 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class _Case:
-    """The configuration to verify, in the spec's order, without modules and modes that the spec lacks."""
+    """The configuration to verify, in the spec's order; modules and modes that the spec lacks are left out."""
 
     spec: Spec
     now: Situation
@@ -99,7 +99,7 @@ def _known(spec: Spec, configuration: Configuration) -> Configuration:
 
 
 def _sound(spec: Spec, known: Configuration) -> Configuration:
-    """Keep the wires that satisfy semantics rule 2."""
+    """Keep the wires that break no part of semantics rule 2."""
     kept = {}
     for name, running in known.modules.items():
         accepted = dict(known.mode(spec, name).leaves())
@@ -191,7 +191,7 @@ def _wires(case: _Case) -> Iterator[Violation]:
 
 
 def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[tuple[str, str]]:
-    """Check one wire; gives the first mistake, as (rule, sentence)."""
+    """Check one wire; gives (rule, sentence) for its first mistake, or None."""
     if wire.producer not in known.modules:
         yield "2.producer", f"it is wired to {wire.producer}, which does not run"
         return

@@ -36,7 +36,11 @@ BEFORE, BROKEN, HELD, AFTER = "before", "broken", "held", "after"
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """The transition to verify; `now_runs` and `shall_run` map a module to its mode and PE."""
+    """The transition to verify, and its traffic.
+
+    now_runs, shall_run: mode and PE of each module before and after the transition. sends_now, shall_send: what the PEs
+    publish and forward before and after it.
+    """
 
     spec: Spec
     left: Survivors
@@ -64,7 +68,7 @@ class _Way:
 
 @dataclass(frozen=True, slots=True)
 class _Traffic:
-    """The buses on which each PE publishes and each gateway forwards, by source (and the PE of the source)."""
+    """The buses on which each PE publishes each source, and onto which each gateway forwards it."""
 
     publish: Mapping[tuple[str, str, str], frozenset[str]]
     forward: Mapping[tuple[str, str, str, str], frozenset[str]]
@@ -126,7 +130,7 @@ def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
-    """Give, for each step, the states that each PE could have from this step's command until the next one."""
+    """Give, for each step, the states in which each PE may be from the command of this step to that of the next."""
     behind: dict[str, tuple[str, ...]] = dict.fromkeys(left.pe_cpu_millis, (BEFORE,))
     for step in way.steps:
         state = {Step.BREAK: BROKEN, Step.GO: HELD}.get(step, AFTER)
@@ -185,7 +189,7 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
 
 
 def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:
-    """Give the exclusive outputs of some modules: the modules, and what they are to DEMUXes."""
+    """Give the names of what these modules drive exclusively: each module, and its DEMUXes."""
     for module in modules:
         yield f"module {module}"
         for demux, part in case.drives.get(module, ()):
@@ -234,7 +238,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Give the states of a PE, with one state alone of those in which the PE sends the same frames."""
+    """Give some of a PE's states: of states in which the PE sends the same frames, only one."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}
@@ -282,7 +286,7 @@ def _loads(
 
 
 def _sent(case: _Way, pe: str, state: str) -> Iterator[tuple[tuple[str, str], tuple[str, ...], int]]:
-    """Give what a PE itself publishes: source, buses, and bandwidth on each bus."""
+    """Give each source that a PE publishes in a state, with its buses, and the bandwidth that it takes on each bus."""
     for module, mode in case.modules(pe, state).items():
         for variable in mode.gives:
             key = (pe, module, variable)
@@ -322,7 +326,7 @@ def _traffic(spec: Spec, runs: Placement, running: Configuration | Placement) ->
 
 
 def _wires(spec: Spec, runs: Placement, running: Configuration | Placement) -> Iterator[tuple[str, str, str]]:
-    """Give producer, variable and the consumer's PE of each wire; if wires are not known, of each possible wire."""
+    """Give producer, variable and the consumer's PE of each wire; of each possible wire where wires are not known."""
     if isinstance(running, Configuration):
         for consumer, _, wire in running.wires():
             if consumer in runs and wire.producer in runs:

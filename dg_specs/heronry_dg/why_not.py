@@ -33,13 +33,13 @@ class Feasible:
         return any((module.name, mode) not in self.lost for mode in module.modes)
 
     def givers(self, leaf: Leaf) -> Iterator[tuple[Module, Mode]]:
-        """Give every (module, mode) that gives a version which a leaf accepts, whether the mode can run or not."""
+        """Give every (module, mode) that gives a version accepted by a leaf, even if the mode cannot run."""
         for module, mode in self.producers[leaf.variable]:
             if leaf.accepts(mode.gives[leaf.variable]):
                 yield module, mode
 
     def can_hold(self, needs: Expression | None, before: int) -> bool:
-        """Tell whether the modes that remained before round `before` could meet a gate expression."""
+        """Tell whether a gate expression could be met by modes that were not removed before round `before`."""
         return needs is None or could_hold(needs, lambda leaf: self._could_be_given(leaf, before))
 
     def _could_be_given(self, leaf: Leaf, before: int) -> bool:
@@ -94,7 +94,10 @@ def _every_branch(found: Feasible, outputs: list[Module]) -> str:
 
 
 def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
-    """Say as a verb phrase why a module can run in none of `modes`; branched: mention only one alternative."""
+    """Say why a module can run in none of `modes`, as a verb phrase.
+
+    branched: whether only one of several alternatives may be mentioned.
+    """
     if module.name in found.left.failed_modules:
         return "has failed"
     if not found.left.hosts(module):
@@ -116,10 +119,7 @@ def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bo
 
 
 def _unmet(found: Feasible, needs: Expression | None, before: int) -> Leaf:
-    """Find the first leaf that kept an expression from holding.
-
-    Its cause lies in an earlier round, so no cause is circular.
-    """
+    """Find the first leaf that kept an expression from holding before round `before`."""
     while not isinstance(needs, Leaf):
         inputs = needs.inputs if needs is not None else ()
         needs = next(one for one in inputs if not found.can_hold(one, before))

@@ -45,7 +45,7 @@ class Excess:
 
 
 class _Size(NamedTuple):
-    """What one module adds to a PE: at most `slice_bytes` to its slice, and at least the other fields (CPU, RAM)."""
+    """What one module adds to a PE: at most `slice_bytes` bytes of slice, and at least the stated CPU and RAM."""
 
     slice_bytes: int
     cpu_millis: int
@@ -111,7 +111,7 @@ class _SliceBounds:
         return self._by_pe.get(pe, [])
 
     def most_bytes(self, pe: Pe) -> int:
-        """Give a bound of the bytes of one PE's slice."""
+        """Give an upper bound of the length in bytes of one PE's slice."""
         sizes = [self._size(module, pe) for module in self.may_run_on(pe.name)]
         by_cpu = _filled([(one.slice_bytes, one.cpu_millis) for one in sizes], pe.cpu_millis)
         by_ram = _filled([(one.slice_bytes, one.ram) for one in sizes], pe.ram)
@@ -175,9 +175,9 @@ def _bytes_of(number: int) -> int:
 
 
 def _filled(items: list[tuple[int, int]], capacity: int) -> int:
-    """Most bytes that items, each (bytes, cost), can have in a capacity for their costs.
+    """Give the most bytes that items (bytes, cost) can have if their costs together do not exceed `capacity`.
 
-    The last item may be divided.
+    The last item may count as a fraction.
     """
     free = sum(size for size, cost in items if cost == 0)
     left, filled = capacity, Fraction(free)

@@ -124,7 +124,7 @@ def is_nothing(node: Node) -> bool:
 
 
 def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
-    """Give the node at a path of keys and indices, and the number of steps taken.
+    """Follow a path of keys and indices through the tree; give the node, and how many steps of the path were possible.
 
     If the path leaves the tree, the node is the last one before that.
     """
@@ -196,7 +196,7 @@ class _Builder:
         self._nodes = self._repeated_keys = 0
 
     def document(self) -> Node | None:
-        """Read the whole stream, which must hold one document."""
+        """Read all events of the parser, which must be those of one document."""
         self._next()  # the stream's start
         start = self._next()
         if isinstance(start, yaml.StreamEndEvent):

@@ -30,8 +30,8 @@ class Assessment:
     def holds(self, predicate: str, plants: Collection[str] | None = None) -> bool:
         """Tell whether a predicate is known to hold.
 
-        plants: only for `on_path`: the plants that must be on a path; all plants among the members if None. Plants that
-        are not among the members of the view are ignored.
+        plants: for `on_path` only, the plants that must each be on a path; None: all plants that are members. Plants
+        that are not members of the view are ignored.
         """
         if predicate != "on_path":
             return self.document.get(predicate) is True

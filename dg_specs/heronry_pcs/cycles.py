@@ -38,10 +38,10 @@ LEAST_CYCLE = 3
 
 
 def bounds_alone(block: Touching, through: frozenset[str]) -> Bounds:
-    """Bounds without a search: in a block of `size` members, each with d neighbors or more, at least min(size, 2 d).
+    """Give bounds of the longest cycle in a block, without a search: Dirac (1952).
 
-    Source: Dirac 1952. A cycle through all members passes all of `through`; a shorter one is only known to pass two of
-    them.
+    In a block of `size` members, each with d neighbors or more, a cycle has at least min(size, 2 d) members. A cycle
+    through all members passes all of `through`; a shorter one is only known to pass two of them.
     """
     size = len(block)
     degrees = [len(touching) for touching in block.values()]

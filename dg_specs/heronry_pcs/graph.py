@@ -66,7 +66,7 @@ _SENTENCES: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """Leaf: A component without components: a running module, a device, or a part of the physical world."""
+    """A component without components: a running module, a device, or a part of the physical world."""
 
     name: str
     ports: Mapping[str, int]  # port -> weight in thousandths of a bit/s
@@ -103,17 +103,17 @@ class Graph:
 
     @property
     def vertices(self) -> frozenset[str]:
-        """V of the graph."""
+        """The vertices V of the graph."""
         return self.own.vertices
 
     @property
     def edges(self) -> frozenset[Edge]:
-        """E of the graph."""
+        """The edges E of the graph."""
         return self.own.edges
 
     @cached_property
     def members(self) -> Mapping[str, Part]:
-        """C of the graph, by name in the order of names."""
+        """The members C of the graph, by name, in the order of names."""
         return {name: self.part(name) for name in sorted(self.own.components)}
 
     @cached_property

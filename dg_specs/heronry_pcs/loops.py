@@ -39,14 +39,14 @@ class Loops:
         return not self._controlling.isdisjoint(self._within(vertices))
 
     def join(self, members: Collection[frozenset[str]]) -> bool:
-        """Tell whether one loop has a home within the vertices of each of some members."""
+        """Tell whether one single loop has a home within the vertices of each of these members."""
         joined = set(range(len(self.found)))
         for vertices in members:
             joined.intersection_update(self._within(vertices))
         return bool(joined)
 
     def _within(self, vertices: frozenset[str]) -> Counter[int]:
-        """For each loop with homes within these vertices, their number; no two homes have the same vertices."""
+        """Give for each loop the number of its homes within these vertices; loops without one are left out."""
         near = {home for vertex in vertices for home in self._homes_at.get(vertex, ())}
         return Counter(loop for loop, home in near if home <= vertices)
 

@@ -106,9 +106,9 @@ class _Space:
         return None
 
     def _names(self, module: Module) -> Iterator[tuple[Place, tuple[str, ...]]]:
-        """Give each mode and possible PE with the images that select it.
+        """Give each mode and possible PE of a module, with the four images that select it.
 
-        Four forms select it: with mode and PE, without the PE, without the mode, without both.
+        These are the image with mode and PE, without the PE, without the mode, and without both.
         """
         for mode in module.modes:
             for pe in hosts_when_all_is_up(self._spec, module):
@@ -127,7 +127,7 @@ class _Space:
 
 
 def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Configuration, tuple[Edge, ...]]:
-    """Give the configuration of a graph of modules, and the edges that are not wires of a configuration."""
+    """Convert a graph of modules to a configuration; gives also the edges that are no wires of a configuration."""
     modules = {name: Running(places[name][1], places[name][0], {}) for name in spec.modules if name in places}
     no_wires = []
     for start, end in sorted(graph.edges):

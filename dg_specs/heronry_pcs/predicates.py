@@ -28,7 +28,7 @@ from heronry_pcs.neighborhood import neighbors
 
 
 def broken(graph: Graph) -> dict[str, list[str]]:
-    """For each member that is no component of the graph: the names of the constraints that it breaks."""
+    """Give for each member that is not a component the names of the constraints of a component that it breaks."""
     found = {name: list(_broken_by(graph, name, member)) for name, member in graph.members.items()}
     return {name: constraints for name, constraints in found.items() if constraints}
 
@@ -130,7 +130,7 @@ PREDICATES: Final[Mapping[str, Callable[[Graph], bool]]] = {
 
 
 def need(graph: Graph, *names: str) -> None:
-    """Raise PcsError `needs:P` for the first of the given predicates that does not hold."""
+    """Raise PcsError `needs:P` with P the first of these predicates that does not hold."""
     for name in names:
         if not PREDICATES[name](graph):
             raise PcsError(f"needs:{name}")

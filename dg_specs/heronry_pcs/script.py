@@ -67,7 +67,7 @@ def _picked_from(leaves: Mapping[str, Leaf]) -> Pick:
 
 
 class _Run:
-    """One interpretation: the graph as the statements so far have made it."""
+    """One interpretation of a script; it holds the graph as the statements so far have made it."""
 
     def __init__(self, graph: Graph, pick: Pick, target: Target) -> None:
         self._before = graph
@@ -200,7 +200,10 @@ class _Run:
             self._error(call.line, "206", f"there is no edge {_shown(edge)}")
 
     def _edge(self, call: Call) -> Edge | None:
-        """Give the edge that an operation names; None where an end does not exist, or could not be created."""
+        """Give the edge that an operation names.
+
+        None where an end does not exist, or was not created because of an error.
+        """
         start, end = call.arguments[0], self._named_by(call.arguments[1])
         there = [self._has_end(call.line, vertex) for vertex in (start, end)]
         return (start, end) if all(there) else None

@@ -12,8 +12,6 @@ from typing import Final, Literal
 
 
 class _Damaged(Enum):
-    """The type of DAMAGED."""
-
     DAMAGED = "damaged"
 
 
@@ -21,13 +19,13 @@ DAMAGED: Final = _Damaged.DAMAGED
 
 
 def checked_line(content: object) -> bytes:
-    """Encode a JSON value as one line, with its line break."""
+    """Encode a JSON value as one line, with its checksum and its line break."""
     text = json.dumps(content, separators=(",", ":")).encode()
     return b"%08x %s\n" % (zlib.crc32(text), text)
 
 
 def line_content(line: bytes) -> object | Literal[_Damaged.DAMAGED]:
-    """Decode a line, with its line break; gives DAMAGED if the line is not exactly as it was written."""
+    """Decode one line, line break included, into its JSON value; DAMAGED: the line is not exactly as it was written."""
     checksum, _, text = line.removesuffix(b"\n").partition(b" ")
     if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(text):
         return DAMAGED

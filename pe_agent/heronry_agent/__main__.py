@@ -1,6 +1,6 @@
 """`python -m heronry_agent` is the program `pe-agent`.
 
-Interruptions are handled before anything is imported that takes long.
+Ctrl-C is handled before the slow imports begin, so that it never prints a traceback.
 """
 
 import sys
@@ -9,7 +9,7 @@ from heronry_wire import interruption
 
 
 def main() -> int:
-    """Run the agent of this process; returns the exit code."""
+    """Run `pe-agent` with the arguments of this process, and return its exit code."""
     interruption.begin()
     from heronry_agent.shell.cli import main as command_line  # noqa: PLC0415 - after `begin`
 

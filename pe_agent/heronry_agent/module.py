@@ -2,14 +2,16 @@
 
 A module is a class with `step(inputs) -> outputs`, called once per period of its mode. The `image` in the spec names
 the class: a bare name is looked up in the installed catalogues, `package.module:Class` is imported. The agent makes a
-new object when a module starts, when it has failed, and when its mode changes, unless `mode_changed` returns True. A
-module has no reference to a bus or to another module: all its inputs come through `inputs` and `self.ctx`.
+new object of the class when a module starts, and when it is restarted after a failure; when its mode changes, it does
+so unless `mode_changed` returns True. A module has no reference to a bus or to another module: all its inputs come
+through `inputs` and `self.ctx`.
 
 On a node a module runs in a separate process, its *partition*, which it may share with other modules. If the module
 raises an exception, or the process ends, the module has failed: it is restarted a few times, and then given up.
 
-Local and remote data look the same. A datum that is too old, from a wrong producer, or of an unaccepted version is
-absent. So one line of code handles an optional input that was never supplied and one that has just been lost.
+Data from this PE and from other PEs look the same. A datum that is too old, from a wrong producer, or of an unaccepted
+version is absent. So the same line of code handles an optional input that was never supplied and one that has just been
+lost.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,7 +25,7 @@ DISAGREEMENT = "disagreement"  # in the reports of a step, in place of an elemen
 
 
 class Datum(NamedTuple):
-    """One value of a variable as a consumer sees it."""
+    """One value of a variable, as the module that reads it gets it."""
 
     value: Value
     version: int  # quality: 1 is the best
@@ -31,16 +33,25 @@ class Datum(NamedTuple):
     valid: bool = True  # False: the producer has marked the value as not usable
 
     def number(self) -> float:
-        """Value as a float; raises TypeError where the value is not a number."""
+        """Return the value as a float; raises TypeError if it is not a number."""
         if isinstance(self.value, (int, float)):
             return float(self.value)
         raise TypeError(f"{self.value!r} is not a number; read it with .value")
 
 
-class Inputs(Mapping[str, Datum]):
-    """Fresh inputs of one step, by variable; if several leaves read a variable, its best version counts.
+class AbsentError(KeyError):
+    """A variable is not supplied now: not yet, no more, or never in this configuration."""
 
-    A variable that is not supplied is absent: use `inputs.get("name")`.
+    def __str__(self) -> str:
+        """Say what a module should do."""
+        variable = repr(self.args[0])
+        return f"no fresh value of {variable} is supplied; ask with inputs.get({variable}), which gives None then"
+
+
+class Inputs(Mapping[str, Datum]):
+    """The fresh inputs of one step, by variable; if several leaves read a variable, its best version counts.
+
+    `inputs.get("name")` is None for a variable that has no fresh datum; `inputs["name"]` raises KeyError.
     """
 
     def __init__(self, by_leaf: Mapping[str, tuple[str, Datum]]) -> None:
@@ -52,14 +63,18 @@ class Inputs(Mapping[str, Datum]):
                 self._best[variable] = datum
 
     def __getitem__(self, variable: str) -> Datum:
-        return self._best[variable]
+        """Give the datum of a variable; raises AbsentError where it is not supplied now."""
+        try:
+            return self._best[variable]
+        except KeyError:
+            raise AbsentError(variable) from None
 
     @overload
     def get(self, variable: str, /) -> Datum | None: ...
     @overload
     def get(self, variable: str, /, default: Datum | T) -> Datum | T: ...
     def get(self, variable: str, /, default: Datum | T | None = None) -> Datum | T | None:
-        """Give the datum of a variable, or `default`; faster than `Mapping.get`, which catches an exception."""
+        """Return the datum of a variable, or `default` if it has none; faster than `Mapping.get`."""
         return self._best.get(variable, default)
 
     def __iter__(self) -> Iterator[str]:
@@ -69,17 +84,21 @@ class Inputs(Mapping[str, Datum]):
         return len(self._best)
 
     def leaf(self, path: str) -> Datum | None:
-        """Give the datum at one leaf of `needs`, by the leaf's index path ("", "0", "0.1"); None if it is absent."""
+        """Return the datum at one leaf of the mode's `needs`; None if it is absent.
+
+        path: position of the leaf in the gate expression: "" (there is no gate), "0" (first operand), "0.1" (the second
+            operand of the first one).
+        """
         found = self._by_leaf.get(path)
         return found[1] if found else None
 
     def every(self, variable: str) -> list[Datum]:
-        """Give all data of a variable that are supplied, best version first, as a voter needs them."""
+        """Return the data of all leaves that read this variable, best version first, as a voter needs them."""
         return sorted((d for v, d in self._by_leaf.values() if v == variable), key=lambda d: d.version)
 
 
 class Context(Protocol):
-    """The interface through which a module uses the agent."""
+    """What a module can ask of its agent."""
 
     @property
     def module(self) -> str:
@@ -98,60 +117,59 @@ class Context(Protocol):
         """Time of this step on the host's monotonic clock, in ns."""
 
     def read(self) -> Value | None:
-        """Reading of the module's device at the begin of this step; None if the device did not answer."""
+        """Return the reading of the module's device when this step began; None if there is no valid reading."""
 
     def write(self, value: Value) -> None:
-        """Command the module's device.
-
-        The command is executed after the step, if the output is still authorized then.
-        """
+        """Command the module's device; the command is executed after the step if its output is still authorized."""
 
     def may_drive(self) -> bool:
-        """Tell whether outputs are authorized now.
+        """Tell whether this module's outputs are authorized now.
 
-        A module that drives hardware itself calls this before each command.
+        A module that drives hardware by itself calls this before each command.
         """
 
     def report_failed(self, element: str, detail: int = 0) -> None:
-        """Report to the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535.
+        """Report to the manager that `element` (`device:NAME` or `module:NAME`) has failed.
 
-        A report of `pe:NAME` or `bus:NAME` is a suspicion: the manager compares it with its own evidence.
+        detail: a number of the author's choice, 0..65535, which the manager's event repeats.
+        A report of `pe:NAME` or `bus:NAME` is only a suspicion, which the manager compares with its own observations.
         """
 
     def report_disagreement(self, detail: int = 0) -> None:
-        """Report to the manager that two inputs differ, and that neither is known to be wrong; detail is 0..65535.
+        """Report to the manager that two inputs differ, and that neither is known to be wrong.
 
-        No plan changes. Call this for as long as the inputs differ; the report is sent once a second at most.
+        The report changes no plan. Call this in every step while the inputs differ; it is sent at most once a second.
+        detail: a number of the author's choice, 0..65535, which the manager's event repeats.
         """
 
     def request_phase(self, phase: str) -> None:
-        """Request a mission phase of the spec from the manager; the same request in the next step has no effect."""
+        """Request a mission phase of the spec from the manager; a repetition in the next step has no effect."""
 
     def request_priority(self, function: str, priority: int | None) -> None:
-        """Request another priority of a function from the manager; None: that of the spec.
+        """Request another priority of a function from the manager; None: the priority of the spec.
 
-        The manager refuses a priority outside the function's `priority_range`, and a change while the operator's
-        priority stands. It makes at most one change a second; if several requests wait, the last one counts. The same
-        request in the next step has no effect. The priority stays when the module stops.
+        The manager refuses a priority outside the function's `priority_range`, and any change while a priority set by
+        the operator applies. It makes at most one change a second; of several requests the last one counts. Repeating
+        the request in the next step has no effect. The priority stays when the module stops.
         """
 
 
 class Module:
-    """Base of every module; subclasses override `step`."""
+    """Base class of every module; a subclass overrides `step`."""
 
     def __init__(self, ctx: Context) -> None:
         self.ctx = ctx
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compute one period; gives values by variable, for variables of the mode's `gives`.
+        """Compute one period; returns values by variable, for outputs of the mode (`gives` in the spec).
 
         A variable that is left out is not published.
         """
         raise NotImplementedError
 
     def mode_changed(self) -> bool:
-        """Take over a new `ctx.mode` and `ctx.period_ns`, which the agent has just set.
+        """Adapt to the new mode that `ctx.mode` and `ctx.period_ns` now name.
 
-        Returns True to go on with the present state, False to have the module built anew.
+        Return True to go on with this object and its state, False to have a new object made.
         """
         return False

@@ -4,7 +4,9 @@ Node 93 has one bus with a heartbeat period of 20 ms and can run all of `control
 (branches of a DEMUX) and `monitor`. Node 92 is its neighbour and runs `gyro`.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
@@ -139,7 +141,11 @@ class OnePe(SteppedCore[Event, Action]):
     """The core of one PE, its clock, and all its actions."""
 
     def __init__(
-        self, table: PeTable = TABLE, *, missing_images: frozenset[str] = frozenset(), secret: Secret | None = None
+        self,
+        table: PeTable = TABLE,
+        *,
+        missing_images: Mapping[str, str] = MappingProxyType({}),
+        secret: Secret | None = None,
     ) -> None:
         now_ns = 1_000 * MS
         super().__init__(AgentCore(table, 5, now_ns, missing_images=missing_images, secret=secret), now_ns)

@@ -109,3 +109,21 @@ def test_a_threshold_at_the_end_of_the_variables_range_is_never_crossed() -> Non
                 f"phases: {{climb: {{}}, cruise: {{when: {{variable: speed, {rule}}}}}}}\n"
             )
             assert [line[:5] for line in said] == codes
+
+
+def test_rules_that_lead_in_a_circle_at_one_value_are_an_error() -> None:
+    def said(*rules: str) -> list[str]:
+        names = ("climb", "cruise", "land")
+        written = ", ".join(f"{name}: {{when: {rule}}}" for name, rule in zip(names, rules, strict=True))
+        return told(f"phases: {{{written}}}\n")
+
+    def rule(limit: str, origin: str) -> str:
+        return f"{{variable: speed, {limit}, from: [{origin}]}}"
+
+    way = "all these rules hold at one value of 'speed'"
+    round_three = [rule("above: 3", "land"), rule("above: 5", "climb"), rule("below: 9", "cruise")]
+    assert said(*round_three) == [f"DG247: the phase changes without end (climb -> cruise -> land -> climb): {way}"]
+    assert said(round_three[0], round_three[1], rule("below: 5", "cruise")) == []
+    assert said(rule("below: 3", "cruise"), rule("below: 4", "climb"), rule("above: 4", "climb")) == [
+        f"DG247: the phase changes without end (climb -> cruise -> climb): {way}"
+    ]

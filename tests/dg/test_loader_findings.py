@@ -331,3 +331,26 @@ def test_a_section_without_a_value_counts_as_left_out(section: str) -> None:
     }
     dependent["variables"] = ["modules", "functions"]
     assert complaints(spec_text(**dict.fromkeys([section, *dependent.get(section, [])], ""))) == []
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ('{"spec": "x", "modules": {}, "functions": {}, "objective": {}, "a": 1, "b": 2}', "it is a plan, as"),
+        ('{"format": 1, "spec_digest": "x", "node_id": 92, "a": 1}', "it is the table of a PE"),
+        ("pcs: 1\nname: g\n", "it is a component graph"),
+        ("a: 1\nb: 2\nc: 3\n", "none of its fields is one of a spec"),
+    ],
+)
+def test_a_file_of_another_kind_is_one_finding(keys: str, sentence: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        loads(keys, "plan.json")
+    (only,) = caught.value.findings
+    assert only.code == "DG103"
+    assert sentence in only.sentence
+
+
+def test_a_spec_without_its_first_line_is_still_read() -> None:
+    with pytest.raises(SpecError) as caught:
+        loads("name: x\nbuses: {can0: {bitrat: 1000000}}\n", "my.dg.yaml")
+    assert {"DG103", "DG102"} <= {finding.code for finding in caught.value.findings}

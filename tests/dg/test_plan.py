@@ -289,6 +289,14 @@ def test_one_of_our_own_plans_that_was_tampered_with(path: tuple[str, ...], valu
     assert str(refused.value).startswith(sentence)
 
 
+def test_a_situation_of_another_spec_and_a_spec_in_place_of_a_plan_are_told() -> None:
+    document = json.loads(chute_plan().to_json()) | {"spec": "0" * 64, "phase": "glide"}
+    with pytest.raises(PlanError, match=r"^the plan is of another spec than elevator_and_chute: no phase is named"):
+        read_situation(json.dumps(document), FIGURE_3)
+    with pytest.raises(PlanError, match=r"this is not JSON .*; a spec stands before the plan$"):
+        read_configuration("dg: 1\nname: x\n")
+
+
 def test_a_module_that_the_spec_lacks_is_named() -> None:
     document = json.loads(chute_plan().to_json())
     document["modules"]["ghost"] = {"pe": "tail_pe", "mode": "only", "inputs": {}}

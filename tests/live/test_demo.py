@@ -154,7 +154,7 @@ def test_on_a_fresh_home_the_first_demo_flies_at_once_and_a_later_one_with_the_p
     monkeypatch.setenv("XDG_CACHE_HOME", str(home / "cache"))
     sentences = plans_told("0.5")
     assert sentences[0] == (
-        "the 25 plans for every single fault are made meanwhile, behind the flight; this demo flies without them"
+        "the 25 plans for every single fault are made in the background; this demo flies without them"
     )
     assert re.match(r"\d+ of 25 plans for single faults are made and kept[:,] ", sentences[1])
     until_s = time.monotonic() + PATIENCE_S
@@ -188,7 +188,7 @@ def test_a_failing_module_is_told_with_exception_file_and_line_and_the_logs_are_
         r"why module:state_estimator failed on \w+: ZeroDivisionError: float division by zero \(my_estimator.py:14\)"
     )
     assert re.search(place, ran.stdout), ran.stdout + ran.stderr
-    kept = re.search(r"the logs of this run stay in (.*), until 5 later runs", ran.stdout)
+    kept = re.search(r"the logs of this run stay in (.*), until the logs of 5 later runs", ran.stdout)
     assert kept is not None
     logs = "".join(log.read_text() for log in Path(kept[1]).glob("*.log"))
     assert re.search(r"^\d\d:\d\d:\d\d\.\d{3} module state_estimator: step 3$", logs, re.MULTILINE)

@@ -47,11 +47,17 @@ def test_two_computers_die_and_one_comes_back() -> None:
             "a_paused_manager_returns",
             Path(SLOW_SCENARIO).stem,
             "the_operator_fails_a_pe",
+            "modules_act_by_the_clock",
         ],
-        ["a_keyed_takeover_in_another_phase", "a_pause_longer_than_the_lease", "the_operator_fails_a_pe"],
+        [
+            "modules_act_by_the_clock",
+            "a_keyed_takeover_in_another_phase",
+            "a_pause_longer_than_the_lease",
+            "the_operator_fails_a_pe",
+        ],
     ),
 )
-def test_managers_are_killed_and_paused_and_orders_given(name: str) -> None:
+def test_files_that_processes_fly_as_the_simulator_does(name: str) -> None:
     assert all(one["holds"] for one in flown(name)["expectations"])
 
 

@@ -199,7 +199,7 @@ def test_a_standby_manager_that_missed_it_hears_it_in_turn_and_forgets_what_it_h
     pair.drop()
     pair.fly(12 * ANNOUNCED_EVERY)
     assert priorities(pair.second) == {"elevator": 60}
-    assert pair.second.last("priority_changed")["by"] == "the active manager, which holds it no longer"
+    assert pair.second.last("priority_changed")["by"] == "the active manager, which no longer announces it"
 
 
 def test_what_another_manager_tells_of_no_function_of_the_spec_has_no_effect() -> None:

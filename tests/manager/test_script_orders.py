@@ -52,7 +52,8 @@ def test_an_edge_that_is_no_wire_is_its_problem(manager: OneManager) -> None:
     text = 'G.CreateEdge ( "drive_left.demand:", "control.demand" );\n'
     problem = target_of(text, manager.spec, manager.core).problem
     assert problem == (
-        "drive_left.demand: -> control.demand is no wire from what a module gives to a free input of that variable"
+        "drive_left.demand: -> control.demand does not lead from an output of a module "
+        "to an unwired input for the same variable"
     )
 
 

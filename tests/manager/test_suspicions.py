@@ -99,5 +99,5 @@ def test_a_bus_beyond_which_all_are_lost_is_not_latched_so_that_they_may_return(
     manager.die("middle")
     manager.pass_time(5 * BEAT_NS)
     suspect(manager, "left", ElementKind.BUS, 1)
-    assert concluded(manager) == [("bus:side", "no plan needs it before such a PE is back")]
+    assert concluded(manager) == [("bus:side", "no plan uses it before a PE behind it is back")]
     assert manager.core.status()["latched"] == []

@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 from heronry_dg.configuration import Configuration
 from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
+from heronry_dg.objective import placement
 from heronry_dg.plan import Plan
 from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
 from heronry_dg.situation import Situation, elements, situation
+from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_pcs.assessment import assess
 from heronry_pcs.graph_files import document
@@ -28,7 +30,7 @@ from heronry_pcs.script_difference import difference
 from heronry_pcs.views import view_graph
 from heronry_tools.analysis.control.cut import least_cut
 from planner.random_specs import random_case
-from thoroughness import part_of, sample
+from thoroughness import IS_WHOLE, part_of, sample
 
 SHIPPED = [load(shipped_spec_path(name)) for name in shipped_spec_names()] + [load(path) for path in example_specs()]
 
@@ -82,10 +84,16 @@ def test_wires_of_plans_of_random_specs(seed: int) -> None:
 
 
 def pairs(spec: Spec, count: int) -> Iterator[tuple[Plan, Plan]]:
+    """Draw pairs of plans as they fly: in `make soak` the best ones, otherwise those without a search."""
     rng = random.Random(spec.name)
+    best = Planner(spec)
     for _ in range(count):
-        cases = [situation(spec, rng.sample(elements(spec), rng.randint(0, 2))) for _ in range(2)]
-        yield planned(spec, cases[0]), planned(spec, cases[1])
+        old, new = (situation(spec, rng.sample(elements(spec), rng.randint(0, 2))) for _ in range(2))
+        if IS_WHOLE:
+            before = best.plan(old, effort=5.0)
+            yield before, best.plan(new, placement(before.configuration), effort=5.0)
+        else:
+            yield planned(spec, old), planned(spec, new)
 
 
 @pytest.mark.parametrize("spec", SHIPPED, ids=lambda spec: spec.name)

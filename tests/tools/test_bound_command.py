@@ -82,7 +82,7 @@ def test_every_class_is_shown_with_its_worst_element_and_what_it_is_made_of(
 
 def test_without_a_figure_deciding_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = run(capsys, "elevator_and_chute")
-    assert out.splitlines()[0].endswith("decide is measured on this machine, all else is a bound")
+    assert out.splitlines()[0].endswith("decide is measured on this machine, all other times are bounds")
     assert json.loads(run(capsys, "elevator_and_chute", "--json")[1])["decide_is"] == "measured"
 
 

@@ -1,5 +1,6 @@
 """In which order a demo tells its events, what it gathers, and what it waits for at its end."""
 
+import time
 from pathlib import Path
 from typing import Any, cast
 
@@ -42,6 +43,37 @@ def test_events_of_one_time_keep_their_order() -> None:
         telling.take(event("epoch_abandoned", 7, epoch=epoch, reason=""))
     telling.tell_until()
     assert [one["epoch"] for one in told] == [0, 1, 2, 3, 4]
+
+
+class _SlowToKill:
+    """A fleet in which the end of a process takes some time."""
+
+    def __init__(self) -> None:
+        self.killed_ns = 0
+
+    def kill_pe(self, _pe: str) -> int:
+        self.killed_ns = time.monotonic_ns()
+        return 7
+
+
+def test_a_kill_stands_before_its_consequence_however_long_the_process_takes_to_end() -> None:
+    told: list[Any] = []
+    fleet = _SlowToKill()
+    show = Show(ELEVATOR, cast("Fleet", fleet), {}, told.append)
+    assert show._do("kill", "tail_pe") == "pe:tail_pe is killed (process 7)"
+    show._follow(event("pe_lost", fleet.killed_ns, pe="tail_pe", cause="", last_heard_ns=1))
+    show._telling.tell_until()
+    assert names(told) == ["process", "pe_lost"]
+
+
+def test_the_reason_of_a_failure_stands_before_the_epoch_to_which_it_led() -> None:
+    told: list[Any] = []
+    show = Show(ELEVATOR, cast("Fleet", None), {}, told.append)
+    show._follow(event("fault_reported", 50, element="module:m", by="a", detail=0, code="MODULE_MISSING"))
+    show._follow(event("reconfigured", 60, epoch=2, causes=[], times_ns={}))
+    show._follow(event("module_failed", 90, element="module:m", by="a", text="why", heard_ns=50))
+    show._telling.tell_until()
+    assert names(told) == ["fault_reported", "module_failed", "reconfigured"]
 
 
 class Heard:

@@ -111,7 +111,7 @@ def test_a_file_that_is_no_spec_is_told_in_a_few_lines(tmp_path: Path, capsys: p
 
 def test_a_spec_without_plants_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
     said = Said(capsys, "check", "elevator_and_chute")
-    assert "no member is a plant, so no control path is asked for" in said.out
+    assert "no member is a plant, so no control path is checked" in said.out
     assert "no member is a plant" not in Said(capsys, "check", "g_star").out
 
 
@@ -240,7 +240,7 @@ def test_check_of_a_spec(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = Said(capsys, "check", spec)
     assert said.code == 1
     assert "plant plant:elevator: open, on no control path\n" in said.out
-    assert said.out.endswith("required, and not so: on_path\n")
+    assert said.out.endswith("required, but does not hold: on_path\n")
     assert Said(capsys, "check", spec, "--at", "plant:elevator").code == 1, "no view"
 
 

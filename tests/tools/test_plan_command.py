@@ -181,7 +181,7 @@ def test_a_plan_against_what_runs_tells_the_way_there(capsys: pytest.CaptureFixt
     way = out.splitlines()[-4:]
     assert way[0].startswith("way there  interrupted: elevator, rudder")
     assert way[1].startswith("BREAK      then wait for tail_b (rudder_control moves to comms")
-    assert way[2:] == ["GO         then T_lease, for elevator_out", "GO_ALL"]
+    assert way[2:] == ["GO         then wait T_lease, so that only one PE drives elevator_out", "GO_ALL"]
     document = json.loads(run(capsys, *after, "--json")[1])
     assert document["transition"]["steps"] == ["BREAK", "GO", "GO_ALL"]
     assert document["transition"]["wait_for"].keys() == {"tail_b"}

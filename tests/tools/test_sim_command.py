@@ -9,8 +9,11 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
@@ -22,6 +25,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import KINDS
 from heronry_tools.sim.faults.protocol_state import STATES
 from heronry_tools.sim.flight.campaign import Coverage, fly_all
+from heronry_tools.sim.flight.flyable import check_images
 from thoroughness import mostly_soak
 
 ESTIMATOR = "  state_estimator: {"
@@ -400,3 +404,17 @@ def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(
 ) -> None:
     assert main(["sim", "elevator_and_chute", *words]) == 2
     assert sentence in capsys.readouterr().err
+
+
+def test_code_beside_the_user_is_found_as_in_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = next(iter(load(shipped_spec_path("elevator_and_chute")).modules.values()))
+    spec = SimpleNamespace(modules={module.name: replace(module, image="code_of_this_folder:Own")})
+    with pytest.raises(UserError, match="cannot import code_of_this_folder"):
+        check_images(cast("Spec", spec))
+    text = (
+        "from heronry_agent.module import Module\nclass Own(Module):\n    def step(self, inputs):\n        return {}\n"
+    )
+    (tmp_path / "code_of_this_folder.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path])
+    check_images(cast("Spec", spec))

@@ -19,7 +19,7 @@ from heronry_manager.planner.exact import plan
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.reports.screen import screen
-from heronry_tools.reports.story import _SENTENCES, Line, Story
+from heronry_tools.reports.story import _SENTENCES, Line, Story, plain_line
 from heronry_tools.runtime.demo.buses import BusChoice, choose, has_interface
 from heronry_tools.runtime.demo.script import DemoAction, default_actions, read_script
 from heronry_tools.sim.faults.drawing import drawn_faults
@@ -318,19 +318,19 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str
     [
         (
             event("stood_still", 0, by="manager 126", for_ns=140 * MS, times=1),
-            "this computer stood still for 140 ms (manager 126 noticed it): what follows may be its doing",
+            "this computer stood still for 140 ms (manager 126 noticed it), which may be the cause of what follows",
         ),
         (
             event("stood_still", 0, by="the demo", for_ns=140 * MS, times=3),
-            "this computer stood still for 140 ms (the demo noticed it): what follows may be its doing",
+            "this computer stood still for 140 ms (the demo noticed it), which may be the cause of what follows",
         ),
         (
             event("stood_still", 0, by="tail_pe", for_ns=90 * MS, times=1),
-            "the computer of tail_pe stood still for 90 ms (once so far): if tail_pe was lost, that may be its doing",
+            "the computer of tail_pe stood still for 90 ms (once so far): if tail_pe was lost, this may be the cause",
         ),
         (
             event("stood_still", 0, by="nav", for_ns=90 * MS, times=2),
-            "the computer of nav stood still for 90 ms (2 times so far): if nav was lost, that may be its doing",
+            "the computer of nav stood still for 90 ms (2 times so far): if nav was lost, this may be the cause",
         ),
         (
             event("heartbeat", 0, late_ns=7 * MS, period_ns=20 * MS, of_spec_ns=20 * MS),
@@ -346,7 +346,7 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str
         (event("logs", 0, folder="/tmp/f", kept=False), "the logs of all processes are in /tmp/f"),
         (
             event("logs", 0, folder="/tmp/f", kept=True),
-            "the logs of this run stay in /tmp/f, until 5 later runs have kept theirs",
+            "the logs of this run stay in /tmp/f, until the logs of 5 later runs are kept",
         ),
         (
             event("overtime", 0, awaited=["tail_pe to join", "elevator to be heard"], at_most_s=15.0),
@@ -557,3 +557,11 @@ def test_a_time_that_is_none_is_refused(option: str, seconds: str, capsys: pytes
     with pytest.raises(SystemExit):
         main(["demo", f"{option}={seconds}"])
     assert capsys.readouterr().err.splitlines()[-1].startswith(f"heronry demo: {option}: ")
+
+
+def test_held_outputs_are_named_without_brackets() -> None:
+    held = [plain_line(event("outputs_held", 0, pe="a", modules=names, cause="no lease")) for names in (["x", "y"], [])]
+    assert [line.text for line in held if line] == [
+        "a holds back what x, y drive: no lease",
+        "a holds back what its modules drive: no lease",
+    ]

@@ -65,6 +65,30 @@ def test_replay_and_top_open_a_folder(tmp_path: Path, capsys: pytest.CaptureFixt
     assert json.loads(capsys.readouterr().out)["epoch"] == big_blue().timeline().last().epoch
 
 
+def test_another_spec_than_that_of_the_flight_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = recorded(tmp_path / "flight")
+    events = tmp_path / "events.jsonl"
+    events.write_bytes(b"".join(file.read_bytes() for file in sorted(folder.glob("*.jsonl"))))
+    for log in (folder, events):
+        for command in ("top", "metrics"):
+            more = ["--json", "--once"] if command == "top" else []
+            assert main([command, "elevator_and_chute", "--log", str(log), *more]) == 2
+            assert f"{log} is a flight of 'big_blue' (digest " in capsys.readouterr().err
+    assert main(["replay", str(folder), "elevator_and_chute"]) == 2
+    assert "has its own spec: leave SPEC out" in capsys.readouterr().err
+
+
+def test_a_recording_that_is_not_there_or_is_no_recording_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["top", "--log", str(tmp_path / "nowhere"), "--json"]) == 2
+    assert "nowhere: No such file or directory; name a log" in capsys.readouterr().err
+    assert main(["replay", "my.dg.yaml", str(tmp_path)]) == 2
+    assert "my.dg.yaml is a spec, and no recording" in capsys.readouterr().err
+    assert main(["replay", str(tmp_path / "flight.log")]) == 2
+    assert "does not say of which spec it is" in capsys.readouterr().err
+
+
 def test_a_line_cut_by_a_kill_is_left_out(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "flight")
     for file in (*folder.glob("*.log"), *folder.glob("*.jsonl")):

@@ -1,6 +1,6 @@
 """`python -m heronry_tools` is the program `heronry`.
 
-Interruptions are handled before anything is imported that takes long.
+Ctrl-C and SIGTERM are handled from the start, before the slow imports of the command line.
 """
 
 import sys

@@ -1,8 +1,8 @@
 """The commands of `heronry`: name, purpose in one line, and the group in which the help shows each.
 
-A new command is one entry here and one file below `commands/`. The groups stand in the order in which a user needs
-them. A line is at most 62 characters, so that the list fits a terminal of 80 columns. It says only what the command is
-for; `heronry COMMAND --help` teaches it.
+A new command is one entry in this file and one file below `commands/`. The groups are in the order in which a user
+needs them. The line of a purpose has at most 62 characters, so that the list fits a terminal of 80 columns. It says
+only what the command is for; `heronry COMMAND --help` teaches its use.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ class Command:
     file: str = ""
 
     def module(self) -> str:
-        """Name of the file in `commands/`; the name of the command if none is given."""
+        """Give the name of the file in `commands/`: that of the command, if no other name is given."""
         return self.file or self.name.replace("-", "_")
 
 
@@ -52,8 +52,8 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("module", "let the code of a module compute some steps, without a bus"),
         Command("sim", "fly in virtual time with drawn faults, and check each flight"),
         Command("fly", "land an aircraft of a flight dynamics model by its avionics"),
-        Command("scenario", "fly a written story, and check what it expects"),
-        Command("exhaust", "one fault at every message of every reconfiguration"),
+        Command("scenario", "fly a scenario file, and check what it expects"),
+        Command("exhaust", "fly every fault at every message of every reconfiguration"),
     ),
     "deploy": (
         Command("contingencies", "make the plans for all faults ahead, for the manager"),
@@ -73,13 +73,13 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
     ),
     "watch": (
         Command("web", "a page for a browser: graph, reconfigurations, what if"),
-        Command("top", "watch it: live, on a bus, or recorded"),
-        Command("record", "keep a flight: frames, events, spec, in rotating files"),
-        Command("log", "a recorded flight for other tools: MCAP, MDF 4"),
+        Command("top", "watch a system: live, on a bus, or recorded"),
+        Command("record", "record a flight: frames, events, spec, in rotating files"),
+        Command("log", "convert a recorded flight for other tools: MCAP, MDF 4"),
         Command("metrics", "metrics for Prometheus"),
         Command("status", "what the manager on this computer knows", "operator"),
         Command("traceback", "the traceback of a module's last failure", "operator"),
-        Command("replay", "a recorded bus through the manager again: why it decided so"),
+        Command("replay", "run a recorded bus through the manager: why it decided so"),
         Command("dbc", "a DBC with which cantools decodes the bus"),
         Command("eds", "an EDS with which CANopen tools read a PE"),
     ),

@@ -20,7 +20,7 @@ Check = Callable[[Subject, Findings], None]
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The user's choice of findings: prefixes of codes to select and ignore, and codes to raise to errors."""
+    """Which findings the user wants: prefixes of codes to select and to ignore, and codes to report as errors."""
 
     selected: tuple[str, ...] = ("DG",)
     ignored: tuple[str, ...] = ()
@@ -31,32 +31,36 @@ class Choice:
         return code.startswith(self.selected) and not code.startswith(self.ignored)
 
     def includes_some_of(self, prefix: str) -> bool:
-        """Tell whether the user could want findings of some code with this prefix."""
+        """Tell whether the user may want findings of at least one code that begins with `prefix`."""
         wanted = any(prefix.startswith(one) or one.startswith(prefix) for one in self.selected)
         return wanted and not prefix.startswith(self.ignored)
 
 
 @dataclass(frozen=True, slots=True)
 class Assessed:
-    """The findings about one file, and the source lines to which they refer."""
+    """The findings about one file, and the text of the lines with a finding."""
 
     file: str
     findings: tuple[Finding, ...]
     lines: Mapping[int, str] = field(default_factory=dict)
 
     def line(self, number: int) -> str:
-        """Text of a line with a finding; empty where the file has no such line."""
+        """Give the text of a line that has a finding; empty where the file has no such line."""
         return self.lines.get(number, "")
 
     def errors_alone(self) -> "Assessed":
-        """Give the findings about the file without the warnings."""
+        """Give a copy without warnings."""
         return replace(self, findings=tuple(one for one in self.findings if one.severity is Severity.ERROR))
 
 
 def assess(
     data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
 ) -> Assessed:
-    """Check a file; `checks` by prefix of the codes that they find, `rules` by code: all that a comment may name."""
+    """Check the content of a file.
+
+    checks: the check of each family, by the prefix of its codes. rules: all rules by code; a comment may name no
+    others.
+    """
     with loader.collector_at_rest():
         return _assess(data, file, checks, rules, choice)
 
@@ -78,7 +82,7 @@ def _assess(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[
 
 
 def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
-    """Give some lines of a file by number, without splitting the whole file, which may have millions."""
+    """Give the lines of a file that have one of these numbers; a line is not read if it is beyond the last of them."""
     last = max(numbers, default=0)
     lines = enumerate(islice(lines_of(data), last), 1) if numbers else ()
     return {number: line for number, line in lines if number in numbers}
@@ -87,7 +91,7 @@ def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
 def _told(
     findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
 ) -> tuple[list[Finding], set[Ignore]]:
-    """Give the findings to report, and the comments that suppress the other findings."""
+    """Give the findings that are reported, and the comments that suppress others."""
     told: list[Finding] = []
     used: set[Ignore] = set()
     for finding in findings:
@@ -99,13 +103,13 @@ def _told(
 
 
 def _without_echoes(told: list[Finding], rules: Mapping[str, Rule]) -> list[Finding]:
-    """Remove findings that an error of the same family may have caused."""
+    """Remove each finding that may be only a consequence of an error of the same family."""
     hushed = {finding.code[:3] for finding in told if finding.severity is Severity.ERROR}
     return [finding for finding in told if not (rules[finding.code].echo and finding.code[:3] in hushed)]
 
 
 def _unused(file: str, said: Instructions, used: set[Ignore], ran: tuple[str, ...], choice: Choice) -> list[Finding]:
-    """Find comments that suppress no finding, among the codes that were checked."""
+    """Find comments that name a checked code and suppress no finding."""
     rule = file_rules.UNUSED_IGNORE
     unused = Findings(file)
     for ignore in said.ignores:

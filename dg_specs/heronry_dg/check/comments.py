@@ -35,13 +35,13 @@ class Ignore:
 
 @dataclass(slots=True)
 class Instructions:
-    """All instructions in the comments of a file."""
+    """All instructions in the comments of a file: findings to ignore, and codes to report as errors."""
 
     ignores: list[Ignore] = field(default_factory=list)
     raised: set[str] = field(default_factory=set)
 
     def ignores_of(self, finding: Finding) -> Iterator[Ignore]:
-        """Give the instructions that suppress a finding; none where the finding is to be reported."""
+        """Give the instructions that suppress a finding."""
         return (one for one in self.ignores if one.code == finding.code and one.line == finding.place.line)
 
 
@@ -56,7 +56,7 @@ def lines_of(data: bytes) -> Iterator[str]:
 
 
 def read_instructions(data: bytes, known: Mapping[str, Rule], findings: Findings) -> Instructions:
-    """Read the instructions in a file; adds a finding for each one that makes no sense."""
+    """Read the instructions in a file; an instruction that cannot be followed gives a finding."""
     reader = _Reader(known, findings)
     if _MAY_HAVE_ONE.search(data):
         reader.read(list(lines_of(data)))
@@ -70,7 +70,7 @@ class _Reader:
         self.found = Instructions()
 
     def read(self, lines: list[str]) -> None:
-        """Read all lines from the last one up, because a comment on its own line is about a line below."""
+        """Read the lines from the last to the first, because a comment on a line of its own is about a line below."""
         content = [number for number, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
         first = following = content[0] if content else len(lines) + 1
         for number in range(len(lines), 0, -1):

@@ -11,13 +11,16 @@ findings of it, and call the function in `check`.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
 from typing import TypeVar
 
 from heronry_dg import yaml_source
 from heronry_dg.check.plants import check_plants
 from heronry_dg.check.subject import Subject
+from heronry_dg.cycles import components, shortest_cycle
 from heronry_dg.findings import Findings, listed
 from heronry_dg.gates import And, Expression, Leaf, bounds
 from heronry_dg.model import Function, Module, Spec, When
@@ -30,11 +33,12 @@ D = TypeVar("D", _Datum, _Accepted)
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Apply every rule of this file."""
+    """Check a spec against every rule of this file."""
     wiring = _Wiring(subject.spec)
     _inputs(subject, wiring, findings)
     _watched(subject, wiring, findings)
     _never_firing(subject, wiring, findings)
+    _circles(subject, findings)
     _needs(subject, wiring, findings)
     _unused_variables(subject, findings)
     _unused_gates(subject, findings)
@@ -45,7 +49,7 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 class _Wiring:
-    """Which modules could produce and read each variable, over all modes of all modules; results are cached."""
+    """Which modules could give and read each variable, in any of their modes."""
 
     def __init__(self, spec: Spec) -> None:
         self.demux_of = {name: things[0] for name, things in spec.exclusive_things().items()}
@@ -69,7 +73,7 @@ class _Wiring:
         return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
 
     def groups(self, leaf: Leaf) -> frozenset[str]:
-        """Modules that could be wired to a leaf; the branches, or ends, of a DEMUX count as one: only one runs."""
+        """Modules that could be wired to a leaf; a DEMUX stands for its branches, or ends, of which only one runs."""
         key = _accepted(leaf)
         if key not in self._groups:
             given = self.givers.get(leaf.variable, {}).items()
@@ -78,11 +82,11 @@ class _Wiring:
         return self._groups[key]
 
     def upstream(self, modules: Iterable[str]) -> set[str]:
-        """These modules, and all modules whose data could reach them, directly or through others."""
+        """Give `modules` with all modules whose data could reach one of them, directly or through others."""
         return self._reached(modules, lambda name: self._reads[name], self._read_from)
 
     def downstream(self, modules: Iterable[str]) -> set[str]:
-        """These modules, and all modules that their data could reach, directly or through others."""
+        """Give `modules` with all modules that data of one of them could reach, directly or through others."""
         return self._reached(modules, lambda name: self._gives[name], lambda datum: self._readers[datum])
 
     def _read_from(self, accepted: _Accepted) -> Iterable[str]:
@@ -153,6 +157,49 @@ def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None
             findings.add(rules.NEVER_FIRES, place, f"the rule of phase '{phase.name}' never fires: {sentence}", hint)
 
 
+def _circles(subject: Subject, findings: Findings) -> None:
+    """Find phases whose rules lead from one to the next and back while one value of their variable fulfils them all.
+
+    The phase would then change for as long as the variable keeps that value, with each message a new one.
+    """
+    by_variable: dict[str, dict[str, When]] = {}
+    for phase in subject.spec.phases.values():
+        if phase.when is not None:
+            by_variable.setdefault(phase.when.variable, {})[phase.name] = phase.when
+    for variable, of_phase in by_variable.items():
+        circle = _circle(of_phase)
+        if circle:
+            way = " -> ".join([*circle, circle[0]])
+            findings.add(
+                rules.CIRCLE,
+                subject.place("phases", circle[0], "when"),
+                f"the phase changes without end ({way}): all these rules hold at one value of '{variable}'",
+                "let the thresholds of the way there and of the way back exclude each other",
+            )
+
+
+def _circle(rules_of: Mapping[str, When]) -> list[str]:
+    """Give the phases of a shortest circle of rules that all hold at one value; empty if there is none."""
+    thresholds = sorted(
+        {limit for when in rules_of.values() for limit in (when.above, when.below) if limit is not None}
+    )
+    ends = [thresholds[0] - 1, thresholds[-1] + 1]
+    for value in [*ends, *((low + high) / 2 for low, high in pairwise(thresholds))]:
+        holding = {phase: when for phase, when in rules_of.items() if _holds(when, value)}
+        leads_on = {
+            phase: [other for other, when in holding.items() if phase in when.origins and phase != other]
+            for phase in holding
+        }
+        for component in components(leads_on):
+            if len(component) > 1:
+                return shortest_cycle(leads_on, component)
+    return []
+
+
+def _holds(when: When, value: Fraction) -> bool:
+    return (when.above is not None and value > when.above) or (when.below is not None and value < when.below)
+
+
 def _why_it_never_fires(spec: Spec, wiring: _Wiring, phase: str, rule: When) -> tuple[str, str] | None:
     origins = [origin for origin in rule.origins if origin != phase]
     if not origins:
@@ -197,9 +244,9 @@ def _has_modes(subject: Subject, module: Module) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Possible:
-    """Tells whether the gates of a module could hold if as many other modules as possible ran.
+    """Tells whether the gates of a module can hold in the best case, if as many other modules as possible run.
 
-    The answer is False only if it is certain that they cannot hold.
+    The answer is no only if it is certain that a gate cannot hold.
     """
 
     module: Module
@@ -215,7 +262,10 @@ class _Possible:
         return self._most(expression.inputs) >= fewest
 
     def _most(self, inputs: Sequence[Expression]) -> int:
-        """Upper bound of the number of inputs that hold at once; a module gives one version of a variable at a time."""
+        """Give an upper bound of how many of these inputs hold at once.
+
+        A module gives only one version of a variable at a time.
+        """
         leaves: dict[str, list[frozenset[str] | None]] = defaultdict(list)
         most = 0
         for expression in inputs:
@@ -230,7 +280,10 @@ class _Possible:
         return most
 
     def _sources(self, leaf: Leaf) -> frozenset[str] | None:
-        """Modules that could be wired to a leaf while this module runs; None if no module gives it."""
+        """Modules that could be wired to a leaf while this module runs.
+
+        None where no module gives what the leaf accepts.
+        """
         if not self.wiring.is_given(leaf):
             return None
         groups, own = self.wiring.groups(leaf), self.wiring.demux_of.get(self.module.name)
@@ -242,7 +295,7 @@ class _Possible:
 
 
 def _flat(expression: Expression) -> Iterator[Expression]:
-    """Inputs of an AND, where an AND below it is replaced by its own inputs."""
+    """Give the inputs of an AND; an AND among them is replaced by its own inputs."""
     if not isinstance(expression, And):
         yield expression
         return
@@ -262,7 +315,7 @@ def _unused_variables(subject: Subject, findings: Findings) -> None:
 
 
 def _unused_gates(subject: Subject, findings: Findings) -> None:
-    """Find shorthands (named gates that are no DEMUX) that no expression names; for a DEMUX the loader does this."""
+    """Find named gates that no expression names; a DEMUX without readers is reported by the loader."""
     draft = subject.loaded.draft
     named: set[str] = set()
     for module in draft.modules.values():

@@ -121,7 +121,7 @@ def spec_schema() -> dict[str, Any]:
 
 
 def _complete_sections(sections: dict[str, Any]) -> None:
-    """Where an element has several forms, let the field that distinguishes them choose the form."""
+    """Let the field that distinguishes the forms of an element choose between them."""
     sections["modules"]["additionalProperties"] = {
         "if": {"required": ["modes"], "properties": {"modes": {"not": {"type": "null"}}}},
         "then": {"$ref": "#/definitions/ModuleOfModesForm"},
@@ -141,7 +141,7 @@ def _number_given(field: str) -> dict[str, Any]:
 
 
 def _complete(form: dict[str, Any]) -> None:
-    """Add patterns and gate expressions to the schema of a form, and remove titles that only repeat a name."""
+    """Add patterns of names and gate expressions to the schema of a form, and remove titles that only repeat a name."""
     form.pop("title", None)
     required = form.get("required", ())
     for name, field in form.get("properties", {}).items():
@@ -169,7 +169,7 @@ def _strip_titles(node: Any) -> None:
 
 
 def _allow_nothing(field: dict[str, Any]) -> None:
-    """Let a field accept null: the loader accepts a key that is written without a value."""
+    """Let a field accept null, because the loader accepts a key without a value."""
     if isinstance(field.get("type"), str):
         field["type"] = [field["type"], "null"]
         if "enum" in field:

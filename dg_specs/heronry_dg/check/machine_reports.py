@@ -43,7 +43,7 @@ def finding_fields(assessed: Assessed, finding: Finding, rules: Mapping[str, Rul
 
 
 def github_report(files: Sequence[Assessed]) -> str:
-    """Give one workflow command per finding; GitHub shows each beside its line."""
+    """Give one workflow command per finding, by which GitHub shows the finding beside its line."""
     return "".join(_command(assessed, finding) for assessed in files for finding in assessed.findings)
 
 

@@ -14,7 +14,7 @@ from heronry_dg.model import Spec
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """One loaded spec."""
+    """A spec that loads, with the places of its parts in the file."""
 
     file: str
     loaded: Loaded
@@ -25,11 +25,11 @@ class Subject:
         return self.loaded.spec
 
     def leaf_places(self, module: str, mode: str) -> tuple[Place, ...]:
-        """Places in the file of the inputs of a mode, in the order of `Mode.leaves`."""
+        """Give the places in the file of the inputs of a mode, in the order of `Mode.leaves`."""
         return self.loaded.gates.places[module, mode]
 
     def place(self, *path: str | int) -> Place:
-        """Place in the file of a key or list item, such as `place("functions", "elevator", "output")`.
+        """Give the place in the file of a key or list item, such as `place("functions", "elevator", "output")`.
 
         If the file leaves a field out, the place is that of its element.
         """

@@ -24,7 +24,7 @@ _STYLES: Final[Mapping[str, str]] = {
 
 
 def span_end(line: str, column: int) -> int:
-    """Column behind the quoted text, name or mark that begins at `column`; columns count from 1."""
+    """Give the column behind the quoted text, name or mark that begins at `column`; columns count from 1."""
     match = _WORD.match(line, column - 1)
     return match.end() + 1 if match else column
 
@@ -35,9 +35,9 @@ def concise(files: Sequence[Assessed]) -> str:
 
 
 def by_code(files: Sequence[Assessed], rules: Mapping[str, Rule], *, colour: bool = False) -> str:
-    """Write a list with the number of findings of each code, to be shown above the findings.
+    """Give a list with the number of findings of each code, which is shown above the findings.
 
-    If there are only a few findings, the list is empty.
+    With only a few findings the text is empty.
     """
     counts = Counter((finding.severity, finding.code) for assessed in files for finding in assessed.findings)
     if counts.total() <= _FEW:
@@ -94,7 +94,7 @@ def _one(assessed: Assessed, finding: Finding, paint: _Paint) -> str:
 
 
 def _excerpt(line: str, column: int) -> tuple[str, str]:
-    """Give a source line as shown, and the line of the caret below it; a long line is cut around the place."""
+    """Give a source line, and the line below it that has the caret; a long line is cut around the place."""
     begin = max(0, column - 1 - _WIDEST_SOURCE // 2) if len(line) > _WIDEST_SOURCE else 0
     end = min(len(line), begin + _WIDEST_SOURCE)
     cut = "..." if begin else ""

@@ -56,7 +56,7 @@ _SHOWN_IN_THE_WAY: Final = 3
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Apply every rule of this file."""
+    """Check a spec against every rule of this file."""
     _standard_identifiers(subject, findings)
     _limits(subject, findings)
     if lacks_identifiers(subject.spec):
@@ -72,7 +72,7 @@ def _limits(subject: Subject, findings: Findings) -> None:
 
 
 def lacks_identifiers(spec: Spec) -> bool:
-    """Tell whether a spec has more (module, variable) pairs than identifiers; none can be allocated then."""
+    """Tell whether a spec has more (module, variable) pairs than identifiers, so that none can be allocated."""
     return len(_allocated_to(spec)) > len(ALLOCATED_DATA_IDS)
 
 
@@ -169,7 +169,7 @@ def _starved(subject: Subject, findings: Findings, response: Response, level: st
 
 
 def _possible_hops(spec: Spec) -> dict[str, list[Hop]]:
-    """Give, for each wired bus, every source that some configuration could send there, in its fastest mode."""
+    """Give for each wired bus every source that some configuration could send there, in its fastest mode."""
     left = survivors(spec, Situation())
     hosts = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}
     readers = _readers(spec)

@@ -26,17 +26,17 @@ _LAMPS: Final = (
 
 
 def _display(needs: str) -> str:
-    """Give modules of which `display` has these needs."""
+    """Write the section `modules`: a driver that gives `speed`, and a display with these needs."""
     return f"modules:\n{DRIVER}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
 def _voter(needs: str) -> str:
-    """Give the same modules with two versions of the variable, each given by a separate driver."""
+    """Write a spec as `_display` does, but with two versions of `speed`, each given by a driver of its own."""
     return f"{_TWO_DRIVERS}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
 def _lamps(first: str, second: str) -> str:
-    """Give two modules that may be branches of DEMUX `light`."""
+    """Write a spec with two displays, which have these fields and may be the branches of DEMUX `light`."""
     return (
         f"{_LAMPS}  display: {{device: lamp, {first}, {RUNS}}}\n"
         f"  second_display: {{device: second_lamp, {second}, {RUNS}}}\n"
@@ -44,7 +44,7 @@ def _lamps(first: str, second: str) -> str:
 
 
 def _paths(ends: str) -> str:
-    """Give a DEMUX with two branches, each of which leads on to an actuator; `ends`: its `to`."""
+    """Write a spec with a DEMUX of two branches, each of which leads on to an actuator; `ends` is the field `to`."""
     return (
         "devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n"
         "  second_lamp: {kind: actuator, pe: nav}\n"
@@ -384,6 +384,18 @@ NEVER_FIRES = FAMILY.error(
     fix="Name in `from` the phases that the rule may leave, and let a function that is wanted there use the variable.",
     bad="phases:\n  climb: {when: {variable: speed, above: 10}}\n  cruise: {}\n",
     good="phases:\n  climb: {when: {variable: speed, above: 10, from: [cruise]}}\n  cruise: {}\n",
+)
+CIRCLE = FAMILY.error(
+    "DG247",
+    "phase-changes-without-end",
+    what="Rules of phases lead from one phase to the next and back, and there are values at which all of them hold.",
+    why="A rule fires again when a phase in its `from` begins while its condition holds. With such a value the phase "
+    "would change with every message, and each change needs a plan and an epoch.",
+    fix="Let the conditions of the way there and of the way back exclude each other, with a gap between them.",
+    bad="phases:\n  climb: {when: {variable: speed, above: 5, from: [cruise]}}\n"
+    "  cruise: {when: {variable: speed, above: 10, from: [climb]}}\n",
+    good="phases:\n  climb: {when: {variable: speed, below: 5, from: [cruise]}}\n"
+    "  cruise: {when: {variable: speed, above: 10, from: [climb]}}\n",
 )
 UNUSED_VARIABLE = FAMILY.echo(
     "DG240",

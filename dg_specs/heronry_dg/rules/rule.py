@@ -94,9 +94,9 @@ class Family:
         return self._add(Rule(code, name, Severity.WARNING, **words))
 
     def echo(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
-        """Add a warning that may be only a consequence of an error of the family.
+        """Add a warning about what may be only a consequence of an error of the family.
 
-        It is reported where the family has no error.
+        The warning is reported only if the family has no error.
         """
         return self._add(Rule(code, name, Severity.WARNING, echo=True, **words))
 

@@ -21,7 +21,7 @@ _MORE_THAN_A_SLICE_HAS: Final = 5
 
 
 def _many(count: int) -> str:
-    """Give a driver that gives `count` variables, and a display that reads them."""
+    """Write a spec in which a driver gives `count` variables, and a display reads them."""
     names = [f"datum_{number}" for number in range(count)]
     gives = ", ".join(f"{name}: 1" for name in names)
     return (
@@ -32,7 +32,10 @@ def _many(count: int) -> str:
 
 
 def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str) -> str:
-    """Give a doubled display of class A on a slow bus, and five unimportant variables with these fields."""
+    """Write a spec with a doubled display of class A on a slow bus, and five unimportant variables.
+
+    The arguments are the fields of these five variables.
+    """
     rest = "cpu: 0.1, ram: 1KiB, rate_hz: 50"
     return (
         "buses: {can0: {bitrate: 125000, channels: 2, heartbeat_ms: 50}}\n"
@@ -54,7 +57,7 @@ def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str
 
 
 def _radios(count: int) -> str:
-    """Give a gateway with `count` wireless buses, and beyond each of them a PE that reads a sensor."""
+    """Write a spec in which a gateway has `count` wireless buses, with a PE that reads a sensor beyond each of them."""
     numbers = range(count)
     radios = "".join(f", r{number}: {{kind: wireless, bitrate: 250000, reserve: 0.5}}" for number in numbers)
     names = ", ".join(f"r{number}" for number in numbers)
@@ -71,7 +74,7 @@ def _radios(count: int) -> str:
 
 
 def _displays(count: int) -> str:
-    """Give a driver of a hundred variables, and `count` displays on one PE that each show all of them."""
+    """Write a spec in which `count` displays on one PE read all the hundred variables of a driver."""
     names = [f"datum_{number}" for number in range(100)]
     reads = f"device: lamp, needs: {{and: [{', '.join(names)}]}}, {_SMALL}"
     displays = "".join(f"  display_{number}: {{{reads}}}\n" for number in range(count))

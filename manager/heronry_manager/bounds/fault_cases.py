@@ -17,7 +17,10 @@ Planner = Callable[[Situation, Placement | None], Configuration]
 
 
 def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
-    """Yield every single fault in a phase, and the return of every PE; elements in the spec's order, class by class."""
+    """Yield a case for each single fault in a phase and for the return of each PE, by fault class, then in spec order.
+
+    `plan` makes the configuration after each fault.
+    """
     healthy = Situation(phase=phase)
     runs = plan(healthy, None)
     silenced = list(_silenced(spec, phase))
@@ -35,12 +38,12 @@ def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
 
 
 def count_plans(spec: Spec) -> int:
-    """Give an upper bound on the number of plans that `fault_cases` makes."""
+    """Give the largest number of plans that `fault_cases` can request for a spec, over all its phases."""
     return 1 + 2 * len(spec.pes) + len(spec.buses) + len(spec.devices) + len(spec.modules)
 
 
 def _silenced(spec: Spec, phase: str | None) -> Iterator[tuple[FaultClass, str, tuple[str, ...]]]:
-    """Give the PEs and buses that may fail, each with the PEs that fall silent then; a gateway counts as a bus, too."""
+    """Yield each PE, bus and gateway that may fail: its class of fault, its name, and the PEs that fall silent then."""
     reached = survivors(spec, Situation(phase=phase)).pe_cpu_millis
     for kind, names in (("pe", spec.pes), ("bus", spec.buses)):
         for name in names:

@@ -1,4 +1,4 @@
-"""The longest times of commands and answers on each bus, in normal operation and during a reconfiguration.
+"""The worst-case response times of management frames on each bus, in normal operation and during a reconfiguration.
 
 The regular frames are those of semantics rule 9, the states that gateways forward to the manager, and page 1 with every
 tenth state. A reconfiguration adds frames (`Burst`), each once: emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and the
@@ -33,7 +33,7 @@ _LEASE_NEWS = 2  # LEASE and ALIVE that a gateway forwards immediately, since th
 
 @dataclass(frozen=True, slots=True)
 class Burst:
-    """The frames that a reconfiguration adds to the regular ones, each sent once."""
+    """The management frames that a reconfiguration adds to the regular ones: how many of each kind, each sent once."""
 
     heads: int = 0  # SLICE frames on the manager's bus that are not paced
     paced: int = 0  # SLICE frames on the manager's bus that are paced
@@ -49,7 +49,12 @@ QUIET = Burst()
 
 @dataclass(frozen=True, slots=True)
 class FrameTimes:
-    """Longest times on one bus from when a frame is queued there to its last bit, in nanoseconds."""
+    """Longest response times on one bus, in nanoseconds: from when a frame is queued for this bus until its last bit.
+
+    command_ns: of the manager's commands, and of the emergency events that are as urgent.
+    emergency_ns: of an EMCY.
+    answer_ns: of a PE's state.
+    """
 
     command_ns: int
     emergency_ns: int
@@ -57,7 +62,7 @@ class FrameTimes:
 
 
 class ManagementTimes:
-    """Response times of the management frames of one spec."""
+    """Computes the worst-case response times of the management frames on each bus of a spec."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -74,7 +79,10 @@ class ManagementTimes:
                 self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
 
     def on(self, bus: str, burst: Burst) -> FrameTimes | None:
-        """Give the longest response times on a bus; None: they have no bound."""
+        """Give the longest response times on `bus` if the frames of `burst` are sent besides the regular ones.
+
+        None: the response times have no bound.
+        """
         entry = self._spec.buses[bus]
         ways = [
             self._frames(entry, burst, paced=paced) for paced in ([True, False] if self._is_first(bus) else [False])
@@ -86,10 +94,12 @@ class ManagementTimes:
         return bus == self._spec.manager.bus
 
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
-        """Give all frames that are more urgent than data, the most urgent first, and two numbers that divide this list.
+        """List the frames on a bus that have priority over data, the most urgent first, with two counts.
 
-        The list has first emergency events and commands, of which the first number is the count; then EMCYs, of which
-        the second number is the count; then states and answers.
+        The list has, in this order: CANaerospace emergency events and commands, SLICE frames among them (the first
+        number counts these); CANopen EMCY frames (the second number); state frames and answers of PEs.
+
+        paced: treat the SLICE frames as an endless stream at their pace; otherwise as one burst.
         """
         period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
         senders = [
@@ -114,7 +124,7 @@ class ManagementTimes:
         return [*commands, *reports, *states, *once(burst.answers * len(senders))], len(commands), burst.reports
 
     def _states(self, bus: Bus, pe: str) -> tuple[Message, Message]:
-        """Give the states of a PE on a bus: page 0 and page 1, with the jitter of a gateway if one forwards them."""
+        """Give page 0 and page 1 of a PE as they load this bus; if a gateway forwards them, they have its jitter."""
         home = bus if bus.name in self._spec.pes[pe].buses else self._spec.buses[uplink_bus(self._spec, pe)]
         period = Fraction(home.heartbeat_ns * bus.bitrate, _NS_PER_S)
         jitter = Fraction(0) if home is bus else period

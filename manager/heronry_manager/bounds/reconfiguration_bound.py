@@ -1,21 +1,23 @@
 """The longest time of a reconfiguration, from the fault to the last ACTIVE: detect, decide, distribute, activate.
 
-    detect      a silent PE is declared down after `misses` periods and a quarter of the bus on which it reports. The
-                time counts from its last state, which may still have been on its way when the PE fell silent. A report
-                of a module comes with one EMCY. A PE that returns sends within a period and is held down for ten more
-                (twice as long after each recent loss; the bound assumes none)
+    detect      a silent PE is declared down `misses` periods and a quarter of a period after its last state; the period
+                is the heartbeat period of its uplink. That state may still have been on its way when the PE fell
+                silent. A fault that a module reports is detected when its EMCY has arrived. A PE that returns sends
+                within a period and is held down for ten more (twice as long after each recent loss; the bound assumes
+                none)
     decide      given by the caller, since the planner has no deadline; only a table look-up has one
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
     activate    for every step of the transition, one command and its last answer. Before GO_ALL a DEMUX that a silent
-                PE may still drive waits for T_lease. That time begins when the PE is declared down, with the first
-                ALIVE that does not name it
+                PE may still drive waits for T_lease. T_lease counts from the first ALIVE that does not name this PE;
+                the manager sends that ALIVE when it declares the PE down
 
 If several PEs fall silent together, each is declared down at its own moment, and the reconfiguration begins anew each
 time. The bound counts from the last declaration, and includes the frames of the epochs that were begun before it.
 
-A bound holds for one fault at a time (a reported fault: by one module), without lost or destroyed frames, on nodes that
-compute in no time. The manager waits for no PE beyond a radio, unless that PE must stop something first; then the bound
-treats the radio as a cable. If a time has no bound it is None, and `note` says why.
+The bound holds if no other fault occurs during the reconfiguration, apart from PEs that fall silent together; if only
+one module reports a fault; if no frame is lost or destroyed; and for nodes that compute in no time. The manager waits
+for no PE beyond a radio, unless that PE must stop something first; then the bound treats the radio as a cable.
+If a time has no bound it is None, and `note` says why.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,7 +50,12 @@ class FaultClass(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One fault, with the configurations before and after it."""
+    """One fault, or the return of PEs, with the configurations before and after the reconfiguration.
+
+    fault: its class.
+    element: what fails or returns, by name.
+    now: the situation after the fault.
+    """
 
     fault: FaultClass
     element: str
@@ -60,13 +67,20 @@ class Case:
 
     @property
     def several(self) -> bool:
-        """Tell whether the plan comes in several epochs, as one PE after another is declared down or available."""
+        """Tell whether the manager opens several epochs: several PEs are lost or return, each at its own moment."""
         return len(self.silent) > 1 or len(self.returns) > 1
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """The parts of the longest time of one case, in nanoseconds; `wait_ns` is the time that T_lease adds."""
+    """Upper bounds on the parts of one reconfiguration, in nanoseconds; None: that part has no bound.
+
+    case: the fault that causes the reconfiguration.
+    wait_ns: for how long T_lease of a silent PE delays GO_ALL.
+    slice_frames: number of SLICE frames on the manager's bus.
+    steps: the steps that ACTIVATE commands, in order.
+    note: what the reader must know of this case, or why a part has no bound.
+    """
 
     case: Case
     detect_ns: int | None
@@ -82,7 +96,7 @@ class Bound:
 
     @property
     def total_ns(self) -> int | None:
-        """Sum of all parts, in nanoseconds; None: one of them has no bound."""
+        """The sum of all parts, in nanoseconds; None: one of them has no bound."""
         if self.detect_ns is None or self.distribute_ns is None or self.activate_ns is None:
             return None
         return self.detect_ns + self.decide_ns + self.distribute_ns + self.activate_ns + self.wait_ns
@@ -92,11 +106,14 @@ _Times = Mapping[str, FrameTimes]  # of each bus
 
 
 class CrowdedError(Exception):
-    """Management frames alone can fill these buses, so their response times have no bound."""
+    """Management frames alone can fill some buses, so their response times have no bound.
+
+    The message names the buses.
+    """
 
 
 class Bounds:
-    """Bounds of one spec."""
+    """Computes the longest reconfiguration times of one spec."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -107,7 +124,7 @@ class Bounds:
         self._wired = reached_by_wire(spec)
 
     def bound(self, case: Case, decide_ns: int) -> Bound:
-        """Work out the bound of one case, if deciding takes `decide_ns` nanoseconds."""
+        """Give the bound for one case, if the manager takes `decide_ns` nanoseconds to get a plan."""
         reached = survivors(self._spec, case.now).pe_cpu_millis.keys() & self._paths.keys()
         if not reached:
             return Bound(
@@ -123,12 +140,12 @@ class Bounds:
             return Bound(case, None, decide_ns, note=str(error))
 
     def _detected(self, case: Case, decide_ns: int) -> Bound:
-        """Give a bound with the time until the manager knows of the fault, and a note on it."""
+        """Begin the bound of a case with the longest time until the manager knows of the fault, and a note on it."""
         times = self._times(Burst(reports=1) if not case.silent and not case.returns else QUIET)
         found = Bound(case, None, decide_ns)
         if case.returns:
             told_ns, last = max((self._speaks_ns(pe) + self._up(pe, times), pe) for pe in case.returns)
-            found = replace(found, note="for the first return of a PE in a minute")
+            found = replace(found, note="if the PE was lost only once within a minute")
             return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
         if case.silent:
             told_ns, last = max((self._silence_ns(pe) + self._up(pe, times), pe) for pe in case.silent)
@@ -136,10 +153,13 @@ class Bounds:
         if case.fault is FaultClass.BUS_LOST:
             return replace(found, note="no PE falls silent: the fault is not noticed", is_hopeless=True)
         told_ns = max(sum(times[bus].emergency_ns for bus in path) for path in self._paths.values())
-        return replace(found, detect_ns=told_ns, note="from the report on")
+        return replace(found, detect_ns=told_ns, note="counted from the report on")
 
     def _moved(self, found: Bound, reached: Sequence[str]) -> Bound:
-        """Add the times for distributing and activating the plan."""
+        """Add to a bound the times for distributing the slices and for activating the plan.
+
+        reached: the PEs that the manager can command.
+        """
         case = found.case
         way = self._transitions.transition(case.before, case.after, case.now)
         steps = tuple(dict.fromkeys((Step.BREAK, *way.steps))) if case.several else way.steps
@@ -172,7 +192,10 @@ class Bounds:
         return {bus: found for bus, found in times.items() if found is not None}
 
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
-        """Give the frames under way while slices go out; one epoch may run, another be given up, and a third be new."""
+        """Give the frames on the buses while slices go out.
+
+        Three epochs may send frames then: one that runs, one that was abandoned, and the new one.
+        """
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))
         counts = {pe: self._slice_frames(pe, case, before, after) for pe in reached}
@@ -191,7 +214,10 @@ class Bounds:
         )
 
     def _activating(self, burst: Burst) -> Burst:
-        """Give the frames under way during a step; PEs beyond a radio may still be at the step before."""
+        """Give the frames on the buses during a step of activation; `burst`: those while slices went out.
+
+        PEs beyond a radio may still receive their slices.
+        """
         first = self._spec.manager.bus
         beyond = burst.slices_beyond
         stragglers = sum(
@@ -200,7 +226,7 @@ class Bounds:
         return replace(burst, heads=0, paced=stragglers, broadcasts=burst.broadcasts + 1, answers=burst.answers + 1)
 
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
-        """Give the number of SLICE frames for one PE: the head, and the body unless the PE runs that slice already."""
+        """Give the number of SLICE frames for one PE: one head, and the body unless the PE runs that slice already."""
         node = self._spec.pes[pe].node_id
         length = len(after.slices[node])
         if case.several:
@@ -220,7 +246,7 @@ class Bounds:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
-        """Give the time in ns to wait for T_lease if silent PEs drove some of these DEMUXes; 0 if none did."""
+        """Give how long, in nanoseconds, a silent PE may still drive one of these DEMUXes; 0 if none drove any."""
         rivals = {m for demux in demuxes for group in self._spec.demuxes[demux].exclusives.values() for m in group}
         drove = {running.pe for module, running in case.before.modules.items() if module in rivals}
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
@@ -229,12 +255,15 @@ class Bounds:
         return sum(times[bus].answer_ns for bus in self._paths[pe])
 
     def _round_trip(self, pes: Iterable[str], times: _Times) -> int:
-        """Give the longest time from a command to the last answer of these PEs, in nanoseconds."""
+        """Give the longest time from a command until the last of these PEs has answered, in nanoseconds."""
         paths = [self._paths[pe] for pe in pes]
         return max((sum(times[bus].command_ns + times[bus].answer_ns for bus in path) for path in paths), default=0)
 
     def _repeated(self, pes: Iterable[str], times: _Times) -> str | None:
-        """Return a note on a PE whose answer may be so late that the command is repeated; None: there is none."""
+        """Say that one of these PEs may answer too late, so that the manager repeats its command.
+
+        None: none of them may.
+        """
         for pe in pes:
             if self._round_trip([pe], times) >= self._period_ns(pe):
                 return f"{pe} may answer later than a heartbeat period, so that the command is repeated"

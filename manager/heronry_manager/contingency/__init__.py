@@ -1,4 +1,4 @@
-"""Plans made ahead: the file that holds them, the look-up in flight, and the part that fits into the PEs.
+"""Contingencies, the plans made ahead: their file, the journal of an unfinished sweep, and the look-up in flight.
 
-The sweep that makes them is `heronry_manager.planner.sweep`. In flight only this package is needed, and no solver.
+The sweep that makes the plans is `heronry_manager.planner.sweep`. In flight only this package is needed, and no solver.
 """

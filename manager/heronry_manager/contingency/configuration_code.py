@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 
 
 class ConfigurationCode:
-    """Encodes and decodes the configurations of one spec."""
+    """Encodes configurations of one spec as rows of bytes, and decodes these rows."""
 
     def __init__(self, spec: Spec) -> None:
         self._pes = list(spec.pes)
@@ -34,7 +34,7 @@ class ConfigurationCode:
         self._mode_index = {(n, mode.name): i for n, modes in self._modes.items() for i, mode in enumerate(modes)}
 
     def encode(self, configuration: Configuration) -> bytes:
-        """Encode a configuration; every name in it must exist in the spec."""
+        """Encode a configuration as a row; every name in the configuration must exist in the spec."""
         numbers: list[int] = []
         for module in self._modules:
             running = configuration.modules.get(module)
@@ -49,7 +49,7 @@ class ConfigurationCode:
         return pack(numbers)
 
     def decode(self, row: bytes) -> Configuration:
-        """Decode a configuration; raises PackingError if the bytes are not a row of this spec."""
+        """Decode a row of `encode`; raises PackingError if the bytes are not a row of this spec."""
         numbers = Unpacker(row)
         places: dict[str, tuple[str, Mode]] = {}
         wired: dict[str, list[int]] = {}
@@ -61,7 +61,7 @@ class ConfigurationCode:
                 places[module] = (self._pes[pe_index], mode)
                 wired[module] = [numbers.number() for _ in self._leaves[module, mode.name]]
         if numbers.left():
-            raise PackingError("bytes are left over after the last module")
+            raise PackingError("it has more bytes than the last module needs")
         return Configuration(
             {
                 module: Running(pe, mode.name, dict(self._wires(module, mode.name, wired[module], places)))
@@ -84,18 +84,18 @@ class ConfigurationCode:
 
 def _at(names: Sequence[_T], index: int) -> _T:
     if index >= len(names):
-        raise PackingError(f"index {index} is beyond the spec")
+        raise PackingError(f"it names number {index} of a list in the spec that has only {len(names)} entries")
     return names[index]
 
 
 def worth_of(objective: Objective) -> tuple[int, ...]:
-    """Give the objective of a plan as ten numbers, all of them 0 or more."""
+    """Encode the objective of a plan as ten integers, all of them 0 or more."""
     costs = (objective.changes, objective.branches, objective.bus_mbit_per_s, objective.cpu_millis)
     return (*objective.critical, objective.utility, objective.inputs, *costs)
 
 
 def objective_of(worth: Sequence[int]) -> Objective:
-    """Read an objective back from the ten numbers of `worth_of`; raises PackingError for another count."""
+    """Decode the ten integers of `worth_of`; raises PackingError if there are not ten."""
     match worth:
         case [a, b, c, d, utility, inputs, changes, branches, bus, cpu]:
             return Objective((a, b, c, d), utility, inputs, changes, branches, bus, cpu)

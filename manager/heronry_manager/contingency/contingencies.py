@@ -1,4 +1,4 @@
-"""Plans made ahead, as a value: a plan for every fault set up to a size, in several phases, and a safe mode per phase.
+"""The contingencies of a spec: a plan for every fault set up to a size, in several phases, and a safe mode per phase.
 
 Equal configurations are kept once. They are numbered from 1, in the order in which PEs hold them on board: the
 fault-free configurations, the safe modes, then those for single faults phase by phase, then those for two faults, and
@@ -19,7 +19,12 @@ from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope, place
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A plan made ahead: the number of its configuration, its worth, and whether it is proven to be the best."""
+    """One plan made ahead.
+
+    number: of its configuration.
+    objective: the value of the plan at each level.
+    optimal: the plan is proven to be the best one.
+    """
 
     number: int
     objective: Objective
@@ -28,7 +33,7 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class PhasePlans:
-    """The plans made ahead for one phase."""
+    """The plans made ahead for one phase of the mission."""
 
     phase: Phase
     safe_mode: int  # number of the configuration that serves critical functions only
@@ -39,7 +44,7 @@ class PhasePlans:
 
 @dataclass(frozen=True, slots=True)
 class Contingencies:
-    """All plans made ahead for a spec."""
+    """All plans made ahead for one spec."""
 
     spec_digest: str  # SHA-256 of the spec's file, hexadecimal
     scope: Scope
@@ -47,11 +52,11 @@ class Contingencies:
     phases: tuple[PhasePlans, ...]  # as in the scope
 
     def configuration(self, number: int) -> Configuration:
-        """Give the configuration with a number, from 1."""
+        """Give the configuration that has this number, 1 or above."""
         return self.configurations[number - 1]
 
     def entries(self) -> Iterator[tuple[Phase, FaultSet, Made]]:
-        """Give every fault set in every phase, with its plan."""
+        """Yield each fault set in each phase, with the plan that was made for it."""
         for table in self.phases:
             for down, index in zip(self.scope.fault_sets(), table.by_fault_set, strict=True):
                 yield table.phase, down, table.plans[index]
@@ -65,7 +70,10 @@ def contingencies(
     outcomes: Mapping[tuple[Phase, FaultSet], Outcome],
     safe_modes: Mapping[Phase, Configuration],
 ) -> Contingencies:
-    """Number the configurations that a sweep found; `outcomes` has every fault set in every phase of the scope."""
+    """Put the results of a sweep together, and give numbers to their configurations; equal ones get the same number.
+
+    outcomes: the result for every fault set in every phase of the scope.
+    """
     numbers = _Numbers(spec)
     for phase in scope.phases:
         numbers.of(outcomes[phase, frozenset()].configuration)
@@ -110,7 +118,7 @@ def _phase_plans(
 
 
 class _Numbers:
-    """Numbers configurations as they come; equal ones get one number."""
+    """Gives numbers to configurations, from 1; equal configurations get the same number."""
 
     def __init__(self, spec: Spec) -> None:
         self.configurations: list[Configuration] = []

@@ -6,11 +6,16 @@
     ...       zlib-compressed: numbers as in `heronry_wire.packing`, counts before lists
     32 bytes  SHA-256 of everything before
 
-The numbers are, in this order: the number of faults; whether places in use are planned for (1 or 0); the elements
-(indices into `situation.elements`); the phases (index + 1; 0 for a spec without); the configurations, as rows; and a
-part for each phase. That part has the number of the safe mode; the plans (number of the configuration, proven or not,
-ten integers of worth); for each fault set in the order of `Scope.fault_sets` the index of its plan; and for each place
-in use its PE, module and the index of its plan. So a fault set takes only the room of that index.
+The numbers are, in this order:
+
+    most faults in a set; whether places in use are planned for (1 or 0)
+    the elements (indices into `situation.elements`)
+    the phases (index + 1; 0 for a spec without phases)
+    the configurations, as rows (`configuration_code`)
+    for each phase   the number of its safe mode
+                     the plans: number of the configuration, proven or not, the value as ten integers (`worth_of`)
+                     for each fault set, in the order of `Scope.fault_sets`: the index of its plan
+                     for each place in use: its PE, its module, the index of its plan
 
 The format is heronry's own, because indices into a spec that is bound by its digest need a tenth of the room of names.
 It is compressed, because the configurations of similar fault sets differ in a few modules. zlib and SHA-256 are in the
@@ -38,11 +43,11 @@ _MOST_BYTES = 1 << 28  # unpacked; a file that claims more is not unpacked
 
 
 class ContingencyFileError(HeronryError, ValueError):
-    """A contingency file that cannot be used; the message says why and what to do."""
+    """A contingency file cannot be used; the message says why and what to do."""
 
 
 def read_contingencies(file: Path, spec: Spec) -> Contingencies:
-    """Read the file for a spec; raises ContingencyFileError, or OSError if the file cannot be opened."""
+    """Read the contingency file of a spec; raises ContingencyFileError, or OSError if the file cannot be opened."""
     try:
         return from_bytes(file.read_bytes(), spec)
     except ContingencyFileError as error:
@@ -58,7 +63,10 @@ def to_bytes(made: Contingencies, spec: Spec) -> bytes:
 
 
 def from_bytes(data: bytes, spec: Spec) -> Contingencies:
-    """Decode the content of a file; raises ContingencyFileError."""
+    """Decode the content of a contingency file.
+
+    Raises ContingencyFileError if it is damaged, or made for another spec.
+    """
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):
         raise ContingencyFileError("the file is not a contingency file")
@@ -120,7 +128,7 @@ def _read(numbers: Unpacker, spec: Spec) -> Contingencies:
     configurations = tuple(code.decode(numbers.text()) for _ in range(numbers.number()))
     tables = tuple(_read_phase(numbers, phase, scope, configurations, spec) for phase in phases)
     if numbers.left():
-        raise PackingError("bytes are left over")
+        raise PackingError("it has more bytes than its contingencies need")
     return Contingencies(spec.digest, scope, configurations, tables)
 
 
@@ -131,14 +139,14 @@ def _read_phase(
     plans = tuple(_read_made(numbers, len(configurations)) for _ in range(numbers.number()))
     by_fault_set = tuple(numbers.numbers())
     if len(by_fault_set) != scope.set_count() or max(by_fault_set) >= len(plans):
-        raise PackingError(f"the plans of phase {phase} do not fit its fault sets")
+        raise PackingError(f"it does not have one plan for each fault set in phase {phase}")
     modules, pes, rest = list(spec.modules), list(spec.pes), tuple(numbers.numbers())
     by_place = tuple(
         (f"module:{modules[module]}@{pes[pe]}", index)
         for pe, module, index in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
     )
     if any(index >= len(plans) for _, index in by_place):
-        raise PackingError(f"a place in phase {phase} has no plan")
+        raise PackingError(f"it lacks the plan for a place in phase {phase}")
     return PhasePlans(phase, safe_mode, plans, by_fault_set, by_place)
 
 
@@ -149,5 +157,5 @@ def _read_made(numbers: Unpacker, known: int) -> Made:
 
 def _checked(number: int, known: int) -> int:
     if not 1 <= number <= known:
-        raise PackingError(f"there is no configuration number {number}")
+        raise PackingError(f"it names configuration {number}, and has only {known}")
     return number

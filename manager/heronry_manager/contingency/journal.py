@@ -2,8 +2,8 @@
 
 The journal is a text file beside the contingency file that is being made; each line has a checksum (`checked_lines`).
 The first line names the spec's digest and the scope. Every other line is an answer: phase, elements that are down,
-configuration as a row, worth, proven or not. Lines are only ever appended. A kill can cut the last line short: the next
-start drops everything from the first bad line on. A journal of another spec or scope is written anew.
+configuration as a row, worth, proven or not. Lines are only ever appended. If the run is killed, the last line may be
+cut short: the next run drops everything from the first bad line on. A journal of another spec or scope is written anew.
 
 Only one run at a time may write a journal; a lock ensures that, and the kernel releases the lock when the process ends.
 """
@@ -27,14 +27,14 @@ _FORMAT = 1
 
 
 class JournalError(HeronryError):
-    """The journal cannot be used; the message says why and what to do."""
+    """The journal of a sweep cannot be used; the message says why and what to do."""
 
 
 class Journal:
-    """The journal of one sweep, open for appending; `known` is what earlier runs found."""
+    """The journal of one sweep, open for appending; `known`: the answers that earlier runs have found."""
 
     def __init__(self, file: Path, spec: Spec, scope: Scope) -> None:
-        """Open or begin a journal; raises JournalError while another run writes it."""
+        """Open the journal, or begin a new one; raises JournalError while another run writes it."""
         self.file = file
         self.known: dict[tuple[Phase, FaultSet], Outcome] = {}
         self._code = ConfigurationCode(spec)
@@ -60,9 +60,9 @@ class Journal:
             self._stream.close()
 
     def add(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
-        """Append an answer; it survives a kill from the moment this returns.
+        """Append an answer, the plan for these faults; after this call the answer survives if the process is killed.
 
-        Raises JournalError if the disk is full; the earlier lines stay usable for the next run.
+        Raises JournalError if the disk is full; the next run can still use the earlier lines.
         """
         row = self._code.encode(outcome.configuration)
         content = [phase, sorted(down), row.hex(), worth_of(outcome.objective), outcome.optimal]
@@ -106,7 +106,7 @@ class Journal:
 
 
 def _whole_lines(data: bytes) -> Iterator[tuple[bytes, object]]:
-    """Give the lines and their contents, up to the first damaged line."""
+    """Yield each line with its content, and stop at the first damaged line."""
     for line in data.splitlines(keepends=True):
         content = line_content(line)
         if content is DAMAGED:

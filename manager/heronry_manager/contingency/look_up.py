@@ -9,11 +9,11 @@ three preconditions:
     configuration    the fault-free configuration of the phase runs, module by module. At the start, when nothing is
                      down, it is enough that no running configuration is known, since changes cost nothing then
 
-A plan is put together when it is first looked up. The plans of single faults, with their reports, are put together at
-the start, since that takes longer than a look-up may.
+If a precondition is not met, the planner must answer. While another configuration runs, a plan made ahead would be
+legal, but not the plan with the fewest changes.
 
-In any other case the planner must answer. While another configuration runs, a plan made ahead would be legal, but not
-the plan with the fewest changes.
+The file holds configurations; a look-up makes a whole plan of one, with its report, and keeps it. For single faults the
+plans are made at the start, since making one takes longer than a look-up may.
 """
 
 from heronry_dg.losses import lost_of
@@ -26,7 +26,7 @@ from heronry_manager.planner.sweep import FaultSet, Phase
 
 
 class ContingencyTable:
-    """The contingencies of a spec, ready to be looked up."""
+    """Looks up the contingencies of one spec."""
 
     def __init__(self, spec: Spec, made: Contingencies) -> None:
         self._spec, self._contingencies = spec, made
@@ -43,14 +43,17 @@ class ContingencyTable:
                 plan.report.work_out()
 
     def find(self, down: FaultSet, phase: Phase, running: Placement | None) -> Made | None:
-        """Find the plan made ahead for these faults, this phase and this running configuration; None: there is none."""
+        """Find the plan made ahead for these faults, this phase and this running configuration.
+
+        None: no plan was made.
+        """
         found = self._made.get((phase, self._named_once(down)))
         if found is None or (running is None and down):
             return None
         return found if running is None or running == self._running[phase] else None
 
     def plan(self, down: FaultSet, phase: Phase, running: Placement | None) -> Plan | None:
-        """Give the plan that `find` finds as a `Plan`, with its report; None: there is none."""
+        """Give what `find` gives, as a whole plan with its report; None: no plan was made."""
         found = self.find(down, phase, running)
         if found is None:
             return None
@@ -63,14 +66,14 @@ class ContingencyTable:
         return known
 
     def _named_once(self, down: FaultSet) -> FaultSet:
-        """Leave out the elements that are down only because another one is."""
+        """Leave out the elements that count as down only because another element of the set is down."""
         if len(down) < 2:
             return down
         return frozenset(one for one in down if not any(one in self._implied[other] for other in down))
 
 
 def _implied(spec: Spec, element: str) -> frozenset[str]:
-    """Return the elements that count as down while this one is; no two elements imply each other."""
+    """Give the elements that count as down while `element` is down; no two elements imply each other."""
     left = survivors(spec, Situation(frozenset({element})))
     hosts = {module.name: left.hosts(module) for module in spec.modules.values()}
     homeless = (f"module:{name}" for name, pes in hosts.items() if not pes)

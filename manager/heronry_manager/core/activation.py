@@ -1,9 +1,11 @@
-"""The steps of an epoch that every awaited PE has staged: BREAK first where need be, then GO, then GO_ALL.
+"""The activation of an epoch that every awaited PE has staged, in up to three steps: BREAK, GO, GO_ALL.
 
-A PE must report BROKEN before any PE goes on in three cases: it gives up something exclusive (`exclusion`); it has to
-make room on a bus (`transition`); or it is reached by wire and runs a configuration that this mastership has not given
-it. The manager also waits until an unavailable PE has certainly stopped driving: before GO for identifiers, before
-GO_ALL for a DEMUX. `reconfiguration` says how long each step is repeated, and which PEs must still answer.
+With BREAK a PE stops what it has to give up; with GO it starts everything but new DEMUX branches, and with GO_ALL these
+too. Steps that need not wait are skipped. Some PEs must report BROKEN before the manager commands GO: a PE that gives
+up something exclusive (`exclusion`), a PE that has to make room on a bus (`transition`), and a PE that is reached by
+wire and runs a configuration that this mastership has not given it. The manager also waits until an unavailable PE has
+certainly stopped: before GO, until that PE no longer sends under the identifiers of a module that moves; before GO_ALL,
+until it no longer drives a DEMUX. `reconfiguration` says how long each step is repeated, and which PEs must answer.
 
 What the manager does not know: the configuration of a PE that reports an epoch which the manager has forgotten, or an
 unexpected digest. The manager waits for that PE, since anything else could put two drivers on one identifier.
@@ -22,7 +24,7 @@ from heronry_wire.state_frames import PeState
 
 
 class Activation:
-    """Takes the current epoch from its first ACTIVATE to its end."""
+    """Commands the steps of an epoch, from its first ACTIVATE until all awaited PEs are ACTIVE."""
 
     def __init__(
         self, turn: Turn, spec: Spec, health: Health, exclusion: Exclusion, observed: Observations, *, epochs: Epochs
@@ -33,7 +35,7 @@ class Activation:
         self._before: Configuration | None = None  # what ran before the current epoch
 
     def begin(self, epoch: Reconfiguration, current: Reconfiguration | None) -> None:
-        """Send the first ACTIVATE of `epoch`, which replaces the `current` one."""
+        """Send the first ACTIVATE of `epoch`, which from now on replaces `current`, the epoch before it."""
         must_break = self._must_break(epoch, current)
         self._free(epoch)
         self._exclusion.activated(epoch.placed)
@@ -43,7 +45,7 @@ class Activation:
         self._emit_step(epoch)
 
     def move_on(self, epoch: Reconfiguration) -> bool:
-        """Take the next step if nothing is left to wait for; tells whether the epoch has been completed."""
+        """Command the next step of an epoch if nothing is left to wait for; tells whether the epoch is completed."""
         self._free(epoch)
         broken = epoch.stage is Stage.BREAKING and epoch.all_broken() and epoch.identifiers_free_ns is None
         if broken or (epoch.stage is Stage.HOLDING and epoch.demux_free_ns is None):
@@ -56,7 +58,7 @@ class Activation:
         return True
 
     def _must_break(self, epoch: Reconfiguration, current: Reconfiguration | None) -> set[str]:
-        """Give the PEs that must report BROKEN before any PE goes on."""
+        """Give the PEs that must report BROKEN before the manager commands GO."""
         available = self._health.available()
         may_run = {pe: self._may_run(pe, current) for pe in available}
         strangers = {pe for pe, known in may_run.items() if known is None and pe in self._epochs.wired}
@@ -65,7 +67,7 @@ class Activation:
         return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
 
     def _may_run(self, pe: str, current: Reconfiguration | None) -> list[Configuration] | None:
-        """Give the configurations that a PE may be running, according to its last state; None: not known."""
+        """Give the configurations that a PE may be running, according to its last state; None: they are not known."""
         seen = self._observed.of[pe]
         if seen.state is PeState.UNCONFIGURED:
             return []
@@ -76,7 +78,7 @@ class Activation:
         return [known.configuration, *late]
 
     def _free(self, epoch: Reconfiguration) -> None:
-        """Work out until when unavailable PEs may still drive what this epoch needs."""
+        """Set, in the epoch, until when unavailable PEs may still drive outputs that it gives to other PEs."""
         if epoch.stage in (Stage.DONE, Stage.GOING):
             return
         available, now_ns = self._health.available(), self._turn.now_ns

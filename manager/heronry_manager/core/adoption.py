@@ -28,7 +28,7 @@ from heronry_wire.state_frames import PeState
 
 
 class Adoption:
-    """Finds out whether the running configuration may be adopted, and makes its epoch."""
+    """Decides whether the running configuration may be adopted, and makes an epoch of it."""
 
     def __init__(
         self, turn: Turn, spec: Spec, health: Health, exclusion: Exclusion, observed: Observations, *, epochs: Epochs
@@ -37,7 +37,7 @@ class Adoption:
         self._observed, self._epochs = observed, epochs
 
     def of_plan(self, plan: Plan) -> Reconfiguration | None:
-        """Give the running epoch if every available PE runs exactly this plan; else None."""
+        """Give the epoch that the PEs run if every available PE runs exactly this plan; None otherwise."""
         compiled = self._epochs.compiled(plan.configuration)
         seen = [self._observed.of[pe] for pe in self._health.available()]
         clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
@@ -49,10 +49,10 @@ class Adoption:
         return self._adopted(newest, plan, compiled)
 
     def of_remembered(self, runs: Runs | None, now: Situation) -> Reconfiguration | None:
-        """Give the remembered or overheard epoch if the PEs run it; else None.
+        """Give the epoch that is remembered or was overheard (`runs`) if the PEs run it; None otherwise.
 
         PEs that run nothing, or are missing, do not prevent the adoption; they are treated as faults. The memory does
-        not hold the limits of the radios for which the plan was made, so the plan counts as made for their limits
+        not hold the limits of the radios for which the plan was made, so the plan counts as made for the limits in
         `now`.
         """
         if runs is None:

@@ -4,7 +4,8 @@
     adopted    the PEs report the advised configuration, or one that was overheard (`following`): what runs is known
     unknown    the PEs run any other configuration: what runs is not known, and nothing is advised
 
-A PE that reports the known configuration changes nothing. If a state is late or lost, the next state makes up for it.
+A state of a PE that reports the known configuration changes nothing. If a state is late or lost, the next one replaces
+it.
 """
 
 from heronry_dg.plan import Plan
@@ -17,18 +18,17 @@ from heronry_manager.core.turn import Turn
 
 
 class Advice:
-    """Emits advice as events, and commands nothing."""
+    """Reports, as events, what a manager that only advises would deploy; it commands nothing."""
 
     def __init__(self, turn: Turn, health: Health, deployment: Deployment) -> None:
         self._turn, self._health, self._deployment = turn, health, deployment
         self._advised: tuple[Plan, int] | None = None  # the last advised plan, and its digest
 
     def advise(self, plan: Plan, unknown: int | None, overheard: Runs | None) -> None:
-        """Emit the changes that deploying this plan would make.
+        """Report the changes that deploying this plan would make.
 
-        If the PEs run an `unknown` epoch, report that epoch instead.
-
-        An overheard epoch that not all PEs run yet is not reported: `follow` will adopt it.
+        If the PEs run an `unknown` epoch, that epoch is reported instead. Nothing is reported while the PEs change to
+        an `overheard` epoch: `follow` will adopt that one.
         """
         self._advised = plan, self._deployment.epochs.compiled(plan.configuration).digest
         if unknown is None:
@@ -46,7 +46,7 @@ class Advice:
             self._turn.emit("unknown_epoch", epoch=unknown)
 
     def follow(self, now: Situation, overheard: Runs | None) -> bool:
-        """Compare the configuration that the PEs run with the known one; tells whether it has just become known.
+        """Check whether the configuration that runs is known now; True: it was not known before.
 
         An advised or overheard configuration becomes known when the PEs run it. If the PEs run any other configuration,
         what runs is no longer known.

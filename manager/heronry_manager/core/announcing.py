@@ -1,10 +1,11 @@
 """The active manager announces the phase, priorities and latched faults to the standby manager (CONTROL).
 
-The manager announces one fact at a time: a new fact with the next heartbeat, the others in turn, one with every
-ANNOUNCED_EVERY-th heartbeat. A fact is HOLDS with the phase, a latched fault or a changed priority; or CLEAR with a
-function that has the priority of the spec again, and for which requests were executed. Before each answer to a request
-the manager sends the phase or the priority, even if it was sent before: a standby manager that has just started knows
-only its journal. After a phase or a priority in its turn, the manager also sends which requests for it were executed.
+A *fact* is one such announcement: CONTROL HOLDS with the phase, a latched fault, a changed priority or a held script;
+or CONTROL CLEAR with a function that has the priority of the spec again, and for which requests were executed. The
+manager announces one fact at a time: a new fact with the next heartbeat, the others in turn, one with every
+ANNOUNCED_EVERY-th heartbeat. Before each answer to a request the manager announces the phase or the priority once more:
+a standby manager that has just started knows only its journal. Each time that the turn of a phase or a priority has
+come, the manager also sends which requests for it were executed.
 
 A PE uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a
 fact hears it again later. It drops a fact that it has not heard for some turns (`known_situation`).
@@ -20,7 +21,7 @@ Fact = tuple[Operation, int, int]  # operation, a and b of CONTROL
 
 
 class Announcer:
-    """Chooses the fact that is announced next."""
+    """Chooses the fact that the active manager announces next."""
 
     def __init__(self, spec: Spec, situation: KnownSituation, script: HeldScript) -> None:
         self._phases = list(spec.phases)
@@ -29,7 +30,7 @@ class Announcer:
         self._told: dict[Fact, int] = {}  # number of the beat that announced each fact last
 
     def next(self) -> Fact | None:
-        """Give the fact to announce with this beat; None: no fact is due."""
+        """Give the fact to announce with this beat, and count it as announced; None: no fact is due."""
         self._beat += 1
         facts = self.look()
         fact = min(facts, key=lambda one: self._told.get(one, 0), default=None)
@@ -39,13 +40,13 @@ class Announcer:
         return fact
 
     def phase(self) -> Fact | None:
-        """Give the phase, to be announced immediately."""
+        """Give the phase as a fact that is announced immediately; None: the spec has no phases."""
         phase = self._phase()
         self._told |= dict.fromkeys(phase, self._beat)
         return phase[0] if phase else None
 
     def look(self) -> list[Fact]:
-        """Give the facts that hold now; a fact that ends and holds again later is announced as new."""
+        """List the facts that hold now. If a fact is missing once and holds later, it is announced as a new one."""
         fields = map(self._situation.failed.field, self._situation.failed.elements)
         held = sorted(field for field in fields if field is not None)
         facts = self._phase() + [(Operation.HOLDS, *field) for field in held]

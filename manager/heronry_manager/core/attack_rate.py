@@ -1,9 +1,10 @@
-"""How many forged frames a manager with a key sees, and the share of its bus that they take.
+"""Counts forged frames in a manager with a key, and reports an attack when they take much of the manager's bus.
 
-Every frame that it receives and that cannot come from a holder of the key is counted: states, nonces and commands whose
-tags do not fit. Once in `_WINDOW_NS` the manager compares the count with its bus. From a tenth on it is told as an
-attack, with its rate; below that the aircraft does not suffer (protocol rule 11), and the counts stand in the status.
-A frame that was altered on its way counts, too: a bus that alters a tenth of its frames is as bad.
+A received frame counts as forged if it cannot come from a holder of the key: a state, nonce or command whose tag does
+not fit. Once in `_WINDOW_NS` the manager works out the share of its bus that these frames took. A share of a tenth or
+more is reported as an attack, with the rate of the frames. A smaller share does not harm the aircraft (protocol rule
+11), and only the status shows the counts. A frame that was altered on its way counts, too: a bus that alters a tenth of
+its frames is as bad.
 """
 
 from heronry_manager.core.turn import Turn
@@ -15,7 +16,7 @@ _FRAME_BITS = 125  # of a frame with eight bytes, with some stuffing
 
 
 class AttackRate:
-    """The forged frames of one bus."""
+    """Counts the forged frames on the manager's bus."""
 
     def __init__(self, turn: Turn, bus: str, bitrate: int) -> None:
         self._turn, self._bus, self._bitrate = turn, bus, bitrate
@@ -23,7 +24,10 @@ class AttackRate:
         self._is_told = False
 
     def forged(self, frames: int = 1) -> None:
-        """Count frames, and tell an attack that begins."""
+        """Count forged frames.
+
+        Reports an attack (event `attacked`) when their share of the bus has grown to a tenth.
+        """
         now_ns = self._turn.now_ns
         if now_ns - self._since_ns >= _WINDOW_NS:
             self._close(now_ns)

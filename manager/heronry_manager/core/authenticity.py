@@ -31,14 +31,15 @@ the TAG of the answer proves both. An answer that the standby manager has missed
 knows, opens nothing.
 
 *Other managers.* This manager believes another manager whose commands carry right tags with rising numbers; nothing
-else can end a mastership. A standby manager sends no nonce, so it finds the upper bits of the current number by trying.
-A command under this manager's own node-ID comes from a second manager only if its number is above this manager's last
-one; any other may be a replay of this manager's own commands.
+else can end a mastership. A TAG carries only the lower bits of the number. A PE learns the upper bits from the answer
+to its nonce; a standby manager sends no nonce, and finds them by trying. A command under this manager's own node-ID
+comes from a second manager only if its number is above this manager's last one; any other may be a replay of this
+manager's own commands.
 
 Page 1 is no sign of life, and needs no number: what a PE reports on an epoch stays true as long as its session lasts.
 
 Page 3 and the reports of gateways on radios have no room for a proof. Page 3 only names digests that the manager tries.
-Page 2 names a nonce, and the nonce itself shows that the key has made it, now or once.
+Page 2 names a nonce, and the nonce itself shows that a holder of the key has made it, now or earlier.
 
 *Denial.* Frames without proof end nothing here. A session is open until the PE tags a state in a newer one, and a PE
 begins a newer one only after RENEW or in a new term. `attack_rate` counts the frames without proof.
@@ -83,7 +84,7 @@ _IN_A_ROW = 2  # two states are in a row if the second number is higher by at mo
 
 @dataclass(slots=True)
 class _Opened:
-    """A session, and the number of the last page 0 that was believed in it."""
+    """A session that was opened or offered, and the number of the last page 0 believed in it (-1: none)."""
 
     session: Session
     beat: int = -1
@@ -91,7 +92,7 @@ class _Opened:
 
 @dataclass(slots=True)
 class _Peer:
-    """What one PE has proven, and what may prove its next state."""
+    """What one PE has proven with the key, and what its next state may be proven with."""
 
     node: int
     period_ns: int
@@ -114,13 +115,13 @@ class _Peer:
     told_ns: int | None = None
 
     def sessions(self) -> list[_Opened]:
-        """Give the sessions in which the PE may tag its next state."""
+        """Give the sessions in which the PE may have tagged its next state: the open one, and those offered since."""
         return [*([] if self.opened is None else [self.opened]), *self.offers]
 
 
 @dataclass(frozen=True, slots=True)
 class _Overheard:
-    """Another manager's answer to the nonce of a PE."""
+    """An answer of another manager to the nonce of a PE, kept until its TAG comes."""
 
     peer: _Peer
     session: Session
@@ -128,7 +129,7 @@ class _Overheard:
 
 
 class Authenticity:
-    """The key of one manager, and what the PEs and other managers have proven with it."""
+    """Tags the commands of one manager with its key, and checks what PEs and other managers send."""
 
     def __init__(
         self,
@@ -139,7 +140,7 @@ class Authenticity:
         digest_of: Callable[[int], int | None],
         speaks: Callable[[], bool],
     ) -> None:
-        """Begin without a session.
+        """Begin without any session.
 
         digest_of: gives the digest of an epoch of this mastership, or of the manager that is followed; None: not known.
         speaks: tells whether this manager is active: only an active manager has a term of its own, never used before.
@@ -159,7 +160,7 @@ class Authenticity:
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
-        """Give whether a PE is believed, and how many of its states and commands to it were refused."""
+        """Give for the status whether a PE is believed, and how many of its states and commands were refused."""
         peer = self._peers[pe]
         return {
             "is_believed": peer.doubted_ns is None and peer.opened is not None,
@@ -170,7 +171,10 @@ class Authenticity:
     # What goes out
 
     def _seal(self, actions: list[ManagerAction]) -> list[ManagerAction]:
-        """Put the TAG of each command behind it; then answer the nonces that have come."""
+        """Give these actions with a TAG behind each command, and then the answers to nonces.
+
+        An answer is given to each nonce for which `answer` was called since the last event.
+        """
         if self._signer.term != self._turn.term:  # this standby manager has taken over
             self._signer = CommandSigner(self._key, self._turn.node, self._turn.term)
         sealed: list[ManagerAction] = []
@@ -186,7 +190,10 @@ class Authenticity:
         return sealed
 
     def answer(self, pe: str, page: StatePage2) -> None:
-        """Answer a PE's nonce at the end of this turn, to open a session; at most once in a heartbeat period."""
+        """Answer the nonce in page 2 of a PE, to open a session, together with the next frames of this manager.
+
+        The same nonce is answered once in a heartbeat period at most.
+        """
         peer = self._peers[pe]
         if peer.answers.is_due(page.nonce, self._turn.now_ns):
             self._answers.append((peer, page.nonce))
@@ -194,7 +201,10 @@ class Authenticity:
     # What comes in
 
     def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
-        """Check the tag of a PE's page; gives the page, its digest in place of the tag; None: not believed."""
+        """Check the tag of a state.
+
+        Gives the page with the digest in the place of the tag, or None if it is not believed.
+        """
         peer = self._peers[pe]
         match page:
             case StatePage0():
@@ -216,7 +226,7 @@ class Authenticity:
         self._attack.forged()
 
     def _told(self, pe: str, peer: _Peer, page: StatePage3) -> None:
-        """Take page 3 of a PE: a digest of what it runs, and its count of refused commands."""
+        """Note what page 3 of a PE says: a digest of what the PE runs, and how many commands it has refused."""
         if page.digest not in peer.named:
             peer.named.append(page.digest)
         peer.refuses, now_ns = (page.unproven, page.other), self._turn.now_ns
@@ -227,19 +237,19 @@ class Authenticity:
             peer.told, peer.told_ns = peer.refuses, now_ns
 
     def hold_emergency(self, pe: str, emergency: bytes) -> None:
-        """Keep an EMCY until a page 0 proves it."""
+        """Keep an EMCY of a PE until a page 0 of that PE proves it."""
         held = self._peers[pe].held
         if emergency not in held and len(held) == _HELD:
             self._drop(held, next(iter(held)))
         held.setdefault(emergency, False)
 
     def _drop(self, held: dict[bytes, bool], emergency: bytes) -> None:
-        """Forget an EMCY; one that nothing has proven counts as forged."""
+        """Drop an EMCY; an EMCY that no page 0 has proven counts as forged."""
         if not held.pop(emergency):
             self._attack.forged()
 
     def take_emergency(self, pe: str) -> bytes | None:
-        """Give the EMCY that the last page 0 has proven, once; None if that page has proven no EMCY."""
+        """Give the EMCY that the last page 0 of a PE has proven, on the first call after that page; None otherwise."""
         peer = self._peers[pe]
         proven, peer.proven = peer.proven, NO_EMERGENCY
         return proven or None
@@ -252,7 +262,7 @@ class Authenticity:
             self._overheard[manager].append(_Overheard(self._by_node[order.node], session, control))
 
     def _follow(self, manager: int, tag: bytes) -> None:
-        """Try a TAG on the kept answers: the answer that it proves opens a session, unless a newer one is known."""
+        """Find the kept answer that this TAG proves, and open its session, unless a newer session is known."""
         kind, _, proof = decode_tag(tag) or (None, 0, 0)
         for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
             peer, place = answer.peer, Place(answer.session.term, answer.session.number)
@@ -263,11 +273,11 @@ class Authenticity:
                     peer.offers.append(_Opened(answer.session))
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
-        """Keep a command of another manager until its TAG comes."""
+        """Keep a command of another manager, and the event that brought it, until the TAG of the command comes."""
         self._managers.hold(manager, command, event, self._turn.now_ns)
 
     def proven(self, manager: int, tag: bytes) -> Held | None:
-        """Take the TAG of another manager; gives the command that it proves, or None."""
+        """Give the command of another manager that this TAG proves; None: it proves no command."""
         self._follow(manager, tag)
         found = self._managers.tagged(manager, tag, self._turn.now_ns)
         if not isinstance(found, Held) or self._was_mine(manager):
@@ -276,7 +286,7 @@ class Authenticity:
         return found
 
     def _was_mine(self, manager: int) -> bool:
-        """Tell whether the proven command is a replay of one that this manager itself has sent in this term."""
+        """Tell whether the command proven last is a replay: this manager itself has sent it in this term."""
         mine = Place(self._signer.term, self._signer.number)
         return manager == self._turn.node and self._managers.places[manager] <= mine
 
@@ -304,7 +314,7 @@ class Authenticity:
         return replace(page, digest=digest)
 
     def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int, bytes] | None:
-        """Find the session, number, digest and EMCY with which a tag is right; None if the tag is wrong."""
+        """Find the session, number, digest and EMCY for which the tag of a page 0 is right; None: the tag is wrong."""
         emergencies = [*peer.held] if PeFlags.FAULT_PENDING in page.flags else [NO_EMERGENCY]
         covered = [(digest, emergency) for digest in self._digests(peer, page.epoch) for emergency in emergencies]
         for one in peer.sessions():
@@ -315,9 +325,9 @@ class Authenticity:
         return None
 
     def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
-        """Take page 1 on an epoch of this mastership.
+        """Check page 1 on an epoch of this mastership; None: its tag is wrong.
 
-        Its digest becomes the epoch's if the PE has staged the epoch, else 0.
+        The page that is given has the digest of the epoch if the PE has staged it, else digest 0.
         """
         known = self._digest_of(page.staged_epoch)
         if known is None:
@@ -336,7 +346,10 @@ class Authenticity:
         return [*peer.named] if known is None else [known, *(digest for digest in peer.named if digest != known)]
 
     def _doubt(self, pe: str, peer: _Peer, page: StatePage0) -> None:
-        """Note that a page 0 was not believed; its tag counts as wrong only if a session was offered to the PE."""
+        """Note that a page 0 was not believed.
+
+        Its tag counts as wrong only if a session was offered to the PE before.
+        """
         now_ns = self._turn.now_ns
         if page.digest and (peer.opened or peer.offers):
             self._refuse(peer)

@@ -18,14 +18,14 @@ class Beacon:
     """Builds the manager's regular frames, and numbers them."""
 
     def __init__(self, node: int, period_ns: int, first_ns: int) -> None:
-        """Send a beat every `period_ns`, the first one at `first_ns` (nanoseconds)."""
+        """Make the first beat at `first_ns`, and one beat in each `period_ns` (nanoseconds)."""
         self.next_ns = first_ns
         self._node, self._period_ns = node, period_ns
         self._canopen_ns = first_ns
         self._sequence = 0
 
     def beat(self, now_ns: int, lease: Lease, alive: frozenset[int], suspects: frozenset[int]) -> list[Send]:
-        """Give the frames of one beat."""
+        """Give the frames of one beat: `lease`, an ALIVE that names the nodes `alive`, a PING to each of `suspects`."""
         pings = [self.ping(lease.term, node) for node in sorted(suspects)]  # with the number of this ALIVE
         frames = [self._send(Command.LEASE, lease.encode()), self.alive(lease.term, alive), *pings]
         if now_ns >= self._canopen_ns:
@@ -35,12 +35,12 @@ class Beacon:
         return frames
 
     def alive(self, term: int, nodes: frozenset[int]) -> Send:
-        """Give an ALIVE that names these nodes."""
+        """Give an ALIVE frame that names these nodes, and no others, as available."""
         sequence, self._sequence = self._sequence, (self._sequence + 1) % 256
         return self._send(Command.ALIVE, Alive(term, sequence, nodes).encode())
 
     def ping(self, term: int, node: int) -> Send:
-        """Give a PING, which asks one PE for its state."""
+        """Give a PING frame, which asks the PE with this node-ID for its state."""
         return self._send(Command.PING, Ping(term, node, self._sequence).encode())
 
     def _send(self, command: Command, data: bytes) -> Send:

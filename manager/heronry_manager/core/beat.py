@@ -2,9 +2,9 @@
 
 A beat comes in each heartbeat period: LEASE, ALIVE with all available PEs, PING for each suspect PE (`beacon`), and one
 fact in turn for a standby manager (`announcing`). Between two beats the manager sends an ALIVE as soon as a PE is no
-longer available, since T_lease of that PE begins with it, and a PING to a PE that has just become suspect.
+longer available, since T_lease of that PE begins with this ALIVE, and a PING to a PE that has just become suspect.
 
-Beats begin anew with each term. The next beat makes up for a lost one; no frame of a beat is acknowledged.
+Beats begin anew with each term. If a beat is lost, the next one replaces it; no frame of a beat is acknowledged.
 """
 
 from collections.abc import Iterable
@@ -30,14 +30,14 @@ _ALL_NODES = 0
 
 
 class Beat:
-    """The frames that an active manager sends unasked."""
+    """Sends what an active manager sends of its own accord: each beat, and ALIVE and PING between two beats."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
         self._settings, self._turn, self._known = settings, turn, known
         self.begin()
 
     def begin(self) -> None:
-        """Begin a term: the first beat is due now."""
+        """Begin to send beats in a new term: the first one is due now."""
         settings = self._settings
         self.beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
         self._announcer = Announcer(settings.spec, self._known.situation, self._known.script)
@@ -48,7 +48,7 @@ class Beat:
         return self._turn.now_ns >= self.beacon.next_ns
 
     def beat(self) -> None:
-        """Send LEASE, ALIVE, a PING to each suspect PE, and one fact for a standby manager, if a fact is due."""
+        """Send a beat: LEASE, ALIVE, a PING to each suspect PE, and one fact to a standby manager, if a fact is due."""
         known, now_ns = self._known, self._turn.now_ns
         known.situation.channels.beat()
         known.situation.disagreements.beat()
@@ -64,20 +64,23 @@ class Beat:
             self._tell_accepted(fact[1])
 
     def ping(self, pe: str) -> None:
-        """Send a PING, which asks a PE for its state."""
+        """Send a PING to a PE, which answers it with its state."""
         self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:
-        """Note that a PE which the last ALIVE named is no longer available: an ALIVE without it must go out."""
+        """Note that a PE is no longer available which the last ALIVE has named: `leave_out` will send another ALIVE."""
         self._has_to_leave_out = True
 
     def leave_out(self) -> None:
-        """Send an ALIVE now if the last one named a PE that is lost; with this ALIVE the T_lease of that PE begins."""
+        """Send an ALIVE now if the last one has named a PE that is not available any more.
+
+        T_lease of that PE begins then.
+        """
         if self._has_to_leave_out:
             self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
 
     def alive_left(self, frame: Frame) -> None:
-        """Note that an ALIVE of this manager is on the bus: T_lease of the PEs that it does not name begins now."""
+        """Note that an ALIVE of this manager is on the bus: T_lease begins now for the PEs that it does not name."""
         exclusion, pes = self._known.exclusion, self._settings.spec.pes
         if not exclusion.waits:
             return
@@ -86,21 +89,20 @@ class Beat:
             exclusion.said({pe.name for pe in pes.values() if pe.node_id in alive.nodes}, self._turn.now_ns)
 
     def tell_phase(self) -> None:
-        """Announce the phase to a standby manager, now."""
+        """Announce the present phase to a standby manager immediately."""
         phase = self._announcer.phase()
         if phase is not None:
             self._tell(*phase)
 
     def tell_priority(self, index: int) -> None:
-        """Tell a standby manager the priority of the function with this index, now."""
+        """Announce the priority of the function with this index to a standby manager immediately."""
         self._tell(*self._known.situation.priorities.told(index))
 
     def look(self) -> None:
-        """Note which facts hold now: a fact that ends and returns before the next beat is announced as new."""
+        """Check which facts hold now: a fact that has ended is announced as a new one when it holds again."""
         self._announcer.look()
 
     def _named(self) -> frozenset[int]:
-        """Give the nodes to name in an ALIVE that goes out now."""
         named = [*self._known.health.available(), *self._known.health.awaited_again()]
         self._known.exclusion.named(named, self._turn.now_ns)
         self._has_to_leave_out = False
@@ -110,7 +112,7 @@ class Beat:
         self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, operation, a, b))
 
     def _tell_accepted(self, told: int) -> None:
-        """Repeat which requests were executed for the phase or priority that was just announced (`told`).
+        """Send to a standby manager which requests were executed for the phase or priority `told`, just announced.
 
         A standby manager may have missed this when the requests were answered.
         """

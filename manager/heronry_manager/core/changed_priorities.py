@@ -45,10 +45,10 @@ _DEFAULT = "default"  # the priority of the spec, in events
 
 
 class ChangedPriorities:
-    """The priorities that differ from the spec's. A method that changes one gives the cause of a new plan."""
+    """Keeps the priorities that differ from those of the spec, and decides on requests to change them."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
-        """Begin with what is remembered."""
+        """Begin with the changed priorities and the requests that are remembered over a restart."""
         self._turn = turn
         self._functions = list(spec.functions.values())[:MOST_FUNCTIONS]
         self._index = {function.name: index for index, function in enumerate(self._functions)}
@@ -59,20 +59,23 @@ class ChangedPriorities:
         self._told_function: int | None = None  # the function whose priority another manager has just told
 
     def now(self) -> dict[str, int]:
-        """Give the priorities that differ from the spec's, by function."""
+        """Give the present priority of each function whose priority differs from the spec's."""
         return {name: one.priority for name, one in self._changed.items()}
 
     def all(self) -> list[PriorityChanged]:
-        """Give every priority that differs from the spec's, with its origin."""
+        """List the priorities that differ from the spec's, each with its origin (operator or module)."""
         return list(self._changed.values())
 
     def facts(self) -> list[tuple[Operation, int, int]]:
-        """Give operation, a and b of CONTROL for each function that is changed, or for which requests were executed."""
+        """List what a standby manager must hear, as operation, a and b of one CONTROL for each function.
+
+        These are the functions whose priority is changed, and those for which a request was executed.
+        """
         functions = {*self._changed, *(function for _, function in self._last)}
         return [self.told(index) for index in sorted(map(self.index_of, functions))]
 
     def accepted(self, index: int) -> list[PriorityRequest]:
-        """Give the last executed request of each PE for the function with this index."""
+        """Give the last executed request of each PE that concerns the function with this index."""
         name = self._functions[index].name
         return [one for (_, function), one in self._turn.memory.priority_requests.items() if function == name]
 
@@ -84,24 +87,27 @@ class ChangedPriorities:
     # Requests and orders
 
     def can_change(self, function: str) -> bool:
-        """Tell whether a command can name the function."""
+        """Tell whether CONTROL can name the function: only the spec's first MOST_FUNCTIONS functions have an index."""
         return function in self._index
 
     def index_of(self, function: str) -> int:
-        """Give the index by which commands and requests name a function."""
+        """Give the index of a function in CONTROL and in requests."""
         return self._index[function]
 
     def order(self, function: str, priority: int | None) -> str | None:
-        """Set a priority for the operator (None: the spec's).
+        """Set the priority of a function by an order of the operator; None: the spec's priority again.
 
-        Gives the cause of a plan, or None where nothing changes.
+        Gives the cause of a new plan, or None if nothing changes.
         """
         if priority is None:
             return self._restore(function, _OPERATOR)
         return self._change(PriorityChanged(function, priority, by_operator=True), _OPERATOR)
 
     def requested(self, pe: str, incarnation: int, request: Emergency) -> list[str] | None:
-        """Take a PE's request; gives the causes of a plan, or None where the request is not to be acknowledged yet."""
+        """Decide on a PE's request for a priority; gives the causes of a new plan.
+
+        None: the request must not be acknowledged yet, so that the PE repeats it.
+        """
         index, number = divmod(request.index, PRIORITY_REQUEST_NUMBERS)
         if index >= len(self._functions):
             return None
@@ -123,7 +129,7 @@ class ChangedPriorities:
         return [] if change is None else [change]
 
     def _refusal(self, function: Function, priority: int) -> str | None:
-        """Say why a request is refused; None where it is accepted."""
+        """Say why a request for this priority is refused; None: it is accepted."""
         held, bounds = self._changed.get(function.name), function.priority_range
         if bounds is None:
             return "the spec gives it no priority_range"
@@ -175,7 +181,10 @@ class ChangedPriorities:
     # What another manager tells
 
     def overheard(self, manager: int, told: Control) -> list[str] | None:
-        """Take a CONTROL of the active manager; gives causes of a plan, or None where it is not about a priority."""
+        """Take over a priority that the active manager announces; gives the causes of a new plan.
+
+        None: the CONTROL is not about a priority.
+        """
         kind, index = told.a & 0xFF, told.a >> 8
         is_priority = kind == ElementKind.PRIORITY and told.operation in (Operation.HOLDS, Operation.CLEAR)
         self._told_function = index if is_priority and index < len(self._functions) else None
@@ -190,21 +199,26 @@ class ChangedPriorities:
         return [] if change is None else [change]
 
     def answered(self, pe: str, incarnation: int, index: int) -> None:
-        """Note that the active manager has acknowledged a request, directly after it has told the priority."""
+        """Note that the active manager has acknowledged a request.
+
+        The request was executed if the active manager has just announced the priority of that function.
+
+        index: of the function, with the number of the request, as in CONTROL.
+        """
         function, number = divmod(index, PRIORITY_REQUEST_NUMBERS)
         name = self._functions[function].name if function < len(self._functions) else ""
         if function == self._told_function and self._is_new(pe, incarnation, name, number):
             self._accept(pe, incarnation, name, number)
 
     def held_no_longer(self, longest_beats: int) -> list[str]:
-        """Count a heartbeat of the active manager; gives the causes of a plan.
+        """Count a heartbeat of the active manager, and drop priorities that it no longer announces.
 
-        A priority that the active manager has not announced for `longest_beats` heartbeats becomes that of the spec
-        again.
+        A priority that it has not announced for `longest_beats` heartbeats becomes that of the spec again. Gives the
+        causes of a new plan.
         """
         self._untold = Counter({name: self._untold[name] + 1 for name in self._changed})
         late = [name for name, beats in self._untold.items() if beats > longest_beats]
-        changes = [self._restore(name, "the active manager, which holds it no longer") for name in late]
+        changes = [self._restore(name, "the active manager, which no longer announces it") for name in late]
         return [change for change in changes if change is not None]
 
 

@@ -34,7 +34,12 @@ from heronry_wire.pe_table import (
 
 @dataclass(frozen=True, slots=True)
 class CompiledConfiguration:
-    """A configuration as it is sent: one slice per node-ID, the digest of each slice, and the digest of the whole."""
+    """A configuration as the manager sends it to the PEs.
+
+    slices: bytes of each PE's slice, by node-ID.
+    digest: of the whole configuration.
+    slice_digests: of each slice, by node-ID.
+    """
 
     slices: Mapping[int, bytes]
     digest: int
@@ -42,7 +47,7 @@ class CompiledConfiguration:
 
 
 class Compiler:
-    """Compiles configurations and tables of one spec."""
+    """Makes slices of configurations, and the tables of the PEs, for one spec."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -66,7 +71,10 @@ class Compiler:
         return True
 
     def table(self, pe: str) -> PeTable:
-        """Give the table of one PE; raises WireLimitError where the spec exceeds a limit of the wire."""
+        """Give the table of one PE.
+
+        Raises WireLimitError if the spec has more of something than the protocol can number.
+        """
         assert self._fits_the_wire
         spec, own = self._spec, self._spec.pes[pe]
         ports = tuple(self._port(pe, bus) for bus in own.buses)
@@ -107,10 +115,7 @@ class Compiler:
         )
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
-        """Give the slices for every PE of the spec and their digests.
-
-        The slice of a PE that has nothing to do has no bytes.
-        """
+        """Compile a configuration into the slices of all PEs; the slice of a PE that has nothing to do is empty."""
         stops = self._without_manager(configuration)
         slices = {pe.node_id: self._slice(configuration, pe.name, stops).encode() for pe in self._spec.pes.values()}
         return CompiledConfiguration(
@@ -120,14 +125,14 @@ class Compiler:
         )
 
     def _is_on_both_sides(self, pe: str, module: str) -> bool:
-        """Tell whether a module may run on both sides of the gateway `pe`: on the manager's side, and beyond."""
+        """Tell whether a module may run on either side of the gateway `pe`: on the manager's side, and beyond."""
         uplink = uplink_bus(self._spec, pe)
         hosts = hosts_when_all_is_up(self._spec, self._spec.modules[module])
         ways = {(self._all_up.route(pe, host) or (uplink,))[0] for host in hosts if host != pe}
         return uplink in ways and len(ways) > 1
 
     def _period_ns(self, module: str, variable: str) -> int:
-        """Give the longest period of a source, in nanoseconds, over the modes that give it."""
+        """Give the longest period in ns with which a module sends a variable, over its modes that give the variable."""
         modes = self._spec.modules[module].modes.values()
         return 10**12 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
 
@@ -177,7 +182,7 @@ class Compiler:
         return any(module.name in function.outputs for function in self._spec.functions.values())
 
     def _without_manager(self, configuration: Configuration) -> frozenset[str]:
-        """Give the modules that stop while their PE hears no manager, by the spec's policy."""
+        """Give the modules that their PE stops while it hears no manager, by the policy that the spec states."""
         keeps = self._spec.manager.without_manager == "keep"
         return frozenset() if keeps else expendable(self._spec, configuration)
 
@@ -200,7 +205,7 @@ class Compiler:
         return Slice(tuple(modules), remote, publish, forward, stops_here)
 
     def _traffic(self, configuration: Configuration, pe: str) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
-        """Give what a PE publishes (source -> ports), and what it forwards as a gateway (source -> node, ports)."""
+        """Give what a PE publishes (source -> mask of buses), and what it forwards (source -> producing node, mask)."""
         publish: dict[int, int] = {}
         forward: dict[int, tuple[int, int]] = {}
         ports = {bus: 1 << port for port, bus in enumerate(self._spec.pes[pe].buses)}
@@ -232,7 +237,7 @@ def _phase_entry(phase: Phase, order: list[str]) -> PhaseEntry:
 
 
 def _flight_critical(spec: Spec) -> Iterator[str]:
-    """Give the modules that may serve a function of class A in some phase, and the devices that they use."""
+    """Yield the modules that may serve a function of class A in some phase, and the devices that they use."""
     critical = [name for name, rank in criticality_ranks(spec).items() if CRITICALITIES[rank] == "A"]
     yield from (f"module:{name}" for name in critical)
     bolted = {spec.modules[name].device for name in critical}

@@ -51,7 +51,7 @@ _NO_REFUSAL = _IN_ORDER | {Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_
 
 
 class Deployment:
-    """The epochs of one term."""
+    """Deploys plans as epochs within one term, and keeps what the PEs report of these epochs."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class Deployment:
         *,
         frames_per_command: int = 1,
     ) -> None:
-        """Begin with nothing; `on_board` and `frames_per_command` as for `Epochs`."""
+        """Begin without epochs; `Epochs` explains `on_board` and `frames_per_command`."""
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
         self.observed = Observations(spec.pes)
         self.epochs = Epochs(
@@ -77,41 +77,44 @@ class Deployment:
         self._stopped: set[str] = set()  # modules that some PE has stopped, and that are wanted again
 
     def begin(self, term: int) -> None:
-        """Begin a term, which no PE has heard yet."""
+        """Begin a new term, of which no PE has heard yet."""
         self.epochs.numbers.begin(term)
         self.observed.begin_term()
 
     @property
     def running(self) -> Placement | None:
-        """Placement of the current epoch: module -> (mode, PE); None: this term has deployed or adopted none."""
+        """The placement that the current epoch commands: module -> (mode, PE); None: there is no current epoch."""
         return placement(self.current.configuration) if self.current is not None else None
 
     @property
     def plan(self) -> Plan | None:
-        """Plan of the current epoch; None: there is none."""
+        """The plan of the current epoch; None: there is no current epoch."""
         return self.current.plan if self.current is not None else None
 
     def unknown_epoch(self, leased: int) -> int | None:
-        """Give the newest epoch that PEs run, or another manager has `leased`; None: there is none, or it is known."""
+        """Give the newest epoch that PEs run or another manager has `leased`, if its configuration is not known.
+
+        Else None.
+        """
         if self.current is not None:
             return None
         return newest_epoch((leased, self.observed.newest_epoch())) or None
 
     def digest_of(self, epoch: int) -> int | None:
-        """Give the digest of an epoch of this term, running or being prepared; None: it is not known."""
+        """Give the digest of an epoch of this term that runs or is being prepared; None: it is not known."""
         is_next = self.next is not None and self.next.epoch == epoch
         known = self.next if is_next else self.epochs.known(epoch)
         return None if known is None else known.compiled.digest
 
     def lease(self) -> Lease:
-        """Give the LEASE to send: the current epoch and its step."""
+        """Give the LEASE to send now, with the current epoch and its step."""
         current = self.current
         if current is None:
             return Lease(self._turn.term, 0, Step.PREPARED, 0)
         return Lease(self._turn.term, current.epoch, current.step, current.compiled.digest)
 
     def next_deadline_ns(self) -> int:
-        """Give the time of the next `tick`, in nanoseconds; NEVER_NS: none is due."""
+        """Give the time (ns) at which to call `tick`; NEVER_NS: there is nothing to repeat."""
         due_ns = NEVER_NS
         if not self._turn.silent:
             for epoch in (self.current, self.next):
@@ -121,7 +124,7 @@ class Deployment:
         return due_ns
 
     def validate(self) -> None:
-        """Check what must hold between two steps; raises InvariantError with the recent events."""
+        """Check the invariants of the epochs; raises InvariantError, which lists the recent events."""
         recent = self._turn.recent
         if self.next is not None:
             require(self.next.stage is Stage.PREPARING, "an epoch being prepared has left PREPARING: {}", recent)
@@ -132,7 +135,7 @@ class Deployment:
     # What the PEs report
 
     def observe(self, pe: str, page: StatePage0) -> str | None:
-        """Take page 0 of any PE; gives the cause for which the PE must be failed, or None.
+        """Note what a PE runs by its page 0; gives the cause for which the PE must be failed, or None.
 
         A late page has no effect: it does not show what the PE has begun to drive since.
         """
@@ -160,11 +163,14 @@ class Deployment:
         return "it runs nothing although it was configured" if seen.configured else None
 
     def _placed_since(self, known: Reconfiguration) -> Iterable[Mapping[str, set[str]]]:
-        """Give the tokens that the epochs newer than this one place on PEs."""
+        """Yield the tokens that each epoch newer than `known` places on the PEs."""
         return () if known is self.current else self.epochs.placed_since(known)
 
     def staging(self, pe: str, page: StatePage1) -> str | None:
-        """Take page 1 of a PE; gives the cause for which the PE must be failed, or None."""
+        """Note how far a PE has staged an epoch, by its page 1.
+
+        Gives the cause for which the PE must be failed, or None.
+        """
         for epoch in (self.next, self.current):
             if epoch is None or page.staged_epoch != epoch.epoch:
                 continue
@@ -181,11 +187,11 @@ class Deployment:
         return None
 
     def is_active(self, pe: str) -> bool:
-        """Tell whether a PE is ACTIVE by its last state."""
+        """Tell whether the last state of a PE reports ACTIVE: it runs all of its slice."""
         return self.observed.of[pe].state is PeState.ACTIVE
 
     def lost(self, pe: str) -> None:
-        """Forget the reports of a PE that is no longer available, and drop it from the current epoch."""
+        """Forget the reports of a PE that is no longer available; the current epoch waits for it no longer."""
         self.observed.lost(pe)
         if self.current is not None:
             self.current.drop(pe)
@@ -193,9 +199,9 @@ class Deployment:
     # From one epoch to the next
 
     def stopped(self, module: str, pe: str | None = None) -> None:
-        """Note that a module which its PE had stopped was cleared: only a new epoch makes the PE start it.
+        """Note that the operator has cleared a module which its PE had stopped: only a new epoch makes the PE start it.
 
-        pe: the PE that had stopped it; a module that runs on another PE now is not concerned.
+        pe: the PE that had stopped the module; if the module runs on another PE now, nothing changes.
         """
         runs_on = (self.running or {}).get(module)
         if pe is None or (runs_on is not None and runs_on[1] == pe):
@@ -207,7 +213,7 @@ class Deployment:
         return last is not None and is_newer(self.observed.of[pe].epoch, last.epoch)
 
     def all_available_run_it(self) -> bool:
-        """Tell whether every available PE runs the current epoch, and all of it."""
+        """Tell whether every available PE runs the current epoch, and no module in it was stopped by a fault."""
         current = self.current
         if current is None or self._stopped & current.configuration.modules.keys():
             return False
@@ -234,18 +240,21 @@ class Deployment:
         return True
 
     def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
-        """Tell whether a late PE needs a new epoch.
+        """Tell whether a PE that joins late needs a new epoch.
 
         It does if it has modules in the current epoch, or may have staged a newer one.
         """
         return bool(current.compiled.slices[self._spec.pes[pe].node_id]) or self._has_given_up
 
     def adopts(self, plan: Plan) -> bool:
-        """Adopt what runs if every available PE runs exactly this plan; tells whether it was adopted."""
+        """Adopt the running configuration if every available PE runs exactly this plan.
+
+        Tells whether it was adopted.
+        """
         return self._stands_on(self._adoption.of_plan(plan))
 
     def adopts_remembered(self, now: Situation, runs: Runs | None) -> bool:
-        """Adopt the remembered or overheard configuration if the PEs run it; tells whether it was adopted."""
+        """Adopt the remembered or overheard configuration (`runs`) if the PEs run it; tells whether it was adopted."""
         return self._stands_on(self._adoption.of_remembered(runs, now))
 
     def _stands_on(self, adopted: Reconfiguration | None) -> bool:
@@ -255,12 +264,12 @@ class Deployment:
         return True
 
     def forget_current(self) -> None:
-        """Forget the current epoch: what runs is no longer known."""
+        """Forget the current epoch, because the configuration that runs is no longer known."""
         self.current = None
         self._stopped.clear()
 
     def prepare(self, plan: Plan, causes: Iterable[Cause]) -> None:
-        """Open the next epoch, for these causes."""
+        """Open an epoch for this plan, and send PREPARE and the slices; `causes` are why the plan was made."""
         self.next = self.epochs.open(plan, causes)
         self._turn.emit(
             "epoch_prepared",
@@ -272,7 +281,7 @@ class Deployment:
         )
 
     def abandon(self, reason: str) -> None:
-        """Give up the epoch that is being prepared, if there is one; `reason` goes into the event."""
+        """Abandon the epoch that is being prepared, if there is one; the event gives `reason`."""
         if self.next is not None:
             self.next.abandon()
             self._has_given_up = True
@@ -280,13 +289,19 @@ class Deployment:
             self.next = None
 
     def tick(self) -> list[str]:
-        """Repeat what was not acknowledged; gives the PEs that have not answered in time."""
+        """Send again what the PEs have not acknowledged in time.
+
+        Gives the PEs that must be failed, since patience is over.
+        """
         if self._turn.silent:
             return []
         return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]
 
     def advance(self) -> Reconfiguration | None:
-        """Move the epochs on as far as possible, and send their messages; gives a completed epoch, or None."""
+        """Command the next step of each epoch that need not wait any more.
+
+        Gives the epoch that is completed now, or None.
+        """
         if self.next is not None and self.next.all_staged():
             self._activate(self.next)
         current = self.current

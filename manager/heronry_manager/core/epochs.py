@@ -1,9 +1,9 @@
 """Epochs: how one is made of a plan, and which ones are remembered.
 
 An epoch is a plan that was compiled and given a number (`numbering`). It has participants: the PEs that are available
-when it is opened. A participant is *awaited* if it is reached by wire alone and the plan can command it. The state
-frames of a PE beyond a dead gateway may still come, but no epoch waits for that PE (`reconfiguration` says how an epoch
-proceeds).
+when it is opened. A participant is *awaited*, so that the epoch waits for its answers, if it is reached by wire alone
+and the plan can command it. The state frames of a PE beyond a dead gateway may still come, but no epoch waits for that
+PE (`reconfiguration` says how an epoch proceeds).
 
 Some epochs are remembered after the next one has replaced them, since a late PE may still run one: the number in its
 state then shows what that PE drives. The last activated or adopted epoch is also remembered over a restart (`memory`).
@@ -34,7 +34,7 @@ _REMEMBERED = 8
 
 @dataclass(frozen=True, slots=True)
 class ModuleChanges:
-    """Modules that move to another PE, that are new, and that are gone; each in alphabetical order."""
+    """Modules that moved to another PE, that are new, and that run no longer; each list in alphabetical order."""
 
     moved: list[str]
     started: list[str]
@@ -42,7 +42,7 @@ class ModuleChanges:
 
 
 class Epochs:
-    """Makes epochs, and remembers them."""
+    """Makes epochs of plans, and remembers the epochs that a PE may still run."""
 
     def __init__(
         self,
@@ -69,23 +69,23 @@ class Epochs:
         self._known: dict[int, Reconfiguration] = {}  # epochs that were activated or adopted
 
     def compiled(self, configuration: Configuration) -> CompiledConfiguration:
-        """Compile a configuration into slices."""
+        """Compile a configuration into the slices of the PEs."""
         return self._compiler.configuration(configuration)
 
     def decoded(self, runs: Runs) -> Configuration:
-        """Read back the configuration of an epoch that is remembered over a restart, or was overheard."""
+        """Decode the configuration of an epoch that is remembered over a restart, or was overheard."""
         return self._code.decode(bytes.fromhex(runs.row))
 
     # Making an epoch
 
     def open(self, plan: Plan, causes: Iterable[Cause]) -> Reconfiguration:
-        """Open a new epoch, with a number newer than any that was used or seen."""
+        """Open a new epoch for a plan, with a number newer than all that were used or seen."""
         compiled = self.compiled(plan.configuration)
         number = self.numbers.next(self._observed.newest_epoch())
         return self._made(number, plan, compiled, tuple(causes), Stage.PREPARING)
 
     def running(self, number: int, plan: Plan, compiled: CompiledConfiguration) -> Reconfiguration:
-        """Make the epoch of a configuration that runs already."""
+        """Make an epoch with this number for a configuration that the PEs run already."""
         return self._made(number, plan, compiled, (), Stage.DONE)
 
     def _made(
@@ -107,7 +107,7 @@ class Epochs:
         )
 
     def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
-        """Make these PEs participants of an epoch.
+        """Make these PEs participants of an epoch for this plan.
 
         If the plan can command no PE, all PEs that are reached by wire are awaited.
         """
@@ -134,15 +134,15 @@ class Epochs:
     # Remembered epochs
 
     def known(self, number: int) -> Reconfiguration | None:
-        """Give the epoch of this number; None: it is not remembered."""
+        """Give the epoch with this number; None: it is not remembered."""
         return self._known.get(number)
 
     def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
-        """Give the tokens that the epochs newer than this one place on PEs."""
+        """Yield the tokens that each epoch newer than this one places on the PEs."""
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:
-        """Remember an epoch that was activated or adopted, over a restart too."""
+        """Remember an epoch that was activated or adopted; a restart remembers it too."""
         row = self._code.encode(epoch.configuration).hex()
         self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._known[epoch.epoch] = epoch
@@ -152,7 +152,7 @@ class Epochs:
 
 
 def module_changes(before: Configuration | None, after: Configuration) -> ModuleChanges:
-    """Compare what runs with what is to run."""
+    """List how two configurations differ; `before` is None if nothing ran."""
     old: Mapping[str, Running] = {} if before is None else before.modules
     new = after.modules
     return ModuleChanges(

@@ -9,10 +9,12 @@ a configuration that the PE may be running places the token there:
              mastership begins
     keeps    once the PE has reported an epoch (it is BROKEN or further): only the tokens of that epoch, and of newer
              epochs, since the PE may take up a newer epoch without a further report
-    loses    all tokens, when the PE is a new incarnation. The tokens of modules, when the PE was declared down for its
-             silence, and the silence has lasted for three periods and a quarter of the slowest bus on the way to the
-             PE. Any other token, T_lease after the first ALIVE on the bus that does not name the PE: until then the PE
-             may have heard other nodes, and T_lease later it has stopped by itself
+    loses    all tokens, when the PE is a new incarnation.
+             The tokens of modules, when the PE was declared down for its silence, and the silence has lasted for three
+             and a quarter heartbeat periods of the slowest bus on the way to the PE.
+             Any other token, T_lease after the first ALIVE on the bus that does not name the PE. A PE that hears this
+             ALIVE stops immediately. A PE that does not hear it may have heard other nodes until then, but hears none
+             from then on, and stops by itself when T_lease is over
 
 Why three periods and a quarter, where `misses` may be fewer: the PE sends a module's frames for two periods after it
 has heard another node, and it may have heard one a period after its last state. The same holds for the gateway that
@@ -27,8 +29,8 @@ or doubled: a late page 0 has no effect (`deployment`). A manager that restarts 
 its first ALIVE on for each PE that it does not hear.
 
 What the manager does not know: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that sends but
-does not acknowledge is failed as well. It goes on sending until it hears an ALIVE that does not name it, so then the
-identifiers wait too.
+does not acknowledge its commands is failed, too. It goes on sending until it hears an ALIVE that does not name it; so
+the identifiers of its modules, too, wait until it has stopped.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -41,12 +43,13 @@ from heronry_wire.protocol_times import t_lease_ns, unsent_ns
 
 
 class Exclusion:
-    """Tokens held by each PE, as far as the manager can know."""
+    """Keeps the tokens that each PE holds, as far as the manager can know."""
 
     def __init__(self, spec: Spec, *, tells_departures: bool = False) -> None:
-        """tells_departures: the driver calls `said` when an ALIVE is on the bus.
+        """Begin without tokens.
 
-        Without it a call of `named` counts as that.
+        tells_departures: the driver reports by `said` when an ALIVE is on the bus. If False, `named` has the effect of
+            `said`, too.
         """
         self._spec, self._tells_departures = spec, tells_departures
         self._lease_ns = {
@@ -67,7 +70,7 @@ class Exclusion:
                 self._possible[pe] |= self._tokens_of(module.name)
 
     def tokens(self, configuration: Configuration) -> dict[str, set[str]]:
-        """Give the tokens that a configuration places on each PE."""
+        """Give the tokens that a configuration places on each PE: what must not have a second driver."""
         placed: dict[str, set[str]] = {pe: set() for pe in self._spec.pes}
         for name, running in configuration.modules.items():
             placed[running.pe] |= self._tokens_of(name)
@@ -80,7 +83,10 @@ class Exclusion:
         return tokens
 
     def begun(self, now_ns: int, available: Collection[str]) -> None:
-        """Begin a mastership: a PE that is not heard may drive anything, since an ALIVE may have named it until now."""
+        """Begin a mastership: any PE that is not in `available` may drive anything that could be placed on it.
+
+        An ALIVE of the mastership before may have named that PE until now.
+        """
         self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
         self._unsaid = set(self._spec.pes) if self._tells_departures else set()
         for pe in self._spec.pes.keys() - set(available):
@@ -99,7 +105,7 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether a call of `said` would have an effect."""
+        """Tell whether an ALIVE that no longer names some PE is not on the bus yet: `said` must be called then."""
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:
@@ -109,17 +115,17 @@ class Exclusion:
         self._unsaid.intersection_update(pes)
 
     def heard(self, pe: str) -> None:
-        """Note that a PE was heard: if it is declared down, its silence begins now."""
+        """Note that a PE was heard; if it is declared down later, its silence counts from now on."""
         self._slept_ns[pe] = 0
 
     def slept(self, unknown_ns: int) -> None:
-        """Discount a gap in which this manager did not run, or its clock jumped (nanoseconds)."""
+        """Do not count `unknown_ns` nanoseconds, in which this manager did not run or its clock jumped."""
         self._slept_ns = {pe: slept_ns + unknown_ns for pe, slept_ns in self._slept_ns.items()}
         self._last_named_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._last_named_ns.items()}
         self._unsent_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._unsent_ns.items()}
 
     def activated(self, placed: Mapping[str, set[str]]) -> None:
-        """Give each PE these tokens: the first ACTIVATE of their configuration is about to go out."""
+        """Add these tokens to those of each PE: the first ACTIVATE of their configuration is about to go out."""
         for pe, tokens in placed.items():
             self._holds[pe] |= tokens
 
@@ -132,26 +138,35 @@ class Exclusion:
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
-        """Let the identifiers of a PE that was declared down for its silence run out.
+        """Note that a PE was declared down for its silence, which has lasted since `heard_ns`.
 
-        It was last heard at `heard_ns`.
+        After some periods of silence the PE certainly sends no more data of modules.
         """
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
-        """Give a PE every token that could be placed on it, because it may run another manager's configuration."""
+        """Add every token that could be placed on a PE, because it may run another manager's configuration."""
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
-        """Give the available PEs that must report BROKEN before any PE starts what is new in this configuration."""
+        """Give the available PEs that must give up a token which `placed` gives to another PE.
+
+        These must report BROKEN.
+        """
         return {pe for pe in available if self._rivals(pe, placed)}
 
     def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """Give when (ns) the last unavailable PE has certainly stopped driving a DEMUX placed elsewhere; or None."""
+        """Give when the last unavailable PE has certainly stopped driving a DEMUX that `placed` gives to another PE.
+
+        In nanoseconds; None: all have stopped.
+        """
         return self._free_ns(placed, available, now_ns, demux=True)
 
     def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """Give when (ns) any unavailable PE has certainly stopped sending for a module placed elsewhere; or None."""
+        """Give when the last unavailable PE has certainly stopped sending for a module that `placed` moves elsewhere.
+
+        In nanoseconds; None: all have stopped.
+        """
         return self._free_ns(placed, available, now_ns, demux=False)
 
     def _free_ns(
@@ -171,7 +186,7 @@ class Exclusion:
         return max(ends, default=None)
 
     def _rivals(self, pe: str, placed: Mapping[str, set[str]]) -> set[str]:
-        """Give the tokens that `pe` holds and must give up, because this configuration places them on another PE."""
+        """Give the tokens that `pe` holds for something that `placed` gives to another PE."""
         mine = placed[pe]
         others = {_exclusive_thing(token) for other, tokens in placed.items() for token in tokens if other != pe}
         return {token for token in self._holds[pe] - mine if _exclusive_thing(token) in others}
@@ -182,6 +197,6 @@ def _is_demux(token: str) -> bool:
 
 
 def _exclusive_thing(token: str) -> str:
-    """Give the thing that a token stands for: `demux:NAME:BRANCH` is a token for `demux:NAME`, as is one of `to`."""
+    """Give what a token excludes: `demux:NAME` for `demux:NAME:BRANCH`, `module:NAME` for `module:NAME`."""
     kind, name = token.split(":")[:2]
     return f"{kind}:{name}"

@@ -4,12 +4,13 @@
                 faults), which PEs are available to it and what it activates, as if it were its own (`memory`), and
                 makes no plan
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
-                manager, each heard within T_lease (of its own bus, where that period is longer), report that they hear
-                no LEASE either. So the active manager is gone, and not only the wire of this manager is broken
-    behind      LEASEs come with a lower term than one that is known to have been used, and some PE reports that it
-                hears no LEASE: that PE has heard the higher term, and would refuse these LEASEs for ever. For
-                `LEARNS_LEASES` times T_lease this manager learns what the other one announces; then it takes over with
-                a term that all PEs accept
+                manager report that they hear no LEASE either. Only reports within T_lease count: that of the manager's
+                bus, or that of the PE's own bus if it is longer. So the active manager is gone, and not only the wire
+                of this manager is broken
+    behind      another manager sends LEASEs with a lower term than one that is known to have been used, and some PE
+                reports that it hears no LEASE: that PE has heard the higher term, and would refuse these LEASEs for
+                ever. For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it
+                takes over with a term that all PEs accept
 
 If no manager was ever heard, this manager relies on the reports of the PEs after the start-up window: the aircraft may
 just have been switched on, and the first manager with it. If some PE runs a configuration, the aircraft flies, and this
@@ -28,8 +29,8 @@ This manager ignores a manager with a lower term than another one, for as long a
 Forged states that make a mastership look refused only end that mastership, and a manager that the PEs accept follows
 it.
 
-A manager that only advises follows in the same way, beside an active manager: it takes over nothing, and plans upon
-what it learns.
+A manager that only advises follows an active manager in the same way. It never takes over, and makes its plans for the
+situation that it learns of.
 
 With a key LEASE, ALIVE and CONTROL count when they are proven, and a state when it is believed. Slices need no proof,
 since the digest in LEASE proves them. That digest also serves to read the states of PEs.
@@ -59,7 +60,7 @@ _GOES_FIRST = 3  # times T_lease, in flight; a first manager listens for one
 
 
 class Following:
-    """What is known of the active manager."""
+    """Follows the active manager: keeps what it announces and deploys, and decides when it is gone."""
 
     def __init__(
         self,
@@ -71,7 +72,10 @@ class Following:
         *,
         on_board: ContingencyNumbers | None = None,
     ) -> None:
-        """Wait `patience_ns` for the first LEASE of any manager; `on_board` as for `Overheard`."""
+        """Wait `patience_ns` for the first LEASE of any manager.
+
+        on_board: the configurations that PREPARE can name by number; None: there are none.
+        """
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
         self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
         self._recent_ns = {
@@ -92,7 +96,7 @@ class Following:
         self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE named them
 
     def heard(self, node: int, message: ManagementMessage) -> Changes:
-        """Take a command of another manager; gives the changes that follow from it."""
+        """Take over what another manager's command says; gives the changes of the situation that follow."""
         if isinstance(message, Lease):
             self._lease(node, message)
         if node != self.node:
@@ -111,7 +115,7 @@ class Following:
         return ()
 
     def is_beat(self, node: int, message: ManagementMessage) -> bool:
-        """Tell whether this is an ALIVE of the manager that is followed; if a fact was due, it came with this ALIVE."""
+        """Tell whether this is an ALIVE of the manager that is followed: with it a beat of that manager is complete."""
         return node == self.node and isinstance(message, Alive) and message.term == self.term
 
     def _lease(self, node: int, lease: Lease) -> None:
@@ -135,7 +139,10 @@ class Following:
 
     @property
     def runs(self) -> Runs | None:
-        """The running configuration: the last activated one that could be read, or the remembered one; or None."""
+        """The configuration that runs: the last one whose activation was overheard, or the remembered one.
+
+        None: not known.
+        """
         return self._overheard.runs
 
     def holds_script(self) -> bool:
@@ -144,15 +151,15 @@ class Following:
         return self._beats_since_script <= _TURNS * ANNOUNCED_EVERY * facts
 
     def planned(self, plan: Plan) -> None:
-        """Note a plan that this manager has made: if the active manager deploys it, its slices need not be heard."""
+        """Keep a plan that this manager has made: if the active manager deploys it, its slices need not be heard."""
         self._overheard.know(plan.configuration)
 
     def hears_lease(self) -> bool:
-        """Tell whether a LEASE came within T_lease."""
+        """Tell whether this manager itself has heard a LEASE within T_lease."""
         return self.leased_ns is not None and self._turn.now_ns < self._orphaned_ns
 
     def leased_epoch(self) -> int:
-        """Give the epoch of the last LEASE, if that came within T_lease; else NO_EPOCH."""
+        """Give the epoch in the last LEASE if that came within T_lease; NO_EPOCH otherwise."""
         return next(reversed(self._digests)) if self.hears_lease() else NO_EPOCH
 
     def digest_of(self, epoch: int) -> int | None:
@@ -160,14 +167,14 @@ class Following:
         return self._digests.get(epoch)
 
     def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
-        """Take a state of a PE: what it runs, and whether it hears a manager."""
+        """Note by page 0 of a PE what the PE runs, and whether it hears a manager."""
         said = self._said if is_proven else self._unproven
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
         if self.node is None and page.state is not PeState.UNCONFIGURED:
             self._orphaned_ns = min(self._orphaned_ns, self._in_flight_ns)
 
     def is_orphaned(self) -> bool:
-        """Tell whether the PEs have no manager any more, or one that some of them refuse."""
+        """Tell whether this manager may take over: the PEs hear no manager, or some refuse the active one."""
         now_ns = self._turn.now_ns
         if self._behind_ns is not None and now_ns - self._behind_ns >= LEARNS_LEASES * self._lease_ns:
             return False in self._heard().values()
@@ -179,23 +186,26 @@ class Following:
         return 2 * orphans > len(reporting)
 
     def most_hear_none(self) -> bool:
-        """Tell whether most PEs that are heard, available or not, report that they hear no LEASE."""
+        """Tell whether most of the PEs that are heard, available or not, report that they hear no LEASE."""
         heard = self._heard().values()
         return 2 * sum(not hears for hears in heard) > len(heard)
 
     def available(self) -> frozenset[str]:
-        """Give the PEs in the active manager's last ALIVE."""
+        """Give the PEs that the active manager's last ALIVE has named."""
         return self._available
 
     def unbelieved(self) -> frozenset[str]:
-        """Give the PEs that are heard and have proven nothing; if a manager is known, only those in its last ALIVE."""
+        """Give the PEs that are heard, but have proven no state to this manager.
+
+        If a manager is known, only PEs in its last ALIVE count.
+        """
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
         return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
-        """Give for each PE heard within T_lease whether it hears a LEASE.
+        """Give each PE that was heard within T_lease, and whether it reports that it hears a LEASE.
 
-        A proven state counts before an unproven one.
+        The unproven states of a PE count only if it has proven none in that time.
         """
         return self._recently(self._unproven) | self._recently(self._said)
 
@@ -204,5 +214,5 @@ class Following:
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) at which the PEs may become orphaned without a further frame; None: they may be now."""
+        """Give the time (ns) from which `is_orphaned` may hold without a further frame; None: it may hold already."""
         return self._orphaned_ns if self._turn.now_ns < self._orphaned_ns else None

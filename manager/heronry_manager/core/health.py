@@ -3,12 +3,13 @@
 Each PE has one record. Only the frames of the PE and time change its standing, never a command: WAITING, UP, SUSPECT,
 DOWN or RETURNING, as the table in `standing` says.
 
-A new incarnation means a reboot, even if no beat (state frame) was missed: what ran there runs no more. It counts as a
-fault and a return together. So does a PE that reports UNCONFIGURED although it was given a configuration
-(`lost_configuration`). A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine.
-Its losses are forgiven when it has been available for a minute, or by the operator (`forgive`). Where all PEs fall
-silent together, this manager itself hears nothing, and the losses of the PEs are discounted (`discount_losses`).
-Otherwise a manager whose receiver fails now and then would find all PEs of its aircraft in quarantine.
+A new incarnation means a reboot, even if no beat (state frame) was missed: what ran there runs no more. A reboot counts
+as a fault and a return together. A PE that reports UNCONFIGURED although it was given a configuration is treated in the
+same way (`lost_configuration`). A PE that keeps failing is held down for twice as long each time, up to a minute:
+quarantine. Its losses are forgiven when it has been available for a minute, or by the operator (`forgive`). Where all
+PEs fall silent together, this manager itself hears nothing, and the losses of the PEs are discounted
+(`discount_losses`). Otherwise a manager whose receiver fails now and then would find all PEs of its aircraft in
+quarantine.
 
 A PE may send while its receiver has failed: it then reports that it hears no lease. A PE that reports this for longer
 than T_lease of the slowest bus on the way to it, while the manager sends, has certainly released everything exclusive,
@@ -49,7 +50,7 @@ from heronry_wire.sansio import NEVER_NS
 
 
 class Change(Enum):
-    """What happened to a PE."""
+    """Kinds of changes that the manager notices on a PE."""
 
     JOINED = "joined"  # available from now on
     SUSPECTED = "suspected"
@@ -63,7 +64,11 @@ class Change(Enum):
 
 @dataclass(frozen=True, slots=True)
 class HealthChange:
-    """One change, with the time of the last frame heard before it (None: never heard) and the cause in words."""
+    """One change of a PE's health.
+
+    cause: why, in words.
+    last_heard_ns: time of the last frame of the PE before the change; None: it was never heard.
+    """
 
     pe: str
     change: Change
@@ -95,7 +100,7 @@ class _Record:
     said_since_ns: int = 0
 
     def move(self, event: StandingEvent) -> None:
-        """Change the standing by an event; raises InvariantError where the table has no such row."""
+        """Change the standing by an event; raises InvariantError if the table in `standing` has no row for it."""
         self.standing = TRANSITIONS.after(self.standing, event)
 
     def says(self, incarnation: int, now_ns: int) -> None:
@@ -124,10 +129,10 @@ class _Record:
 
 
 class Health:
-    """The standing of every PE of a spec."""
+    """Keeps the standing of every PE of a spec."""
 
     def __init__(self, spec: Spec, now_ns: int, window_ns: int) -> None:
-        """Open the start-up window of `window_ns` at `now_ns` (nanoseconds)."""
+        """Begin at `now_ns` to wait for PEs that were never heard; the start-up window closes `window_ns` later."""
         self._window_closes_ns: int | None = now_ns + window_ns
         self._records = {}
         for pe in spec.pes.values():
@@ -142,19 +147,19 @@ class Health:
             )
 
     def standing(self, pe: str) -> Standing:
-        """Give the standing of a PE."""
+        """Give the standing of a PE: waiting, up, suspect, down or returning."""
         return self._records[pe].standing
 
     def cause(self, pe: str) -> str | None:
-        """Give the reason why a PE is not available; None: it is, or may still be starting."""
+        """Give the reason why a PE is not available; None: it is available, or may still be starting."""
         return self._records[pe].cause
 
     def incarnation(self, pe: str) -> int | None:
-        """Give the incarnation in a PE's last believed page 0; None before the first."""
+        """Give the boot count in the last believed page 0 of a PE; None: no such page has come."""
         return self._records[pe].incarnation
 
     def said_incarnation(self, pe: str, since_ns: int) -> int | None:
-        """Give a PE's incarnation, proven or not, if it has not changed since `since_ns`; None otherwise."""
+        """Give a PE's boot count, proven or not, if it has not changed since `since_ns`; None otherwise."""
         record = self._records[pe]
         return record.said if record.said_since_ns <= since_ns else None
 
@@ -163,7 +168,7 @@ class Health:
         return self._records[pe].losses
 
     def held_down_for_ns(self, pe: str, now_ns: int) -> int | None:
-        """Give how long a returning PE is still held down, in nanoseconds; None: the PE is not returning."""
+        """Give how long a returning PE is still held down, in nanoseconds; None: the PE is in another standing."""
         record = self._records[pe]
         if record.standing is not Standing.RETURNING:
             return None
@@ -178,9 +183,9 @@ class Health:
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
     def hears_no_pe(self, now_ns: int) -> bool:
-        """Tell whether no PE is available, and every PE that was ever heard has been silent for its `misses` periods.
+        """Tell whether this manager hears nothing: no PE is available, and each is silent for `misses` periods.
 
-        If no PE was ever believed, the unproven states count.
+        PEs that were never heard do not count. If no PE was ever believed, the unproven states count.
         """
         if self.available():
             return False
@@ -190,7 +195,7 @@ class Health:
         return now_ns >= max(silent_ns, default=NEVER_NS)
 
     def discount_losses(self) -> list[str]:
-        """Discount the losses after the last frame of any PE, because this manager itself heard nothing.
+        """Discount the losses since the last frame of any PE, because this manager itself heard nothing.
 
         Gives the PEs whose losses were discounted.
         """
@@ -201,7 +206,7 @@ class Health:
         return [record.name for record in discounted]
 
     def starting(self) -> bool:
-        """Tell whether some PE has not been heard and may still be starting."""
+        """Tell whether the manager still waits for a PE that it has never heard, and that may be starting."""
         return self._window_closes_ns is not None
 
     def period_ns(self, pe: str) -> int:
@@ -209,8 +214,9 @@ class Health:
         return self._records[pe].period_ns
 
     def heard(self, pe: str, incarnation: int | None, now_ns: int, *, hears_lease: bool = True) -> list[HealthChange]:
-        """Take a state frame of a PE; `incarnation` where the page has it.
+        """Note a state frame of a PE; gives the changes of its health.
 
+        incarnation: boot count of the PE; None: this page does not have it.
         hears_lease: False if the PE reports that it hears no LEASE, although the manager sends it.
         """
         record = self._records[pe]
@@ -244,7 +250,7 @@ class Health:
         return changes + self._fail_if_receive_failed(record, last, now_ns)
 
     def _fail_if_receive_failed(self, record: _Record, last_ns: int | None, now_ns: int) -> list[HealthChange]:
-        """Fail a PE that does not hear the manager, though others do."""
+        """Fail a PE that reports for too long that it does not hear the manager, though most other PEs hear it."""
         if not record.receive_has_failed(now_ns) or not self.is_available(record.name):
             return []
         available = self.available()
@@ -254,9 +260,9 @@ class Health:
         return self._lose(record, last_ns, now_ns, "it hears no lease", Change.FAILED)
 
     def in_flight(self, now_ns: int) -> None:
-        """Shorten the start-up window, because some PE runs a configuration: the aircraft flies.
+        """Shorten the start-up window, because some PE runs a configuration: the aircraft is in operation.
 
-        So every working PE is heard within its `misses` periods.
+        All PEs that work are then heard within their `misses` periods.
         """
         if self._window_closes_ns is None:
             return
@@ -265,7 +271,7 @@ class Health:
         self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
 
     def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
-        """Wait for PEs that were available to the previous manager, and have proven no state to this one yet."""
+        """Wait `window_ns` for PEs that were available to the previous manager, but have proven nothing to this one."""
         for record in map(self._records.__getitem__, sorted(pes)):
             if not record.barred and not self.is_available(record.name):
                 record.move(StandingEvent.AWAITED_AGAIN)
@@ -274,7 +280,7 @@ class Health:
                 self._window_closes_ns = now_ns + window_ns
 
     def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
-        """Make PEs available that were available to the previous manager, and still run its configuration."""
+        """Make PEs available at once that were available to the previous manager, and still run its configuration."""
         return [
             self._join(record, now_ns, StandingEvent.INHERITED, "it was available to the previous manager")
             for record in map(self._records.__getitem__, sorted(pes))
@@ -282,30 +288,36 @@ class Health:
         ]
 
     def spoke(self, pe: str, incarnation: int, now_ns: int) -> None:
-        """Note an unproven state of a PE; it changes no standing."""
+        """Note a state of a PE that is not proven; the standing of the PE does not change."""
         record = self._records[pe]
         record.spoke_ns = now_ns
         record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
-        """Give the PEs of `await_again` that have proven no state to this manager yet, while the window is open."""
+        """Give the PEs of `await_again` that have still proven no state; after the window closes, none."""
         return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
 
     def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
-        """Keep a PE out until `forgive`, whatever it sends: a fault is latched on it."""
+        """Keep a PE unavailable until `forgive`, whatever it sends, because a fault is latched on it."""
         record = self._records[pe]
         record.barred, record.cause = True, cause
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def forgive(self, pe: str) -> bool:
-        """Let a PE in again, after the shortest hold-down; tells whether anything kept it out."""
+        """Let a PE become available again after the shortest hold-down.
+
+        Tells whether it was barred or in quarantine.
+        """
         record = self._records[pe]
         kept_out = record.barred or self.is_quarantined(pe)
         record.barred, record.losses = False, 0
         return kept_out
 
     def quarantine(self, pe: str, losses: int) -> None:
-        """Restore the quarantine of a PE from before a restart: once it is heard, its hold-down counts `losses`."""
+        """Restore the quarantine of a PE after a restart.
+
+        When the PE is heard, its hold-down is that after `losses` losses.
+        """
         record = self._records[pe]
         record.move(StandingEvent.QUARANTINED)
         record.losses, record.cause = losses, f"it was lost {losses} times"
@@ -321,10 +333,10 @@ class Health:
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
-        """Take all PEs out of use that a gateway no longer hears.
+        """Make all PEs unavailable that a gateway no longer hears.
 
         A PE that this manager has not heard for its `misses` periods either is LOST. Any other is FAILED: it may still
-        drive its outputs, so a false report of a gateway frees nothing.
+        drive its outputs, so a false report of a gateway gives them to no other PE.
         """
         changes: list[HealthChange] = []
         for record in map(self._records.__getitem__, pes):
@@ -334,7 +346,10 @@ class Health:
         return changes
 
     def tick(self, now_ns: int) -> list[HealthChange]:
-        """Let time pass; gives the changes of standing."""
+        """Find the PEs that are late or silent, or whose hold-down is over, at `now_ns`.
+
+        Gives the changes of their health.
+        """
         changes: list[HealthChange] = []
         for record in self._records.values():
             changes += self._tick_one(record, now_ns)
@@ -348,7 +363,7 @@ class Health:
         return changes
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time of the next `tick`, in nanoseconds; None: none is due."""
+        """Give the time (ns) at which to call `tick`; None: no call is needed."""
         due_ns = NEVER_NS if self._window_closes_ns is None else self._window_closes_ns
         for record in self._records.values():
             match record.standing:

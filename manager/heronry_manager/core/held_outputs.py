@@ -1,11 +1,11 @@
 """Which PEs hold their exclusive outputs back, and why, as far as the manager can know (OUTPUT_HELD in page 0).
 
-A PE holds its outputs back for a moment in every reconfiguration. An event tells only what is held for longer than
-T_lease, and when it is free again. The cause is what the manager itself sees of the PE; where it sees nothing, the PE
-has heard no node for longer than T_lease and waits for the next ALIVE, or a frame has told it of a newer epoch. Without
-a key anybody can send such a frame.
+A PE holds its outputs back for a moment in every reconfiguration. An event reports only outputs that are held back for
+longer than T_lease, and another event that they are free again. The cause in the event is what the manager itself sees
+of the PE. If it sees nothing, there are two possible causes: the PE has heard no node for longer than T_lease and waits
+for the next ALIVE, or a frame has told it of a newer epoch. Without a key anybody can send such a frame.
 
-A lost state delays the event. A forged flag is a false line here, and changes no plan.
+A lost state delays the event. A forged flag leads to a false event, and changes no plan.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class _Held:
 
 
 class HeldOutputs:
-    """The PEs whose last state says that they hold outputs back."""
+    """Finds the PEs that hold exclusive outputs back for longer than T_lease."""
 
     def __init__(self, spec: Spec, turn: Turn, health: Health, deployment: Deployment) -> None:
         self._turn, self._health, self._deployment = turn, health, deployment
@@ -37,7 +37,10 @@ class HeldOutputs:
         self._held: dict[str, _Held] = {}
 
     def reported(self, pe: str, page: StatePage0) -> None:
-        """Take page 0 of a PE."""
+        """Note by page 0 whether a PE holds outputs back.
+
+        Reports when that has lasted for longer than T_lease, or has ended.
+        """
         now_ns, held = self._turn.now_ns, self._held.get(pe)
         if PeFlags.OUTPUT_HELD not in page.flags:
             self._held.pop(pe, None)
@@ -50,7 +53,7 @@ class HeldOutputs:
             self._turn.emit("outputs_held", pe=pe, modules=self._modules(pe), cause=held.cause)
 
     def status(self, pe: str) -> dict[str, Any] | None:
-        """Give what a PE holds back, why and for how long; None: nothing, or for a moment only."""
+        """Give which modules of a PE are held back, why and for how long; None: none for longer than T_lease."""
         held = self._held.get(pe)
         if held is None or not held.is_told:
             return None

@@ -1,7 +1,7 @@
 """A script of the operator: another configuration is to run, and to stay.
 
-The core knows no component graphs. An order names the *target*: the configuration that the script makes of the one that
-runs. There are two targets at most:
+A script makes another configuration of the one that runs; that configuration is the *target*. The core knows no
+component graphs, so the order of the operator gives it the target alone. There are two targets at most:
 
     asked   the target is legal now. The core has requested the best plan of the situation, and will compare the target
             with it
@@ -37,7 +37,7 @@ _WORSE = "it is worse at level 1 than the plan for this situation"
 
 
 class HeldScript:
-    """The targets of one mastership."""
+    """Keeps the configurations that the operator's scripts order to run and to stay, within one mastership."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn
@@ -47,11 +47,11 @@ class HeldScript:
 
     @property
     def is_asked(self) -> bool:
-        """Tell whether a target awaits the best plan."""
+        """Tell whether an ordered configuration waits to be compared with the best plan."""
         return self._asked is not None
 
     def status(self) -> dict[str, Any]:
-        """Give the state (none, asked, held, refused, ended) and, for the last two, the reason."""
+        """Give the state of the last script (none, asked, held, refused, ended), and why it was refused or ended."""
         if self.is_asked:
             return {"state": "asked", "why": None}
         if self.target is not None:
@@ -60,21 +60,21 @@ class HeldScript:
         return {"state": state, "why": why or None}
 
     def ask(self, target: Configuration) -> None:
-        """Note a target that is legal now."""
+        """Note that the operator orders this configuration, which is legal now."""
         self._asked = target
 
     def refuse(self, reason: str) -> None:
-        """Refuse the order: what runs stays."""
+        """Refuse the configuration that was ordered; the PEs go on with what they run."""
         self._asked, self._last = None, ("refused", reason)
         self._turn.emit("script_refused", reason=reason)
 
     def end(self, reason: str) -> None:
-        """End a script that is held, by this manager or by the one before."""
+        """End the script that is held, by this manager or by the one before, and report the reason."""
         self.target, self._last = None, ("ended", reason)
         self._turn.emit("script_ended", reason=reason)
 
     def release(self) -> bool:
-        """End what the operator has ordered; tells whether there was anything."""
+        """End the script that the operator has ordered, held or not yet; tells whether there was one."""
         was_asked, was_held = self.is_asked, self.target is not None
         if was_asked:
             self.refuse("the operator released it")
@@ -83,11 +83,11 @@ class HeldScript:
         return was_asked or was_held
 
     def mastership_ends(self) -> None:
-        """End all targets, since this manager no longer commands."""
+        """End all scripts, since this manager no longer commands."""
         self._turned("this mastership has ended", is_legal=False)
 
     def situation_changed(self, now: Situation, cause: str) -> None:
-        """Refuse a target that is asked for, and end a held target that is not legal any more."""
+        """Refuse an ordered configuration that is not held yet; end a held one that is not legal any more."""
         if not self.is_asked and self.target is None:
             return
         broken = [] if self.target is None else verify(self._spec, now, self.target)
@@ -101,9 +101,9 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Compare the target with the plan for this situation.
+        """Compare the ordered configuration with `known`, the plan for this situation.
 
-        Gives the plan of the target if it may fly instead, or None.
+        Gives a plan of the ordered configuration if that is to be deployed; None: `known` is to be deployed.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

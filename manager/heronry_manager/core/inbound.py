@@ -1,17 +1,17 @@
-"""Frames in: each is decoded, authenticated where there is a key, and handed to the part that it concerns.
+"""Received frames: each is decoded, authenticated where there is a key, and handed to the file that deals with it.
 
-    state of a PE          `pe_reports`; with a key as far as it is believed
+    state of a PE          `pe_reports`; with a key only if it is believed
     EMCY of a PE           `pe_reports`; with a key once a page 0 has proven it. A report on a channel of a replicated
                            bus needs no proof, since it changes no plan
     command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need none, since a proven
                            ACTIVATE or LEASE names their digest
     report of a gateway    `known_situation`; nothing proves it (`authenticity`)
     SDO answer of a PE     `pe_details`, if the manager reads objects; nothing proves it, and nothing is decided by it
-    SDO request to a PE    the same: the manager leaves that PE to the other client
+    SDO request to a PE    from another SDO client; `pe_details`, which then reads nothing from that PE for a while
     request of any node    to identify the manager (CANaerospace): answered by `identification`
 
 A frame that is extended, remote or an error frame, that has another identifier, or that cannot be decoded, is dropped.
-The part that takes a frame says what follows if it is late, doubled or forged.
+The file that gets a frame says what follows if it is late, doubled or forged.
 """
 
 from heronry_manager.core.mastership import Mastership
@@ -37,7 +37,7 @@ _NEEDS_NO_TAG = (Command.PREPARE, Command.SLICE)
 
 
 class Inbound:
-    """Hands each frame to the part of the manager that it concerns."""
+    """Decodes each received frame, and hands it to the part of the manager that deals with it."""
 
     def __init__(self, parts: Parts, reports: PeReports, succession: Succession) -> None:
         settings = parts.settings
@@ -57,7 +57,7 @@ class Inbound:
         }
 
     def hears(self, identifier: int) -> bool:
-        """Tell whether the manager uses frames of an identifier; a driver may drop all others."""
+        """Tell whether the manager uses frames with this identifier; a driver may drop all others."""
         return (
             identifier in self._pe_of_state_id
             or identifier in self._pe_of_emcy_id
@@ -69,7 +69,7 @@ class Inbound:
         )
 
     def take(self, frame: Frame) -> None:
-        """Decode a frame, and hand it on."""
+        """Decode a received frame, check it with the key if there is one, and hand it to the part that needs it."""
         if frame.extended or frame.remote or frame.error:
             return
         pe = self._pe_of_state_id.get(frame.can_id)

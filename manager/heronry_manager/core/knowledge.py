@@ -1,7 +1,7 @@
 """What a manager knows: everything that it forgets as a whole when it falls silent, or stands by for another one.
 
-What is remembered (`memory`) survives: the new objects start with it. The parts of the core that act hold this one
-object, and look up in it at each call what is known now.
+Then each object below is made anew, and begins with what is remembered (`memory`). The other objects of the core refer
+to `Knowledge` alone, so that they always find the present objects.
 
     health          which PEs are available
     exclusion       what silent PEs may still drive
@@ -10,7 +10,7 @@ object, and look up in it at each call what is known now.
     advice          of a manager that only advises: its last advice
     following       what another manager, which is active, sends and does
     held_outputs    which PEs hold exclusive outputs back
-    script          the target of a script of the operator
+    script          the configuration that a script of the operator has ordered
     authenticity    with a key: what has been proven; else None
     details         what PEs store for people to read; it decides nothing, and it is not forgotten
 """
@@ -32,7 +32,7 @@ from heronry_wire.sansio import require
 
 
 class Knowledge:
-    """The parts of the core that hold knowledge."""
+    """The objects of the core that hold what the manager knows."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
         self._settings, self._turn, self._claim = settings, turn, claim
@@ -40,7 +40,7 @@ class Knowledge:
         self.begin()
 
     def begin(self) -> None:
-        """Begin with nothing but what is remembered."""
+        """Forget everything that is not remembered over a restart."""
         settings, turn, spec, key = self._settings, self._turn, self._settings.spec, self._settings.key
         self.health = Health(spec, turn.now_ns, settings.window_ns)
         self.exclusion = Exclusion(spec, tells_departures=settings.tells_departures)
@@ -59,7 +59,10 @@ class Knowledge:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=self._claim.speaks)
 
     def _digest_of(self, epoch: int) -> int | None:
-        """Give the digest of an epoch of this manager, or of a manager that it followed; None: it is not known."""
+        """Give the digest of an epoch of this manager, or of a manager that it followed.
+
+        None: the digest is not known.
+        """
         known = self.deployment.digest_of(epoch)
         return self.following.digest_of(epoch) if known is None else known
 
@@ -68,7 +71,7 @@ class Knowledge:
         return self.deployment.unknown_epoch(self.following.leased_epoch())
 
     def validate(self) -> None:
-        """Check what must hold between two steps; raises InvariantError with the recent events."""
+        """Check the invariants of what is known; raises InvariantError, which lists the recent events."""
         self.deployment.validate()
         if not self._settings.advise:
             self._validate_memory()
@@ -77,7 +80,7 @@ class Knowledge:
             require(opened is None, "a manager that is not active has an epoch: {}", self._turn.recent)
 
     def _validate_memory(self) -> None:
-        """Check that the memory holds what is known now, so that a restart would find it."""
+        """Check that the memory agrees with what is known now, so that a restart would find it."""
         memory, situation, recent = self._turn.memory, self.situation, self._turn.recent
         current, runs = self.deployment.current, memory.runs
         require(memory.phase in (None, situation.phase), "the phase is not remembered: {}", recent)

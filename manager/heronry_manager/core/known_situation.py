@@ -1,16 +1,16 @@
 """The situation as the manager knows it: what is down, what is limited, the phase, and changed priorities.
 
-Each change returns its consequences as values, in the order in which `reactions` carries them out:
+A method that changes the situation gives the consequences as values, which the caller hands to `reactions` in order:
 
     HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
     PlanNeeded        the running plan was made for another situation
     LimitChanged      a radio has another limit: the running plan may still be the best one
     PeAsked           a module suspects a PE
-    TargetAsked       the operator orders the target of a script
+    TargetAsked       the operator orders the configuration that a script makes, the target
     TargetReleased    the operator ends a script
     ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
 
-Down are all elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`).
+All elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`), are down.
 `radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
 priorities. `lost_channels`, `module_notices` and `restarts_told` serve reports, and change no plan. The head of each
 file says what follows from a lost, late, doubled or forged message.
@@ -23,7 +23,7 @@ that bus would stop everything in flight.
 A standby manager hears each latched fault in turn (`announcing`), and each CLEAR once. It drops a fault that it has not
 heard again for three turns, so a lost CLEAR delays it by some heartbeat periods. A manager that advises beside the
 active one does the same, with one exception: a fault that the operator has given to the advising manager itself. That
-is a supposition, and it stays until another report on the element comes.
+fault is only supposed, and stays until another report on the element comes.
 
 The whole situation survives a restart (`memory`), and so does a quarantine.
 """
@@ -56,8 +56,9 @@ _TURNS = 3  # of announcements, in which a latched fault may stay unannounced
 
 @dataclass(frozen=True, slots=True)
 class PlanNeeded:
-    """A plan is needed, because the situation has changed, for this cause.
+    """A plan is needed, because the situation has changed.
 
+    cause: why, in words.
     since_ns: time of the last sign of the old situation; None: now.
     """
 
@@ -67,14 +68,17 @@ class PlanNeeded:
 
 @dataclass(frozen=True, slots=True)
 class LimitChanged:
-    """The usable bandwidth of a radio has changed."""
+    """The usable bandwidth of a radio has changed; `cause` says how, in words."""
 
     cause: str
 
 
 @dataclass(frozen=True, slots=True)
 class ModuleReleased:
-    """A module was cleared, and does not run before a new epoch starts it; `pe`: it was cleared on this PE alone."""
+    """A fault of a module was cleared, and only a new epoch starts the module again.
+
+    pe: the fault was cleared on this PE alone; None: on all PEs.
+    """
 
     module: str
     pe: str | None = None
@@ -82,21 +86,21 @@ class ModuleReleased:
 
 @dataclass(frozen=True, slots=True)
 class PeAsked:
-    """A module suspects this PE: it is to be asked for its state."""
+    """A module suspects this PE: the manager must ask the PE for its state, by PING."""
 
     pe: str
 
 
 @dataclass(frozen=True, slots=True)
 class TargetAsked:
-    """The operator orders a configuration that is legal."""
+    """The operator orders this configuration by a script; it is legal."""
 
     target: Configuration
 
 
 @dataclass(frozen=True, slots=True)
 class TargetReleased:
-    """The operator has ended a script."""
+    """The operator has ended the script that was held."""
 
 
 SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased | TargetAsked | TargetReleased
@@ -104,10 +108,10 @@ Changes = Sequence[SituationChange]
 
 
 class KnownSituation:
-    """What is down, what is limited, the phase, and changed priorities."""
+    """Keeps what is down, what is limited, the phase, and changed priorities."""
 
     def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
-        """Begin with what is remembered, and nothing else."""
+        """Begin with what is remembered over a restart, and nothing else."""
         self._spec, self._turn, self._health = spec, turn, health
         self._mission = MissionPhase(spec)
         self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)  # the longest wait of a frame
@@ -137,14 +141,14 @@ class KnownSituation:
         return Situation(self.down(), self.links.limits(), self.phase, self.priorities.now())
 
     def spares(self, plan: Plan) -> bool:
-        """Tell whether a plan can stay under the present limits: it is legal under them, and no limit has risen."""
+        """Tell whether a plan is legal under the present limits of radios, and no limit has risen since it was made."""
         limits = self.links.limits()
         room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
         fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
         return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
 
     def link_reported(self, frame: Frame) -> Changes:
-        """Take a gateway's report on its radio; gives the consequences."""
+        """Note a gateway's report on its radio; gives the changes that follow."""
         changes: list[SituationChange] = []
         beyond = self.links.records[frame.can_id].radio.beyond
         anybody = any(self._health.is_available(pe) for pe in beyond)
@@ -166,7 +170,7 @@ class KnownSituation:
         return changes
 
     def _remember(self) -> None:
-        """Take up what is remembered over a restart."""
+        """Restore the situation that is remembered over a restart."""
         memory, now_ns = self._turn.memory, self._turn.now_ns
         self._mission.current = memory.phase or self._mission.current
         self._mission.remember({pe: (one.incarnation, one.number) for pe, one in memory.phase_requests.items()})
@@ -184,7 +188,10 @@ class KnownSituation:
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
     def reported(self, pe: str, emergency: Emergency) -> Changes | None:
-        """Take a PE's report of a fault; gives the consequences, or None where it names nothing in the spec."""
+        """Latch or note the fault that a PE reports.
+
+        Gives the changes that follow, or None if the spec lacks what it names.
+        """
         element = self.failed.element(emergency.kind, emergency.index)
         if element is None:
             return None
@@ -201,7 +208,10 @@ class KnownSituation:
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
-        """Take a request for a phase or a priority; gives the consequences, or None if it must not be acknowledged."""
+        """Decide on a request for a phase or a priority.
+
+        Gives the changes that follow, or None: do not acknowledge it.
+        """
         incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
         if incarnation is not None and request.kind is ElementKind.PRIORITY:
             causes = self.priorities.requested(pe, incarnation, request)
@@ -214,12 +224,15 @@ class KnownSituation:
         return ()
 
     def order_priority(self, function: str, priority: int | None) -> Changes:
-        """Take the operator's priority of a function (None: that of the spec); gives the consequences."""
+        """Set a function's priority by an order of the operator (None: the spec's priority).
+
+        Gives the changes that follow.
+        """
         cause = self.priorities.order(function, priority)
         return () if cause is None else (PlanNeeded(cause),)
 
     def _request_answered(self, pe: str, kind: int, number: int) -> None:
-        """Note that another manager has executed a request of a PE, if the incarnation of the request is certain."""
+        """Note that another manager has executed a request of a PE, if it is certain in which boot the PE made it."""
         incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
         if incarnation is None:
             return
@@ -236,9 +249,9 @@ class KnownSituation:
         return True
 
     def overheard(self, manager: int, told: Control) -> Changes:
-        """Take a fact that the active manager announces; gives the consequences.
+        """Take over what the active manager announces; gives the changes that follow.
 
-        The fact says what holds, what is cleared, or which request the active manager has executed.
+        It announces what holds, what is cleared, or which request it has executed.
         """
         if told.operation is Operation.ACKNOWLEDGE and told.a in (ElementKind.PHASE, ElementKind.PRIORITY):
             if told.node in self._pe_of_node:
@@ -265,7 +278,10 @@ class KnownSituation:
         return () if phase == self.phase else self.enter(phase, f"manager {manager}")
 
     def held_no_longer(self, manager: int) -> Changes:
-        """Count a heartbeat of the active manager; gives the consequences of facts that it no longer announces."""
+        """Count a heartbeat of the active manager, and drop what it no longer announces.
+
+        Gives the changes that follow.
+        """
         supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
         elements = self.failed.elements - supposed
         self._untold = Counter({element: self._untold[element] + 1 for element in elements})
@@ -280,7 +296,7 @@ class KnownSituation:
         return changes
 
     def latch(self, fault: LatchedFault) -> Changes:
-        """Latch a fault; gives the consequences."""
+        """Note a fault that stays until it is cleared; gives the changes that follow."""
         is_news = fault.element not in self.failed.elements
         if self.failed.latch(fault):
             self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
@@ -296,7 +312,10 @@ class KnownSituation:
         return changes
 
     def clear(self, element: str, by: str) -> Changes | None:
-        """Clear an element; gives the consequences, or None: it was neither latched nor in quarantine."""
+        """Clear an element.
+
+        Gives the changes that follow, or None: it had no latched fault and was not in quarantine.
+        """
         faults = self.failed.clear(element)
         kind, _, name = element.partition(":")
         let_in = kind == "pe" and self._health.forgive(name)
@@ -316,7 +335,7 @@ class KnownSituation:
         return changes
 
     def enter(self, phase: str, by: str) -> Changes:
-        """Enter another mission phase; gives the consequences."""
+        """Enter another mission phase; gives the changes that follow."""
         before, self._mission.current = self._mission.current, phase
         self._turn.keep(PhaseEntered(phase))
         self._turn.emit("phase_changed", phase=phase, before=before, by=by)

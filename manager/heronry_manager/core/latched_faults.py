@@ -2,8 +2,8 @@
 
     well      no fault is reported
     latched   a PE or the operator has reported a fault: the element counts as down. Repeated reports have no effect,
-              and only the operator clears the element (`clear`). A PE's report on an element that the operator has
-              failed replaces the operator's report: that PE may have stopped the element
+              and only the operator clears the element (`clear`). If a PE reports an element that the operator has
+              failed, its report replaces the operator's: that PE may have stopped the element
 
 A module that fails on one PE is at first down on that PE alone (`where`): its place `module:NAME@PE` is latched, and
 plans use the module on other PEs. When it fails on a second PE, or a module that watches its output reports it, the
@@ -32,7 +32,13 @@ _FAILED_CODES = frozenset(code.name for code in _FAILED_THERE)
 
 @dataclass(frozen=True, slots=True)
 class LatchedFault:
-    """One element that counts as failed: which node reported it, why, and when (the manager's clock)."""
+    """A fault that counts until the operator clears its element.
+
+    element: the element that has failed, as `kind:name`.
+    by: the PE that has reported it, or the operator.
+    code: kind of the fault; `detail` depends on it.
+    since_ns: when it was reported, on the manager's clock in nanoseconds.
+    """
 
     element: str
     by: str  # a PE, or "the operator"
@@ -42,7 +48,7 @@ class LatchedFault:
 
 
 class LatchedFaults:
-    """Elements that have been reported failed."""
+    """Keeps the faults that were reported and not cleared."""
 
     def __init__(self, spec: Spec) -> None:
         self._names: dict[ElementKind, tuple[str, ...]] = {
@@ -57,7 +63,7 @@ class LatchedFaults:
 
     @property
     def elements(self) -> frozenset[str]:
-        """Elements that have failed, as `kind:name`."""
+        """The elements on which a fault is latched, each as `kind:name`."""
         return frozenset(self._failed)
 
     def all(self) -> list[LatchedFault]:
@@ -65,12 +71,12 @@ class LatchedFaults:
         return list(self._failed.values())
 
     def element(self, kind: ElementKind, index: int) -> str | None:
-        """Give the element that an EMCY names; None: the spec has no such element."""
+        """Give the element that has this kind and index in an EMCY; None: the spec has no such element."""
         names = self._names.get(kind, ())
         return f"{kind.name.lower()}:{names[index]}" if index < len(names) else None
 
     def where(self, element: str, pe: str, code: FaultCode) -> str:
-        """Give what is out when a PE reports an element with this code: the element, or its place on that PE alone."""
+        """Give what counts as failed when a PE reports an element: the element, or a module's place on that PE."""
         place = f"{element}@{pe}"
         if place not in self._places or element in self._failed:
             return element
@@ -81,7 +87,7 @@ class LatchedFaults:
         return element if code not in _FAILED_THERE or second else place
 
     def told(self, a: int, index: int) -> str | None:
-        """Give the element that CLEAR or HOLDS names; None: the spec has no such element."""
+        """Give the element that CONTROL names by these fields in CLEAR or HOLDS; None: the spec has no such element."""
         number, node = kind_and_place(a)
         element = self.element(ElementKind(number), index) if number in set(ElementKind) else None
         if node == EVERYWHERE or element is None:
@@ -90,7 +96,10 @@ class LatchedFaults:
         return f"{element}@{pe}" if f"{element}@{pe}" in self._places else None
 
     def field(self, element: str) -> tuple[int, int] | None:
-        """Give the a and b by which CONTROL names an element; None for a channel, which it cannot name."""
+        """Give the fields a and b by which CONTROL names an element.
+
+        None: it is a channel, which CONTROL cannot name.
+        """
         kind, _, name = element.partition(":")
         name, _, pe = name.partition("@")
         names = self._names.get(_KINDS[kind], ()) if kind in _KINDS else ()
@@ -99,10 +108,9 @@ class LatchedFaults:
         return element_field(_KINDS[kind], self._nodes[pe] if pe else EVERYWHERE), names.index(name)
 
     def latch(self, fault: LatchedFault) -> bool:
-        """Latch a fault; tells whether it is kept: the element was not latched, or only by the operator.
+        """Keep a fault, unless one is latched on the same element already; tells whether it was kept.
 
-        A PE's report on a place also replaces the announcement of another manager on that place: the code of the report
-        counts.
+        A fault that only the operator, or for a place another manager, has reported is replaced by a PE's report.
         """
         before = self._failed.get(fault.element)
         if before is not None:
@@ -113,12 +121,12 @@ class LatchedFaults:
         return True
 
     def clear(self, element: str) -> list[LatchedFault]:
-        """Clear an element, and if it is a module also its places; gives the faults that were latched on these."""
+        """Clear an element, and the places of a module; gives the faults that were latched on these."""
         cleared = [one for one in self._failed.values() if one.element == element] + self._of(element)
         for one in cleared:
             del self._failed[one.element]
         return cleared
 
     def _of(self, module: str) -> list[LatchedFault]:
-        """Give the faults that are latched on the places of a module."""
+        """Give the faults that are latched on single places of a module."""
         return [one for one in self._failed.values() if is_place(one.element) and module_of(one.element) == module]

@@ -1,10 +1,10 @@
 """Channels of replicated buses that carry nothing, by the reports of this manager's driver and the PEs: not a fault.
 
-A bus with one channel left is still a bus: no plan changes, no epoch is given up, and the contingencies serve as
-before. Where both channels of a bus are gone its PEs are silent, and `health` deals with that. So lost channels are
-kept apart from the situation, for the operator: an event reports when a node loses a channel or has it back, and
-`heronry status` lists the nodes that lack each channel. If all nodes on a bus lack a channel, the channel is broken; if
-one PE lacks it, the wire of that PE is broken.
+A bus with one channel left is still a bus: no plan changes, no epoch is given up, and the contingencies can still be
+used. Where both channels of a bus are gone its PEs are silent, and `health` deals with that. So lost channels are kept
+apart from the situation, for the operator: an event reports when a node loses a channel or has it back, and `heronry
+status` lists the nodes that lack each channel. If all nodes on a bus lack a channel, the channel is broken; if one PE
+lacks it, the wire of that PE is broken.
 
     lost    the PE has reported it (EMCY CHANNEL_LOST), within the last CHANNEL_FORGOTTEN_NS
     well    the PE has reported CHANNEL_BACK, or no loss for that long. For its own channels the manager uses the
@@ -24,7 +24,7 @@ OWN = "the manager"
 
 
 class LostChannels:
-    """Which node lacks which channel."""
+    """Keeps which node hears nothing on which channel of a replicated bus."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn
@@ -32,7 +32,7 @@ class LostChannels:
         self._own: frozenset[str] = frozenset()
 
     def own(self, channels: frozenset[int]) -> None:
-        """Take the driver's report: the channels of the manager's bus on which this manager hears nothing."""
+        """Note the channels of the manager's bus on which this manager hears nothing, as its driver reports them."""
         before, self._own = self._own, frozenset(f"{self._spec.manager.bus}.{number}" for number in channels)
         for channel in sorted(self._own - before):
             self._turn.emit("channel_lost", channel=channel, by=OWN)
@@ -40,7 +40,7 @@ class LostChannels:
             self._turn.emit("channel_back", channel=channel, by=OWN)
 
     def reported(self, pe: str, emergency: Emergency) -> None:
-        """Take a PE's report that a channel of one of its buses carries nothing, or carries frames again."""
+        """Note a PE's report that a channel of one of its buses carries nothing, or carries frames again."""
         buses = self._spec.pes[pe].buses
         bus = self._spec.buses[buses[emergency.index]] if emergency.index < len(buses) else None
         if bus is None or bus.channels == 1 or not 1 <= emergency.detail <= bus.channels:
@@ -54,12 +54,12 @@ class LostChannels:
         self._told_ns[key] = self._turn.now_ns
 
     def beat(self) -> None:
-        """Let time pass: a channel whose loss is no longer reported counts as back."""
+        """Forget the loss of a channel that its PE has not repeated for CHANNEL_FORGOTTEN_NS."""
         for key in [key for key, at_ns in self._told_ns.items() if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS]:
             self._forget(key)
 
     def lost_by(self) -> dict[str, list[str]]:
-        """Give the nodes that lack each channel of each replicated bus, in the spec's order."""
+        """Give, for each channel of a replicated bus, the nodes that hear nothing on it, in the spec's order."""
         witnesses = (OWN, *self._spec.pes)
         return {
             channel: [by for by in witnesses if (channel, by) in self._told_ns or (by == OWN and channel in self._own)]

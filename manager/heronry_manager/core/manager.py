@@ -86,9 +86,11 @@ class ManagerCore:
         tells_departures: bool = False,
         reads_objects: bool = False,
     ) -> None:
-        """Start listening at `now_ns` with what is remembered of this spec; `ManagerSettings` explains the options.
+        """Begin to listen at `now_ns`, with what is remembered of this spec.
 
-        Raises NoTermError where all terms have been used.
+        `ManagerSettings` explains the other arguments.
+
+        Raises NoTermError if all terms have been used.
         """
         settings = ManagerSettings(
             *(spec, node, window_ns, advise, on_board, key, standby, tells_departures, reads_objects)
@@ -120,17 +122,17 @@ class ManagerCore:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether this manager is active; one that only advises counts as active while it would command."""
+        """Tell whether this manager is active; a manager that only advises is active as long as it would command."""
         return self._claim.is_active
 
     @property
     def term(self) -> int:
-        """Number of this manager's present or last mastership."""
+        """The number of this manager's present or last mastership."""
         return self._turn.term
 
     @property
     def plan(self) -> Plan | None:
-        """The plan of the last epoch whose ACTIVATE went out, or that was adopted; None: there is none."""
+        """The plan of the current epoch: the last one that was activated or adopted; None: there is none."""
         return self._known.deployment.plan
 
     @property
@@ -139,11 +141,11 @@ class ManagerCore:
         return self._known.situation.now()
 
     def hears(self, identifier: int) -> bool:
-        """Tell whether the manager uses frames of an identifier; a driver may drop all others."""
+        """Tell whether the manager uses frames with this identifier; a driver may drop all others."""
         return self._inbound.hears(identifier)
 
     def step(self, now_ns: int, event: ManagerEvent) -> list[ManagerAction]:
-        """Take one event at `now_ns`; returns what is to be done, in order."""
+        """Process one event at `now_ns`; gives the actions for the driver, in order."""
         if self._claim.state is Mastership.RETIRED:
             return []
         gap_ns = now_ns - self._turn.now_ns
@@ -174,7 +176,7 @@ class ManagerCore:
         return self._turn.end()
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time at which to call with Tick at the latest, in nanoseconds."""
+        """Give the time (ns) at which the driver must call `step` with Tick at the latest; None: no call is needed."""
         state, known, due_ns = self._claim.state, self._known, self._inbound.identification.next_ns
         if state is Mastership.RETIRED:
             return None
@@ -193,7 +195,7 @@ class ManagerCore:
         return due_ns if health_ns is None else min(due_ns, health_ns)
 
     def validate(self) -> None:
-        """Check what must hold between two steps; raises InvariantError with the recent events."""
+        """Check the invariants of the whole core; raises InvariantError, which lists the recent events."""
         self._claim.validate()
         self._known.validate()
 
@@ -219,7 +221,7 @@ class ManagerCore:
             self._details.reader.tick(now_ns)
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
-        """Execute an operator's order; before the start of a term only the order for the status is executed."""
+        """Execute an order of the operator; before this manager has a term, only a request for the status."""
         if isinstance(said.order, AskStatus):
             return (Reply(said.number, done=True, sentence="", status=self._status_for_operator()),)
         if isinstance(said.order, AskTraceback):
@@ -241,14 +243,14 @@ class ManagerCore:
         return Reply(number, outcome.done, outcome.sentence, is_unusable=outcome.is_unusable)
 
     def _status_for_operator(self) -> dict[str, Any]:
-        """Give the status, and read the standstills of the PEs, which the next status will show."""
+        """Give the status; also read from the PEs how often they stood still, for the next status."""
         for pe in self._settings.spec.pes:
             if self._known.health.is_available(pe):
                 self._details.look_at_standstills(pe, Look.SHOW)
         return self.status()
 
     def _ask_traceback(self, number: int, element: str) -> None:
-        """Answer when the PE has given the traceback, or has not; immediately if the spec has no such module."""
+        """Read a traceback from the PE that has it; order `number` is answered when it has come, or cannot come."""
         problem = module_problem(self._settings.spec, element)
         if problem is not None:
             self._turn.ask(Reply(number, done=False, sentence=problem, is_unusable=True))
@@ -278,7 +280,7 @@ class ManagerCore:
             self._turn.emit("journal_failed", problem=problem)
 
     def status(self) -> dict[str, Any]:
-        """Give everything that the manager knows, as plain data (`status`)."""
+        """Give what the manager knows as plain data, in the form that the module `status` describes."""
         key, known = self._settings.key, self._known
         manager = {
             "node": self._settings.node,

@@ -2,14 +2,14 @@
 
     LISTENING   for T_lease after its start: a LEASE means that another manager is active, and this one does not start.
                 A manager that was active and hears no PE any more listens until it hears one again: its receiver has
-                failed, or its wire is broken, and its commands could only take outputs away from PEs that hear them. A
-                manager that most PEs refuse listens as well: they report that they hear no LEASE, because they know of
-                a higher term. It listens for twice as long after each refusal. Its next term may be high enough. After
-                two refusals in a row the journal that knew the higher terms may be lost: once in its life a manager
-                then skips many terms
+                failed, or its wire is broken, and its commands could only take outputs away from PEs that hear them.
+                A manager that most PEs refuse listens, too: these PEs report that they hear no LEASE, because they know
+                of a higher term. The manager listens for twice as long after each refusal, and begins the next term,
+                which may be high enough. After two refusals in a row it may be that a lost journal had the higher
+                terms: then a manager skips many terms, once in its life
     STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
                 to close
-    REIGNING    it is active, and has requested its first plan: normal operation
+    ACTIVE      it is active, and has requested its first plan: normal operation (in the status: `reigning`)
     STANDBY     another manager is active: this one follows it (`following`) and takes over when the PEs hear none
     RETIRED     another manager is active, and this one was started without `standby`: silent for ever
 
@@ -40,7 +40,7 @@ _LEAPS_AFTER, _LEAP = 2, 256  # terms that were refused one after the other; ter
 
 
 class Mastership(Enum):
-    """State of a manager; the values are written into the status."""
+    """States of a manager; the status shows these values."""
 
     LISTENING = "listening"
     STANDBY = "standby"
@@ -65,32 +65,41 @@ TRANSITIONS = TransitionTable(
     {Mastership.LISTENING: "start"},
     (
         (Mastership.LISTENING, MastershipEvent.ENDS, Mastership.RETIRED, "LEASE of another manager"),
-        (Mastership.LISTENING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (
+            *(Mastership.LISTENING, MastershipEvent.STANDS_BY, Mastership.STANDBY),
+            "LEASE of another manager, with --standby",
+        ),
         (
             *(Mastership.LISTENING, MastershipEvent.LETS_126_GO_FIRST, Mastership.STANDBY),
-            "127 hears no manager, with --standby",
+            "manager 127 hears no other manager, with --standby",
         ),
         (Mastership.LISTENING, MastershipEvent.BEGINS, Mastership.STARTING, "no manager is heard"),
         (
             *(Mastership.STANDBY, MastershipEvent.BEGINS, Mastership.STARTING),
-            "the PEs hear no manager any more, or refuse a term that is behind",
+            "the PEs hear no manager any more, or refuse its term as too low",
         ),
         (Mastership.STARTING, MastershipEvent.HAS_NO_TERM, Mastership.RETIRED, "all terms have been used"),
         (Mastership.STARTING, MastershipEvent.COMMANDS, Mastership.ACTIVE, "all PEs heard, or the window has closed"),
         (Mastership.STARTING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
-        (Mastership.STARTING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (
+            *(Mastership.STARTING, MastershipEvent.STANDS_BY, Mastership.STANDBY),
+            "another manager has precedence, with --standby",
+        ),
         (
             *(Mastership.ACTIVE, MastershipEvent.FALLS_SILENT, Mastership.LISTENING),
             "the manager hears no PE any more, or most PEs hear no LEASE",
         ),
         (Mastership.ACTIVE, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
-        (Mastership.ACTIVE, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (
+            *(Mastership.ACTIVE, MastershipEvent.STANDS_BY, Mastership.STANDBY),
+            "another manager has precedence, with --standby",
+        ),
     ),
 )
 
 
 class Claim:
-    """This manager's claim to mastership."""
+    """Decides whether this manager is active, stands by, or ends; keeps its state."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn) -> None:
         """Listen for T_lease from now on."""
@@ -108,15 +117,15 @@ class Claim:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether this manager is active; a manager that only advises counts as active while it would command."""
+        """Tell whether this manager is active; a manager that only advises is active as long as it would command."""
         return self.state is Mastership.ACTIVE or self.state is Mastership.STARTING
 
     def speaks(self) -> bool:
-        """Tell whether its LEASE goes out."""
+        """Tell whether this manager sends LEASE: it is active, and does more than advise."""
         return self.is_active and not self._settings.advise
 
     def validate(self) -> None:
-        """Check the last transition; raises InvariantError with the recent events."""
+        """Check the last change of state; raises InvariantError, which lists the recent events."""
         is_listed = TRANSITIONS.may_be(self.state, self._last_event)
         require(is_listed, "{} was reached by {}: {}", self.state, self._last_event, self._turn.recent)
 
@@ -126,7 +135,7 @@ class Claim:
     # Listening
 
     def hears_a_pe(self) -> bool:
-        """Note a PE's frame while listening; tells whether it ends a silence: the manager then listens for T_lease."""
+        """Note a frame of a PE; tells whether it ends a silence of all PEs, so that this manager listens now."""
         if self.listens_until_ns is not None:
             return False
         self.listens_until_ns = self._turn.now_ns + self._lease_ns
@@ -137,7 +146,10 @@ class Claim:
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:
-        """Tell whether to begin a term; if another manager goes first, this one stands by from now on."""
+        """Tell whether this manager may begin a term now.
+
+        If another manager goes first, this one stands by from now on.
+        """
         until_ns = self.listens_until_ns
         if self.state is not Mastership.LISTENING or until_ns is None or self._turn.now_ns < until_ns:
             return False
@@ -148,7 +160,7 @@ class Claim:
     # Being active
 
     def begin_term(self) -> bool:
-        """Become active in a new term; tells whether a term is left. If none is left, this manager ends."""
+        """Become active in a new term; False: all terms have been used, and this manager ends."""
         self._move(MastershipEvent.BEGINS)
         self._refused_since_ns = None  # no PE has heard this term yet
         leap = _LEAP if self._refusals >= _LEAPS_AFTER and not self._has_leapt else 0
@@ -162,7 +174,7 @@ class Claim:
         return True
 
     def commands(self) -> bool:
-        """Note that a plan is requested; tells whether it is the first one of this term."""
+        """Note that a plan is requested; tells whether it is the first plan of this term."""
         is_first = self.state is Mastership.STARTING
         if is_first:
             self._move(MastershipEvent.COMMANDS)
@@ -183,12 +195,15 @@ class Claim:
     # Giving way
 
     def fall_silent(self) -> None:
-        """Send nothing, and listen again from the first PE that is heard."""
+        """Stop sending, and listen again from the first frame of a PE on."""
         self._move(MastershipEvent.FALLS_SILENT)
         self.listens_until_ns, self._goes_first = None, True
 
     def gives_way_to(self, node: int, lease: Lease) -> bool:
-        """Take a LEASE of another manager; tells whether this one now stands by for it. It may end instead."""
+        """Decide on a LEASE of another manager; tells whether this one now stands by for it.
+
+        Without `standby` this manager ends instead, and the answer is False.
+        """
         is_listening, term = self.state is Mastership.LISTENING, self._turn.term
         is_double = node == self._settings.node and lease.term == term  # a manager does not receive its own frames
         if not (is_listening or is_double or lease.term > term):
@@ -203,10 +218,10 @@ class Claim:
         return True
 
     def _is_contradicted_again(self, node: int, term: int) -> bool:
-        """Tell whether a LEASE of this manager and term has come before: half a period ago or longer, within T_lease.
+        """Tell whether `node` has sent two LEASEs with this term, half a period to T_lease apart.
 
-        Without a key a single LEASE may be a recorded one, or a forged one; a manager that is active repeats it. With a
-        key one LEASE is enough, since it is proven.
+        Without a key a single LEASE may be a recorded or a forged one; a manager that is active repeats it. With a key
+        one LEASE is enough, since it is proven.
         """
         now_ns, before = self._turn.now_ns, self._contradicted
         is_same = before is not None and before[:2] == (node, term) and now_ns - before[2] <= self._lease_ns

@@ -26,14 +26,14 @@ EPOCHS = "epoch"  # kind of number
 
 @dataclass(frozen=True, slots=True)
 class TermBegun:
-    """A mastership begins, under this term."""
+    """A mastership has begun, under this term."""
 
     term: int
 
 
 @dataclass(frozen=True, slots=True)
 class Reserved:
-    """Numbers of a kind up to this one may be used from now on; after a restart none of them is used again."""
+    """Numbers of this kind up to `last` may be used from now on; after a restart none of them is used again."""
 
     kind: str
     last: int
@@ -41,7 +41,7 @@ class Reserved:
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """An epoch was activated, or adopted; `row` is its configuration, in hexadecimal digits."""
+    """An epoch was activated, or adopted; `row`: its configuration, encoded by `configuration_code`, in hexadecimal."""
 
     epoch: int
     digest: int
@@ -57,7 +57,7 @@ class PhaseEntered:
 
 @dataclass(frozen=True, slots=True)
 class PhaseRequest:
-    """A PE's request for a phase was executed: its number, counted in this incarnation."""
+    """A PE's request for a phase was executed; `number`: the PE's count of requests in this incarnation."""
 
     pe: str
     incarnation: int
@@ -82,7 +82,7 @@ class PriorityRestored:
 
 @dataclass(frozen=True, slots=True)
 class PriorityRequest:
-    """A PE's request for the priority of a function was executed: its number, counted in this incarnation."""
+    """A PE's request for a priority was executed; `number`: the PE's count of requests in this incarnation."""
 
     pe: str
     incarnation: int
@@ -109,7 +109,7 @@ class Cleared:
 
 @dataclass(frozen=True, slots=True)
 class Quarantined:
-    """A PE was lost again: it is held down for longer than after a single loss."""
+    """A PE was lost again, and is held down for longer than after a single loss; `losses`: how often it was lost."""
 
     pe: str
     losses: int
@@ -139,13 +139,13 @@ _NUMBERS = (TermBegun, Reserved)
 
 
 def is_number(record: Record) -> bool:
-    """Tell whether a record must be on disk before any frame that comes after it is sent."""
+    """Tell whether a record must be on disk before the driver sends any frame that follows it."""
     return isinstance(record, _NUMBERS)
 
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """All that is remembered."""
+    """All that a manager remembers over a restart."""
 
     term: int = 0
     reserved: Mapping[str, int] = field(default_factory=dict)
@@ -158,7 +158,7 @@ class Memory:
     priority_requests: Mapping[tuple[str, str], PriorityRequest] = field(default_factory=dict)  # by PE and function
 
     def after(self, record: Record) -> "Memory":
-        """Give the memory with the change of this record."""
+        """Give the memory as this record changes it."""
         match record:
             case TermBegun() | Reserved():
                 return self._with_number(record)
@@ -206,7 +206,7 @@ class Memory:
         return records + [Quarantined(pe, losses) for pe, losses in self.quarantined.items()]
 
     def numbers(self) -> "Memory":
-        """Give the part that stays valid under another spec: the numbers alone."""
+        """Give what is still valid if the spec has changed: the numbers that must not be used again."""
         return Memory(self.term, self.reserved)
 
 
@@ -214,7 +214,7 @@ NOTHING = Memory()
 
 
 def as_json(record: Record) -> list[str | int]:
-    """Write a record as a list: its kind, then its fields."""
+    """Encode a record as a list: its kind, then its fields."""
     match record:
         case TermBegun() | Reserved():
             return ["term", record.term] if isinstance(record, TermBegun) else ["reserved", record.kind, record.last]
@@ -247,7 +247,7 @@ def _priority_as_json(record: PriorityRecord) -> list[str | int]:
 
 
 def from_json(content: object) -> Record | None:
-    """Read a record; None where the content is not one."""
+    """Decode a record from a list; None: the content is not a record."""
     match content:
         case ["term", int(term)] if 0 < term <= MAX_TERM:
             return TermBegun(term)

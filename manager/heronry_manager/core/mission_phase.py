@@ -30,7 +30,7 @@ from heronry_wire.management import FORWARD_ONLY, REQUEST_NUMBERS
 
 
 class MissionPhase:
-    """The phase that plans are made for."""
+    """Keeps the present mission phase, and decides on requests to change it."""
 
     def __init__(self, spec: Spec) -> None:
         self._order = list(spec.phases)
@@ -46,11 +46,15 @@ class MissionPhase:
         return index < len(self._order)
 
     def remember(self, requests: Mapping[str, tuple[int, int]]) -> None:
-        """Take up which requests were executed: incarnation of each PE, and number of its last request."""
+        """Restore the last executed request of each PE: the incarnation of the PE, and the number of the request."""
         self._last = dict(requests)
 
     def accepted(self, pe: str, incarnation: int, detail: int) -> bool:
-        """Note that a request of a PE is executed, here or by another manager; tells whether it is a new one."""
+        """Note that this manager or another one has executed the request for a phase that a PE sent.
+
+        detail: the requested phase and the number of the request, as in the EMCY. Returns True if the request was not
+        known before.
+        """
         number = detail & ~FORWARD_ONLY
         last_incarnation, last = self._last.get(pe, (incarnation, number - 1))
         if incarnation == last_incarnation and (last - number) % REQUEST_NUMBERS < REQUEST_NUMBERS // 2:
@@ -59,7 +63,7 @@ class MissionPhase:
         return True
 
     def allows(self, index: int, detail: int) -> bool:
-        """Tell whether a request for a phase of the spec changes the phase."""
+        """Tell whether a request for the phase with this index changes the phase; `detail`: as in the EMCY."""
         if self._order[index] == self.current:
             return False
         return not detail & FORWARD_ONLY or self.current is None or self.current in self._origins[index]

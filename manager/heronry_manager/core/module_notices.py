@@ -20,14 +20,14 @@ from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 
 
 class ModuleNotices:
-    """The notices of one kind; a subclass says which events report them."""
+    """Keeps the notices of one kind; a subclass chooses the events that report them."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._modules, self._turn = list(spec.modules), turn
         self._told: dict[tuple[str, str], tuple[int, int]] = {}  # by module and PE: time and detail of the last one
 
     def reported(self, pe: str, emergency: Emergency) -> None:
-        """Take a PE's notice about one of its modules."""
+        """Note what a PE reports of one of its modules; the first such notice is reported as an event."""
         if emergency.kind is not ElementKind.MODULE or emergency.index >= len(self._modules):
             return
         key = self._modules[emergency.index], pe
@@ -36,25 +36,25 @@ class ModuleNotices:
         self._told[key] = self._turn.now_ns, emergency.detail
 
     def beat(self) -> None:
-        """Let time pass: a notice that has not been repeated is over."""
+        """End each notice that its PE has not repeated for CHANNEL_FORGOTTEN_NS."""
         for (module, pe), (at_ns, _) in list(self._told.items()):
             if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS:
                 del self._told[module, pe]
                 self._over(module, pe)
 
     def all(self) -> list[tuple[str, str, int]]:
-        """Give module, PE and detail of each notice that is not over."""
+        """List module, PE and detail of each notice that is not over."""
         return [(module, pe, detail) for (module, pe), (_, detail) in sorted(self._told.items())]
 
     def _begun(self, module: str, by: str, detail: int) -> None:
         raise NotImplementedError
 
     def _over(self, module: str, by: str) -> None:
-        """Report that a notice is over; by default there is no event."""
+        """Report that a notice is over; this class reports nothing."""
 
 
 class Disagreements(ModuleNotices):
-    """Comparators whose inputs differ."""
+    """Keeps which comparators have inputs that differ."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:
         self._turn.emit("disagreement", module=module, by=by, detail=detail)
@@ -64,14 +64,14 @@ class Disagreements(ModuleNotices):
 
 
 class UnknownReports(ModuleNotices):
-    """Modules that report an element which the spec does not have."""
+    """Keeps which modules report an element that the spec does not have."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:
         self._turn.emit("unknown_element", module=module, by=by, detail=detail)
 
 
 class UnknownOutputs(ModuleNotices):
-    """Modules that give a misspelt output."""
+    """Keeps which modules give an output whose name is misspelt."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:  # noqa: ARG002 - it is always 0
         self._turn.emit("unknown_output", module=module, by=by)

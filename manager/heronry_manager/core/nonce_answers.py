@@ -17,17 +17,20 @@ _REMEMBERED = 256  # nonces of one PE
 
 
 class NonceAnswers:
-    """The nonces of one PE that a manager has heard."""
+    """Decides which nonces of one PE the manager answers."""
 
     def __init__(self, period_ns: int) -> None:
-        """period_ns: heartbeat period of the PE's uplink."""
+        """`period_ns`: heartbeat period of the PE's uplink."""
         self._period_ns = period_ns
         self._first_ns: dict[int, int] = {}  # when each nonce was first heard, oldest first
         self._answered_ns: dict[int, int] = {}
         self._last_ns: deque[int] = deque(maxlen=_AT_ONCE)  # times of the last answers
 
     def is_due(self, nonce: int, now_ns: int) -> bool:
-        """Tell whether a plausible nonce is to be answered now; if so, it counts as answered."""
+        """Tell whether the manager must answer this nonce now; if so, it counts as answered.
+
+        The nonce must have a right tag.
+        """
         first_ns = self._first_ns.setdefault(nonce, now_ns)
         if len(self._first_ns) > _REMEMBERED:
             oldest = next(iter(self._first_ns))

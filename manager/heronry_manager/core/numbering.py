@@ -25,7 +25,7 @@ class NoTermError(HeronryError):
 
 
 def next_term(node: int, highest: int) -> int:
-    """Give this manager's first term above the `highest` known one; raises NoTermError where none is left."""
+    """Give the first term above `highest` that the manager `node` may use; raises NoTermError if none is left."""
     term = highest + 1 + (highest + node - FIRST_MANAGER) % 2
     if term > MAX_TERM:
         raise NoTermError(f"there is no term after {highest}; restart the PEs, and remove the manager's journals")
@@ -33,7 +33,7 @@ def next_term(node: int, highest: int) -> int:
 
 
 class EpochNumbers:
-    """The numbers for the epochs of one manager."""
+    """Gives numbers to the epochs of one manager."""
 
     def __init__(self, turn: Turn) -> None:
         self._turn = turn
@@ -41,12 +41,12 @@ class EpochNumbers:
         self.last = 0  # the newest number that was given, or may have been before a restart
 
     def begin(self, term: int) -> None:
-        """Go on with the block of this term, for a new mastership."""
+        """Continue with the numbers reserved for this term, for a new mastership."""
         self._block = None
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 
     def next(self, newest_seen: int) -> int:
-        """Give a number that is newer than all before, and than `newest_seen`, the newest epoch that PEs run."""
+        """Give a number newer than all that were given before, and than `newest_seen`, the newest one that PEs run."""
         runs = self._turn.memory.runs
         epoch = next_epoch(newest_epoch((self.last, newest_seen, NO_EPOCH if runs is None else runs.epoch)))
         if (_block_of(epoch) - (self._turn.term - 1)) % 2:

@@ -78,7 +78,7 @@ class ObjectReader:
     _left_until_ns: dict[int, int] = field(default_factory=dict)  # by node: another client has it
 
     def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int) -> None:
-        """Read an object, after those that wait already; `take` is called once, with the value or None."""
+        """Queue an object for reading; `take` is called once, with its value, or with None if it cannot be read."""
         if len(self._waiting) >= _MOST_WAITING:
             take(None)
             return
@@ -86,7 +86,7 @@ class ObjectReader:
         self._begin_next(now_ns)
 
     def heard(self, node: int, message: bytes, now_ns: int) -> None:
-        """Take an answer of a PE's SDO server; an answer to no request of this manager is dropped."""
+        """Process an answer of a PE's SDO server; an answer to no request of this manager is dropped."""
         reading = self._now
         if reading is None or reading.node != node:
             return
@@ -99,7 +99,7 @@ class ObjectReader:
             self._say(segment(SEGMENT_UPLOAD | reading.toggle, b""), now_ns)
 
     def heard_other(self, node: int, now_ns: int) -> None:
-        """Take a request of another client to a PE, and leave the PE to it."""
+        """Note that another client has sent a request to a PE, and leave the PE to that client for SILENCE_NS."""
         self._left_until_ns[node] = now_ns + SILENCE_NS
         reading = self._now
         if reading is not None and reading.node == node:
@@ -108,7 +108,7 @@ class ObjectReader:
         self._begin_next(now_ns)
 
     def tick(self, now_ns: int) -> None:
-        """Give up an object whose answer does not come, or begin to read one whose PE is free again."""
+        """Drop an object if its answer has not come within SILENCE_NS; begin to read the next one whose PE is free."""
         if now_ns < self.next_ns:
             return
         if self._now is not None:
@@ -117,7 +117,7 @@ class ObjectReader:
             self._begin_next(now_ns)
 
     def give_up(self, now_ns: int) -> None:
-        """Give up everything, since this manager is not active any more."""
+        """Drop all objects that are being read or queued, since this manager is not active any more."""
         waiting, self._waiting = self._waiting, deque()
         if self._now is not None:
             self._end(None, now_ns)
@@ -126,7 +126,7 @@ class ObjectReader:
             reading.take(None)
 
     def _take(self, reading: _Reading, message: bytes) -> bool:
-        """Take what an answer carries; tells whether it fits the request."""
+        """Process an answer to the present request; tells whether the answer fits that request."""
         command = command_of(message)
         if reading.length is None:
             return self._opened(reading, command, message)

@@ -16,7 +16,7 @@ _MOST_LATE = 8  # pages 0; a page that is further behind is a new one after a si
 
 @dataclass(slots=True)
 class Observed:
-    """What one PE reports that it runs."""
+    """What one PE has reported that it runs."""
 
     epoch: int = 0
     digest: int = 0
@@ -33,19 +33,19 @@ class Observed:
 
 
 class Observations:
-    """What all PEs report, available or not."""
+    """Keeps what each PE reports that it runs, whether the PE is available or not."""
 
     def __init__(self, pes: Iterable[str]) -> None:
         self.of = {pe: Observed() for pe in pes}
         self._newest_lost = NO_EPOCH  # newest epoch that some PE ran when it was lost
 
     def begin_term(self) -> None:
-        """Begin a term, which no PE has heard yet."""
+        """Begin a new term, of which no PE has heard yet."""
         for seen in self.of.values():
             seen.hears = False
 
     def take(self, pe: str, page: StatePage0) -> Observed | None:
-        """Take page 0 of a PE; gives what is known of it now, or None where the page is late."""
+        """Note page 0 of a PE; gives what is now known of the PE, or None: the page is late."""
         seen = self.of[pe]
         if seen.is_late(page):
             return None
@@ -55,11 +55,11 @@ class Observations:
         return seen
 
     def joined(self, pe: str) -> None:
-        """Note that a PE is available again: this manager has not configured it yet."""
+        """Note that a PE is available again, and must be configured anew by this manager."""
         self.of[pe].configured = False
 
     def lost(self, pe: str) -> None:
-        """Forget the reports of a PE that is no longer available, except for its epoch."""
+        """Forget what a PE that is no longer available has reported, except for its epoch."""
         self._newest_lost = newest_epoch((self._newest_lost, self.of[pe].epoch))
         self.of[pe] = Observed()
 

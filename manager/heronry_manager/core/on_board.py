@@ -2,8 +2,8 @@
 
 A PE that holds its slice of a configuration needs no SLICE frames for it: PREPARE gives the number of the
 configuration. Configurations are numbered by their importance, the most important first, so a PE holds the
-configurations from 1 to as many as its `table_bytes` have room for (and PREPARE's 12 bits can name). For the others the
-manager sends slices as usual.
+configurations from 1 to as many as its `table_bytes` have room for (and PREPARE's 12 bits can name). For all other
+configurations the manager sends slices.
 
 The manager works out from its own file what every PE holds. A PE whose table has no contingencies, or was made from
 another file, reports that its slice is not on board, and gets the slice (`reconfiguration`). So manager and PEs need
@@ -27,7 +27,12 @@ MOST_NUMBERS = 4095  # 12 bits in PREPARE, without 0
 
 @dataclass(frozen=True, slots=True)
 class OnBoard:
-    """The part of one PE: its slices of the configurations numbered 1 to `held`, encoded in `block`."""
+    """The contingencies that one PE has on board.
+
+    held: the PE has its slices of the configurations numbered 1 to `held`.
+    block: these slices, encoded.
+    room: bytes that the PE's table has for them.
+    """
 
     pe: str
     held: int
@@ -36,7 +41,7 @@ class OnBoard:
 
 
 class ContingencyNumbers:
-    """Numbers of the configurations on board, and the PEs that hold them."""
+    """Gives the numbers of the configurations on board, and tells which PEs hold them."""
 
     def __init__(self, spec: Spec, made: Contingencies, held: Iterable[OnBoard]) -> None:
         self._code = ConfigurationCode(spec)
@@ -45,23 +50,24 @@ class ContingencyNumbers:
         self._held = {one.pe: one.held for one in held}
 
     def number(self, configuration: Configuration) -> int:
-        """Give the number of a configuration; 0: it has none."""
+        """Give the number by which PREPARE can name a configuration; 0: it has none."""
         return self._numbers.get(self._code.encode(configuration), 0)
 
     def configuration(self, number: int) -> Configuration | None:
-        """Give the configuration with a number; None: there is none."""
+        """Give the configuration with this number; None: there is none."""
         return self._called[number - 1] if 0 < number <= len(self._called) else None
 
     def holds(self, pe: str, number: int) -> bool:
         """Tell whether a PE has its slice of the configuration with this number on board.
 
-        The PE must have its part of this file on board, not of another file.
+        The answer is worked out from this manager's contingency file; the table of the PE must have been made from it,
+        too.
         """
         return 0 < number <= self._held[pe]
 
 
 def on_board(spec: Spec, made: Contingencies) -> list[OnBoard]:
-    """Fill the table of every PE with as many slices as fit."""
+    """Give the slices of contingencies for every PE: as many as its table has room for."""
     compiler = Compiler(spec)
     compiled = [compiler.configuration(one) for one in made.configurations[:MOST_NUMBERS]]
     return [
@@ -71,12 +77,12 @@ def on_board(spec: Spec, made: Contingencies) -> list[OnBoard]:
 
 
 def loaded(table: PeTable, one: OnBoard) -> PeTable:
-    """Give the table of a PE with its contingencies."""
+    """Give a table with these contingencies added to it."""
     return replace(table, contingencies=b64encode(one.block).decode())
 
 
 def _filled(pe: str, slices: Sequence[Preloaded], room: int) -> OnBoard:
-    """Take as many slices, from the first on, as fit into `room` bytes; the block grows with every slice."""
+    """Encode as many slices, from the first on, as fit into `room` bytes."""
     fits, too_many = 0, len(slices) + 1
     while too_many - fits > 1:
         middle = (fits + too_many) // 2

@@ -56,7 +56,12 @@ _ONLY_ADVISES = "this manager only advises: give the order to the active manager
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The consequences of an order, and the sentence that answers it."""
+    """What follows from an order, and the sentence that answers it.
+
+    done: False if the order was refused.
+    changes: the changes of the situation that follow.
+    command: the CONTROL to send to the PEs; None: no command.
+    """
 
     done: bool
     sentence: str
@@ -66,7 +71,7 @@ class Outcome:
 
 
 def module_problem(spec: Spec, element: str) -> str | None:
-    """Say why an element is no module of the spec; None if it is one."""
+    """Say why `element` is not a module of the spec; None: it is one."""
     try:
         found = checked_element(spec, element)
     except UnknownElementError as error:
@@ -75,7 +80,7 @@ def module_problem(spec: Spec, element: str) -> str | None:
 
 
 class OperatorOrders:
-    """Carries out orders."""
+    """Carries out the orders of the operator."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge, planning: Planning) -> None:
         self._spec, self._has_key = settings.spec, settings.key is not None
@@ -153,7 +158,10 @@ class OperatorOrders:
         return Outcome(True, f"{element} no longer counts as failed; {self._what_follows(waits)}", changes, told)
 
     def _fly(self, target: Configuration | None, problem: str) -> Outcome:
-        """Take a target that is legal, and refuse any other with an event; `problem` says why there is none."""
+        """Order the configuration of a script if it is legal now; else refuse it.
+
+        target: that configuration; None: the script gives none, because of `problem`.
+        """
         if self._turn.silent:
             return Outcome(False, _ONLY_ADVISES)
         reason = problem if target is None else self._why_not_now() or self._why_not_legal(target)

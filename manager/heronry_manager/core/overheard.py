@@ -38,10 +38,10 @@ _SLICES_KEPT = 512
 
 
 class Overheard:
-    """Follows one manager's epochs, and remembers the configuration that runs."""
+    """Makes the configuration that another manager activates out of the slices in its commands."""
 
     def __init__(self, spec: Spec, turn: Turn, on_board: ContingencyNumbers | None = None) -> None:
-        """`on_board`: the configurations that can be called by a number; None: there are none."""
+        """`on_board`: the configurations that PREPARE can name by number; None: there are none."""
         self._spec, self._turn, self._on_board = spec, turn, on_board
         self._compiler, self._code = Compiler(spec), ConfigurationCode(spec)
         self._names = _Names(spec)
@@ -55,7 +55,7 @@ class Overheard:
             self.know(self._code.decode(bytes.fromhex(self.runs.row)))
 
     def take(self, message: ManagementMessage) -> None:
-        """Take a command of the active manager."""
+        """Note a command of the active manager: PREPARE, SLICE, ACTIVATE or LEASE; others have no effect."""
         prepared = self._prepared
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) == self._activated_as:
@@ -99,14 +99,14 @@ class Overheard:
             self._turn.keep(self.runs)
 
     def _called(self, digest: int) -> Configuration | None:
-        """Give the configuration whose number PREPARE names, if this manager's file holds it with the same digest."""
+        """Give the configuration that PREPARE names by number, if this manager's file has it with the same digest."""
         if self._on_board is None or self._prepared is None:
             return None
         called = self._on_board.configuration(self._prepared.contingency)
         return called if called is not None and self._compiler.configuration(called).digest == digest else None
 
     def _put_together(self) -> Configuration | None:
-        """Give the configuration that the slices make; None if a slice is not known, or does not fit this spec."""
+        """Give the configuration that the slices make; None: a slice is not known, or does not fit this spec."""
         if any(head.digest not in self._known for head in self._heads.values()):
             return None
         try:
@@ -115,7 +115,10 @@ class Overheard:
             return None
 
     def know(self, configuration: Configuration) -> int:
-        """Keep every slice of a configuration; gives its digest."""
+        """Keep every slice of a configuration, so that it need not be heard later.
+
+        Gives the digest of the configuration.
+        """
         compiled = self._compiler.configuration(configuration)
         for node, body in compiled.slices.items():
             self._keep(compiled.slice_digests[node], body)
@@ -123,7 +126,7 @@ class Overheard:
 
 
 class _Names:
-    """Turns indices back into names: the reverse of `compilation`."""
+    """Turns the indices in slices back into names; the reverse of `compilation`."""
 
     def __init__(self, spec: Spec) -> None:
         self._modules, self._sources = list(spec.modules.values()), list(spec.sources())
@@ -135,7 +138,10 @@ class _Names:
         }
 
     def configuration(self, bodies: Mapping[int, bytes]) -> Configuration:
-        """Put slices together, by node; raises SliceError or LookupError if they are not of this spec."""
+        """Make a configuration of the slices of all nodes.
+
+        Raises SliceError or LookupError if they are not of this spec.
+        """
         slices = {node: decode_slice(body, self._leaves) for node, body in bodies.items()}
         modes = {
             one.module: list(self._modules[one.module].modes.values())[one.mode]

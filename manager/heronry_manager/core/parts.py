@@ -1,4 +1,4 @@
-"""Makes the acting parts of a manager's core, once, each after the parts that it needs."""
+"""Makes the objects of a manager's core that act, once, each after the objects that it needs."""
 
 from heronry_manager.core.beat import Beat
 from heronry_manager.core.knowledge import Knowledge
@@ -11,7 +11,7 @@ from heronry_manager.core.turn import Turn
 
 
 class Parts:
-    """The parts that act; those that take in frames (`pe_reports`, `succession`, `inbound`) call them."""
+    """The objects of the core that act; those that process frames (`pe_reports`, `succession`, `inbound`) call them."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn) -> None:
         self.settings, self.turn = settings, turn

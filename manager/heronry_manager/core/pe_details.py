@@ -36,13 +36,16 @@ _NS_PER_MS = 1_000_000
 class Look(Enum):
     """Why the standstills of a PE are read."""
 
-    BEGIN = "it joins: what was before does not matter"
-    TELL = "it was not heard: tell of new ones"
-    SHOW = "the status shows them"
+    BEGIN = "the PE joins: earlier standstills are not reported"
+    TELL = "the PE was not heard: new standstills are reported"
+    SHOW = "the operator requests the status"
 
 
 class PeDetails:
-    """Reads and keeps the details of all PEs, and counts the standstills of this manager."""
+    """Reads the details that PEs store for people, and keeps them.
+
+    Counts the standstills of this manager's computer.
+    """
 
     def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
         self._spec, self._turn, self._claim = settings.spec, turn, claim
@@ -58,22 +61,23 @@ class PeDetails:
         self._position = cache(self._position_in_table)
 
     def stood_still(self, event: StoodStill) -> None:
-        """Count a standstill of the computer of this manager, and tell a long one."""
+        """Count a standstill of this manager's computer; a long one is reported as an event."""
         if self.own.count(event, self._turn.now_ns):
             self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
-        """Read why a module has failed; the PE repeats the EMCY, but the reason is read once."""
+        """Read from a PE why a module has failed: once, although the PE repeats its EMCY."""
+        heard_ns = self._turn.now_ns
         before, at_ns = self._heard.get((pe, element), (None, 0))
-        self._heard[pe, element] = emergency, self._turn.now_ns
-        if before == emergency and self._turn.now_ns - at_ns <= self._again_after_ns:
+        self._heard[pe, element] = emergency, heard_ns
+        if before == emergency and heard_ns - at_ns <= self._again_after_ns:
             return
 
         def take(value: bytes | None) -> None:
             text = "" if value is None else plain_reason(value.decode("ascii", "replace"))
             if text:
                 self._failures[element] = {"element": element, "by": pe, "text": text, "at_ns": self._turn.now_ns}
-                self._turn.emit("module_failed", element=element, by=pe, text=text)
+                self._turn.emit("module_failed", element=element, by=pe, text=text, heard_ns=heard_ns)
 
         self._read(pe, MODULE_FAILURES, self._position(pe, element), take)
 
@@ -98,7 +102,7 @@ class PeDetails:
         self._read(pe, MODULE_TRACEBACKS, self._position(pe, element), take)
 
     def look_at_standstills(self, pe: str, look: Look) -> None:
-        """Read how often the computer of a PE has stood still."""
+        """Read how often the computer of a PE has stood still, and for how long; `look`: the reason for reading."""
         found: dict[str, int] = {}
 
         def take(key: str, value: bytes | None) -> None:
@@ -111,7 +115,7 @@ class PeDetails:
             self._read(pe, COUNTERS, sub_index, partial(take, key))
 
     def end_of_step(self) -> None:
-        """Give up what is being read when this manager is no longer active."""
+        """Stop reading if this manager is not active any more; to be called after each event."""
         if not self._claim.is_active:
             self.reader.give_up(self._turn.now_ns)
 
@@ -122,11 +126,14 @@ class PeDetails:
         return [{k: v for k, v in one.items() if k != "at_ns"} | {"for_ns": now_ns - one["at_ns"]} for one in kept]
 
     def standstills(self, pe: str) -> Mapping[str, int] | None:
-        """Give what is known of the standstills of a PE: times, long_times, last_long_ms, longest_ms; None: nothing."""
+        """Give how often the computer of a PE has stood still; None: this was not read yet.
+
+        The keys are times, long_times, last_long_ms and longest_ms.
+        """
         return self._standstills.get(pe)
 
     def own_standstills(self) -> dict[str, int]:
-        """Give the standstills of this manager in the same form."""
+        """Give the standstills of this manager's computer, in the form of `standstills`."""
         own = self.own
         times_ms = {"last_long_ms": own.last_long_ns // _NS_PER_MS, "longest_ms": own.longest_ns // _NS_PER_MS}
         return {"times": own.times, "long_times": own.long_times, **times_ms}
@@ -151,7 +158,7 @@ class PeDetails:
             take(None)
 
     def _position_in_table(self, pe: str, element: str) -> int:
-        """Give the place of a module among those of a PE's table, from 1; 0: it is not in that table."""
+        """Give the position of a module among those in a PE's table, from 1; 0: it is not in that table."""
         name = element.partition(":")[2]
         modules = [one.name for one in self._spec.modules.values() if pe in hosts_when_all_is_up(self._spec, one)]
         return modules.index(name) + 1 if name in modules else 0

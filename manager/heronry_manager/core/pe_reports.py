@@ -31,14 +31,14 @@ _REQUESTS = (ElementKind.PHASE, ElementKind.PRIORITY)
 
 
 class PeReports:
-    """Hands the reports of PEs to the parts that they concern."""
+    """Hands the reports of PEs to the objects of the core that use them."""
 
     def __init__(self, parts: Parts) -> None:
         self._settings, self._turn, self._claim, self._known = parts.settings, parts.turn, parts.claim, parts.known
         self._beat, self._replanning, self._reactions = parts.beat, parts.replanning, parts.reactions
 
     def page(self, pe: str, page: StatePage | None) -> None:
-        """Take a page of a PE's state; `page` is None if it is not believed."""
+        """Process a page of a PE's state; None: the page has come but is not believed."""
         if self._claim.state is Mastership.LISTENING and self._claim.hears_a_pe():
             self._known.begin()
             if self._settings.key is None:  # with a key no PE can be believed before this manager is active
@@ -58,10 +58,7 @@ class PeReports:
                 pass
 
     def unproven(self, pe: str, page: StatePage0) -> None:
-        """Take a page 0 that is not believed.
-
-        It may still show that the PE lives, and whether it hears a manager.
-        """
+        """Process a page 0 that is not believed: it may still show that the PE lives, and that it hears a manager."""
         self._known.health.spoke(pe, page.incarnation, self._turn.now_ns)
         self._known.following.state(pe, page, is_proven=False)
 
@@ -88,7 +85,7 @@ class PeReports:
         self._reactions.take(known.health.heard(pe, incarnation, self._turn.now_ns, hears_lease=hears_lease))
 
     def emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
-        """Take an EMCY of a PE: a fault, or a request for a phase or a priority."""
+        """Process an EMCY of a PE: a fault, or a request for a phase or a priority."""
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET or not self._claim.is_active:
             return
         situation = self._known.situation
@@ -121,6 +118,6 @@ class PeReports:
         self._turn.send(Command.CONTROL, told)
 
     def lost_channel(self, pe: str, emergency: Emergency) -> None:
-        """Take a PE's report that a channel of a replicated bus carries nothing, or carries frames again."""
+        """Note a PE's report that a channel of a replicated bus carries nothing, or carries frames again."""
         if self._claim.is_active:
             self._known.situation.channels.reported(pe, emergency)

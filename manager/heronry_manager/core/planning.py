@@ -17,8 +17,8 @@ A lost answer blocks nothing: the next change of the situation leads to a new re
 dropped.
 
 *Causes* are kept from the moment they are known until the epoch that takes them into account runs everywhere. A restart
-forgets them: the manager then finds the faults again. If a mastership begins while every PE is held down, its first
-request has no cause but the mastership itself. So every change in the events has a cause.
+forgets them: the manager then finds the faults again. If a mastership begins while every PE is held down, the
+mastership itself is the cause of its first request. So every change in the events has a cause.
 """
 
 from heronry_dg.configuration import Configuration
@@ -37,7 +37,7 @@ _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
 
 class Planning:
-    """The one request for a plan that counts."""
+    """Keeps the present request for a plan, and the causes for which it was made."""
 
     def __init__(self, turn: Turn) -> None:
         self._turn = turn
@@ -77,20 +77,23 @@ class Planning:
 
     @property
     def is_owed(self) -> bool:
-        """Tell whether an answer is awaited, or the request will be repeated."""
+        """Tell whether the manager waits for an answer, or will repeat a request that failed."""
         return self.waiting or self.again_ns is not None
 
     @property
     def idle(self) -> bool:
-        """Tell whether no answer is awaited, no request will be repeated, and no change is on its way."""
+        """Tell whether no plan is awaited, no request will be repeated, and no cause of a change is left."""
         return not self.is_owed and not self.causes and not self.gathered
 
     def is_due_again(self) -> bool:
-        """Tell whether it is time to make a failed request again."""
+        """Tell whether it is time to repeat a request that failed."""
         return self.again_ns is not None and self._turn.now_ns >= self.again_ns
 
     def failed(self, answer: PlanFailed) -> bool:
-        """Tell whether this answer ends the present request without a plan; a background request then ends for good."""
+        """Note that the planner could not answer; tells whether that was the present request.
+
+        A request in the background is not repeated.
+        """
         if answer.request != self._request or not self.waiting:
             return False
         self.waiting, self.again_ns = False, None if self.in_background else self._turn.now_ns + PLAN_AGAIN_NS
@@ -98,17 +101,20 @@ class Planning:
         return True
 
     def awaits(self, answer: PlanReady) -> bool:
-        """Tell whether a plan answers the present request, which has not been answered yet."""
+        """Tell whether this is the answer to the present request, and the first one."""
         return answer.request == self._request and self.waiting
 
     def takes(self, answer: PlanReady) -> None:
-        """Take this plan: its request is answered."""
+        """End the present request, because its answer is to be deployed."""
         self.waiting = False
         decide_ns = self._turn.now_ns - self.causes[-1].known_ns if self.causes else 0
         self._turn.emit("plan_ready", request=answer.request, plan=answer.plan.document(), decide_ns=decide_ns)
 
     def keeps_to(self, running: Plan | None, answer: PlanReady) -> bool:
-        """Tell whether the running plan stays, because a background answer is not better; that ends the request."""
+        """Tell whether the running plan stays, because a plan from a background request is not better.
+
+        If so, the request ends.
+        """
         if running is None or not self.in_background or _is_better(answer.plan, running):
             return False
         self.waiting = False
@@ -117,31 +123,34 @@ class Planning:
         return True
 
     def ask_in_background(self, now: Situation, running: Placement) -> None:
-        """Request the optimal plan for this situation, to replace the immediate plan that runs now."""
+        """Request the optimal plan for this situation, which may replace the immediate plan that runs now."""
         self.causes.append(Cause(_IN_BACKGROUND, self._turn.now_ns, self._turn.now_ns))
         self.ask(now, running, in_background=True)
 
     def ask_for(self, target: Configuration, now: Situation, running: Placement) -> None:
-        """Request the best plan of the situation, with which the target of a script will be compared."""
+        """Request the best plan for this situation, to be compared with the configuration that a script orders."""
         self.causes = [Cause(_SCRIPT, self._turn.now_ns, self._turn.now_ns)]
         self.ask(now, running, in_background=True, target=target)
 
     def target_taken(self) -> None:
-        """Note that a target is deployed instead of the plan: the situation may then get another background request."""
+        """Note that the configuration of a script is deployed.
+
+        Another background request may be made for this situation.
+        """
         self.in_background = False
 
     def target_refused(self) -> None:
-        """Treat the answer as one to a background request, since the target of the script was refused."""
+        """Note that the script is refused: the plan is now treated like one requested in the background."""
         self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
     def forget(self) -> None:
-        """Drop the present request and its causes, because another manager plans now."""
+        """Drop the present request and its causes, since another manager plans from now on."""
         self.waiting, self.again_ns, self.in_background = False, None, False
         self.causes.clear()
         self.gathered.clear()
 
     def done(self, causes: tuple[Cause, ...]) -> None:
-        """Drop these causes, because the running configuration takes them into account."""
+        """Drop these causes, since the configuration that runs now was planned for them."""
         self.causes = [cause for cause in self.causes if cause not in causes]
 
 

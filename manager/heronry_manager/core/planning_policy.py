@@ -63,15 +63,15 @@ from heronry_wire.sansio import require
 
 
 class ImmediatePlanner(Protocol):
-    """A planner that answers within the call: `heronry_manager.planner.greedy`."""
+    """A planner that answers before its call returns: `heronry_manager.planner.greedy`."""
 
     def plan(self, now: Situation, running: Placement | None = None) -> Plan:
-        """Find a plan in a few milliseconds."""
+        """Find a plan for this situation in a few milliseconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """All that a plan depends on, beside the spec."""
+    """A plan to be made ahead: for this situation, while this configuration runs."""
 
     now: Situation
     running: Placement
@@ -81,7 +81,7 @@ class Question:
 
 
 class Source(Enum):
-    """Where an answer to a request comes from."""
+    """Where a plan comes from; an event gives the value."""
 
     CONTINGENCIES = "contingencies"
     PRE_PLANNED = "pre-planned"
@@ -91,14 +91,14 @@ class Source(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PlannerAnswered:
-    """The planner's process has answered."""
+    """Event: the planner's process has answered."""
 
     answer: PlanReady | PlanFailed
 
 
 @dataclass(frozen=True, slots=True)
 class PrePlannerAnswered:
-    """The pre-planner's process has answered; None: it found no plan, or has ended."""
+    """Event: the pre-planner's process has answered; `plan` is None if it found none, or the process has ended."""
 
     number: int
     plan: Plan | None
@@ -106,7 +106,7 @@ class PrePlannerAnswered:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Instruction to the driver: hand this answer to the core."""
+    """Instruction to the driver: give this answer to the core."""
 
     answer: PlanReady | PlanFailed
     source: Source
@@ -114,7 +114,10 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class AskPlanner:
-    """Instruction: ask the planner's process. `refusal`: why the verifier refused the greedy plan, if it did."""
+    """Instruction to the driver: send this request to the planner's process.
+
+    refusal: the rule for which the verifier refused the greedy plan; None: there was no refusal.
+    """
 
     request: RequestPlan
     refusal: Violation | None = None
@@ -122,7 +125,10 @@ class AskPlanner:
 
 @dataclass(frozen=True, slots=True)
 class PrePlan:
-    """Instruction: ask the pre-planner's process, which is idle; `PrePlannerAnswered` repeats the `number`."""
+    """Instruction to the driver: send this question to the pre-planner's process, which is idle.
+
+    `PrePlannerAnswered` repeats the `number`.
+    """
 
     number: int
     question: Question
@@ -134,7 +140,7 @@ Instruction = Answer | AskPlanner | PrePlan
 
 
 class PlanningPolicy:
-    """The policy of one manager."""
+    """Chooses the planner for each request of one manager, and pre-plans the next faults."""
 
     def __init__(
         self,
@@ -144,7 +150,10 @@ class PlanningPolicy:
         has_planner: bool,
         contingencies: ContingencyTable | None = None,
     ) -> None:
-        """has_planner: there is a solver, and so a planner and a pre-planner; if False, `immediate` must be given."""
+        """`immediate`: the greedy planner; None: every request goes to the exact planner.
+
+        has_planner: there is a solver, and so a planner and a pre-planner; if False, `immediate` must be given.
+        """
         require(immediate is not None or has_planner, "there is no planner")
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner
         self._contingencies = contingencies
@@ -155,7 +164,10 @@ class PlanningPolicy:
         self._number = 0  # of the last question ahead
 
     def step(self, event: PolicyEvent) -> list[Instruction]:
-        """Take one event; returns what is to be done, in order. A RequestPlan gives exactly one instruction."""
+        """Process one event; gives the instructions for the driver, in order.
+
+        A RequestPlan leads to exactly one instruction.
+        """
         match event:
             case RequestPlan():
                 return [self._decide(event)]
@@ -185,9 +197,10 @@ class PlanningPolicy:
         return self._plan_at_once(self._immediate, request)
 
     def _made_before(self, request: RequestPlan) -> Plan | None:
-        """Find the plan of a contingency; None: there is none, or contingencies do not cover the situation.
+        """Find a contingency that answers this request; None: there is none, or it does not cover the situation.
 
-        They assume that no radio is limited, no priority changed, and no script of the operator held or asked for.
+        Contingencies assume that no radio is limited, no priority changed, and no script of the operator held or asked
+        for.
         """
         if self._contingencies is None or request.target is not None or request.now.limits or request.now.priorities:
             return None
@@ -204,9 +217,9 @@ class PlanningPolicy:
         return Answer(PlanFailed(request.request, reason), Source.IMMEDIATE)
 
     def _in_its_place(self, request: RequestPlan, answer: PlanReady | PlanFailed) -> Answer:
-        """Give the exact planner's answer, or that of another planner if the exact one has failed.
+        """Give the answer of the exact planner.
 
-        Another planner answers only if the aircraft needs the plan.
+        If it has failed and the aircraft needs a plan, that of the greedy planner.
         """
         if isinstance(answer, PlanFailed) and self._immediate is not None and not request.in_background:
             plan = self._immediate.plan(request.now, request.running)
@@ -221,7 +234,7 @@ class PlanningPolicy:
     # Questions ahead
 
     def _look_ahead(self, now: Situation, running: Placement) -> None:
-        """Find the questions to pre-plan; forget the plans for all other questions."""
+        """List the questions to pre-plan now, and forget the plans for all other questions."""
         if not self._has_planner:
             return
         ahead = [Question(next_one, running) for next_one in self._next_situations(now)]
@@ -229,7 +242,7 @@ class PlanningPolicy:
         self._ahead = deque(one for one in ahead if one not in self._pre_planned and not self._is_answered_ahead(one))
 
     def _next_situations(self, now: Situation) -> Iterable[Situation]:
-        """Give the situations that may come next: one PE lost, one PE back, the next phase in the spec's order."""
+        """Give the situations to plan ahead for: the loss of each PE, the return of each PE, and the next phase."""
         for pe in self._spec.pes:
             if f"pe:{pe}" not in now.down:
                 yield replace(now, down=now.down | {f"pe:{pe}"})
@@ -242,7 +255,7 @@ class PlanningPolicy:
                 yield replace(now, phase=following)
 
     def _is_answered_ahead(self, one: Question) -> bool:
-        """Tell whether a contingency answers a question, or the pre-planner is working on it."""
+        """Tell whether a contingency answers this question, or the pre-planner has it already."""
         if self._in_pre_planning is not None and self._in_pre_planning.question == one:
             return True
         if self._contingencies is None or one.now.limits or one.now.priorities:
@@ -250,7 +263,7 @@ class PlanningPolicy:
         return self._contingencies.find(one.now.down, one.now.phase, one.running) is not None
 
     def _pre_plan(self) -> list[Instruction]:
-        """Give out the next question, if the pre-planner is idle."""
+        """Give the next question to the pre-planner if it is idle."""
         if self._in_pre_planning is not None or not self._ahead:
             return []
         self._number += 1

@@ -34,7 +34,11 @@ _BELOW, _ABOVE = Fraction(9, 10), Fraction(21, 20)
 
 @dataclass(frozen=True, slots=True)
 class LinkChange:
-    """What has changed about a radio: `what` is limited, gone or back."""
+    """A change of a radio that plans must take into account.
+
+    what: limited, gone or back.
+    step: the share of its bandwidth that plans may use from now on, per mille.
+    """
 
     what: str
     radio: Radio
@@ -43,7 +47,7 @@ class LinkChange:
 
 @dataclass(slots=True)
 class LinkRecord:
-    """What is known of one radio."""
+    """What the manager keeps of one radio; shares of its bandwidth in per mille."""
 
     radio: Radio
     period_ns: int
@@ -58,7 +62,7 @@ class LinkRecord:
     fell_ns: int = 0
 
     def is_new(self, report: LinkReport) -> bool:
-        """Tell whether a report is neither late nor doubled."""
+        """Tell whether a report is newer than the last one: neither late nor doubled."""
         if self.report is None:
             return True
         behind = (self.report.sequence - report.sequence) % SEQUENCES
@@ -70,7 +74,7 @@ class LinkRecord:
 
 
 class RadioLinks:
-    """Every radio of a spec that a gateway reports on."""
+    """Keeps the share of its bandwidth that plans may use, for every radio that a gateway reports on."""
 
     def __init__(self, spec: Spec) -> None:
         self.records = {
@@ -79,18 +83,21 @@ class RadioLinks:
         self._gateway_nodes = {one.radio.bus: spec.pes[one.radio.gateway].node_id for one in self.records.values()}
 
     def limits(self) -> Mapping[str, Fraction]:
-        """Give the share of each radio that plans may use, for the radios where it is less than the whole."""
+        """Give the share of bandwidth that plans may use, for each radio where that is less than 1."""
         short = (record for record in self.records.values() if record.step < PER_MILLE)
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
 
     def restarted(self, gateway: str) -> None:
-        """Note that a gateway was lost: it may have restarted, and number its reports from the beginning."""
+        """Note that a gateway was lost: after a restart it numbers its reports from the beginning."""
         for record in self.records.values():
             if record.radio.gateway == gateway:
                 record.report = None
 
     def heard(self, frame: Frame, now_ns: int, *, any_pe_beyond: bool) -> list[LinkChange]:
-        """Take a report; `any_pe_beyond`: some PE beyond is available. Gives what has changed."""
+        """Note a gateway's report on its radio; gives what changes for plans.
+
+        any_pe_beyond: some PE beyond the radio is available.
+        """
         record = self.records[frame.can_id]
         report = decode_link(frame.data)
         if isinstance(report, Malformed) or report.node != self._gateway_nodes[record.radio.bus]:
@@ -117,7 +124,7 @@ class RadioLinks:
         return [LinkChange("gone", record.radio, 0)]
 
     def _follow(self, record: LinkRecord, usable: int, now_ns: int) -> list[LinkChange]:
-        """Set the step by a report, if the step must change."""
+        """Change the share that plans may use, if this report demands it; `usable`: the share reported, per mille."""
         if record.settling:
             return self._set(record, _step_below(usable))
         was_low, record.low = record.low, usable < record.step * _BELOW
@@ -152,5 +159,8 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Give the largest step that is not above the usable share; a share of nine tenths or more counts as the whole."""
+    """Give the largest of the fixed steps that is not above `usable` (per mille).
+
+    From nine tenths on that is the whole.
+    """
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

@@ -1,13 +1,13 @@
 """The consequences of a change: for the available PEs, for what they may drive, and for the plan.
 
-The parts that notice a change (`health`, `known_situation`, `deployment`) only report it, as a value. This part acts on
-each change, in the order in which they came:
+The files that notice a change (`health`, `known_situation`, `deployment`) only report it, as a value. `Reactions` acts
+on each change, in the order in which the changes came:
 
     suspected                    the manager sends the PE a PING
     lost, rebooted, failed       ALIVE leaves the PE out immediately, `exclusion` works out until when it may still
                                  drive outputs, epochs no longer wait for it, and a plan without it is needed
     absent, joined               a plan is needed
-    answered, heard again        only an event: the PE is still available, or not yet. `pe_details` looks whether its
+    answered, heard again        only an event: the PE is still available, or not yet. `pe_details` reads whether its
                                  computer stood still
     any other                    as `known_situation` says
 
@@ -37,14 +37,14 @@ from heronry_manager.core.turn import Turn
 
 
 class Reactions:
-    """Acts on changes."""
+    """Acts on each change of the situation, and of the health of a PE."""
 
     def __init__(self, turn: Turn, claim: Claim, known: Knowledge, beat: Beat, replanning: Replanning) -> None:
         self._turn, self._claim, self._known = turn, claim, known
         self._beat, self._replanning = beat, replanning
 
     def take(self, changes: Iterable[SituationChange]) -> None:
-        """Act on these changes."""
+        """Act on these changes, in their order: with commands, events, or a request for a plan."""
         for change in changes:
             match change:
                 case HealthChange():
@@ -64,11 +64,14 @@ class Reactions:
                         self._known.deployment.stopped(module, pe)
 
     def fail(self, pe: str, cause: str) -> None:
-        """Fail a PE although it sends, for this cause."""
+        """Fail a PE for this cause, although it still sends."""
         self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
 
     def discount_losses(self) -> None:
-        """Discount the losses of PEs, since this manager itself heard nothing; end the quarantines from them."""
+        """Discount the losses of PEs, since this manager itself heard nothing.
+
+        Quarantines that follow from them end.
+        """
         health = self._known.health
         for pe in health.discount_losses():
             if health.is_quarantined(pe):
@@ -104,7 +107,6 @@ class Reactions:
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
 
     def _lost(self, change: HealthChange) -> None:
-        """Act on the loss of a PE."""
         pe, last, known = change.pe, change.last_heard_ns, self._known
         if change.change is Change.REBOOTED:
             known.exclusion.rebooted(pe)

@@ -14,9 +14,9 @@ that). Each further wait is twice as long. So a lost frame delays little, a doub
 is not flooded. If the manager has waited for one answer of a PE for PATIENCE_PERIODS, the PE is overdue; the core fails
 it and plans without it. After the first ACTIVATE only a newer epoch can follow.
 
-*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice as well, but the
-epoch does not wait for it, unless that PE must break first: an aircraft never depends on the ground. Such a PE catches
-up by LEASE.
+*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice, too. The epoch waits
+for such a PE only if that PE must break first: an aircraft never depends on the ground. A PE beyond a radio takes its
+steps when LEASE repeats them.
 
 PREPARE refers to a configuration that is on board (protocol rule 5) by its number. A PE that holds the configuration
 needs no slice. A PE that reports NOT_ON_BOARD, or is known not to hold it, gets its slice as usual.
@@ -50,7 +50,7 @@ _LONGEST_BURST = 8  # frames of slices sent together by a driver whose timer was
 
 
 class Stage(Enum):
-    """How far an epoch is."""
+    """How far an epoch is on its way from PREPARE to the last ACTIVE."""
 
     PREPARING = "preparing"
     BREAKING = "breaking"
@@ -96,7 +96,7 @@ _REACHED = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE
 
 @dataclass(frozen=True, slots=True)
 class Participant:
-    """A PE that was available when the epoch was opened, or was admitted later."""
+    """A PE that takes part in an epoch: available when the epoch was opened, or admitted later."""
 
     pe: str
     node: int
@@ -108,7 +108,11 @@ class Participant:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why the system is being reconfigured."""
+    """Why the system is being reconfigured.
+
+    what: the cause, in words.
+    known_ns: when the manager knew of it, on its clock.
+    """
 
     what: str
     known_ns: int
@@ -127,11 +131,11 @@ class _Progress:
     asked_times: int = 0
 
     def again_ns(self) -> int:
-        """Give the time of the next repetition, in nanoseconds: after one heartbeat period, then 2, 4 and at most 8."""
+        """Give when to repeat the command, in ns: the waits are 1, 2, 4, and then always 8 heartbeat periods."""
         return self.asked_ns + self.participant.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:
-        """Note that the PE must answer from now on."""
+        """Note that the manager waits for an answer of this PE from now on."""
         self.since_ns, self.asked_ns, self.asked_times = now_ns, now_ns, 0
 
     def is_overdue(self, now_ns: int) -> bool:
@@ -141,7 +145,7 @@ class _Progress:
 
 @dataclass(slots=True)
 class Times:
-    """Instants of one reconfiguration, nanoseconds on the manager's clock."""
+    """When PREPARE went out, and when all awaited PEs had staged, in nanoseconds on the manager's clock."""
 
     prepared_ns: int
     staged_ns: int | None = None
@@ -149,7 +153,7 @@ class Times:
 
 @dataclass
 class Reconfiguration:
-    """State of one epoch; `outbox` collects the messages to send."""
+    """One epoch on its way to running; `outbox` collects the messages that the manager must send."""
 
     term: int
     epoch: int
@@ -165,7 +169,7 @@ class Reconfiguration:
     outbox: list[Prepare | SliceHead | SliceBody | Activate] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Send PREPARE, and slices where a PE needs one; an adopted epoch (DONE) needs neither."""
+        """Put PREPARE into the outbox, and the slices that PEs need; an adopted epoch (DONE) needs neither."""
         self.step = _STEP_OF[self.stage]  # the step that LEASE repeats
         self.times = Times(self.started_ns)
         self.must_break: set[str] = set()
@@ -189,11 +193,11 @@ class Reconfiguration:
 
     @property
     def configuration(self) -> Configuration:
-        """The configuration to run; it stays the same, even if its plan is replaced by one with a better proof."""
+        """The configuration of this epoch; it stays, even if the plan is replaced by one with a better proof."""
         return self.plan.configuration
 
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
-        """Take page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""
+        """Note by page 1 that a PE has staged this epoch, or that it needs the body of its slice."""
         progress = self._progress.get(pe)
         if progress is None:
             return
@@ -205,14 +209,14 @@ class Reconfiguration:
             self._ask(progress, now_ns)
 
     def not_on_board(self, pe: str, now_ns: int) -> None:
-        """Take page 1 of a PE that does not hold this contingency: send its slice, unless that was sent before."""
+        """Note by page 1 that a PE does not hold this contingency: it gets its slice, if that was not sent before."""
         progress = self._progress.get(pe)
         if progress is not None and not progress.staged and not progress.needs_slice:
             progress.needs_slice = True
             self._ask(progress, now_ns)
 
     def reported(self, pe: str, state: PeState, now_ns: int) -> None:
-        """Take page 0 of a PE that names this epoch: the PE has taken the step of this state."""
+        """Note by page 0 of a PE in this epoch which step the PE has taken."""
         progress = self._progress.get(pe)
         if progress is None or state is PeState.UNCONFIGURED:
             return
@@ -223,7 +227,7 @@ class Reconfiguration:
             progress.owes(now_ns)
 
     def admit(self, participant: Participant, now_ns: int) -> None:
-        """Add a late PE to the participants: it gets its slice, and follows the steps by LEASE."""
+        """Add a PE that has become available late: it gets its slice, and takes the steps that LEASE repeats."""
         before = self._progress.get(participant.pe)
         if before is not None and before.step is not Step.GO_ALL:
             return  # it is a participant already
@@ -239,19 +243,22 @@ class Reconfiguration:
         self.must_break.discard(pe)
 
     def all_staged(self) -> bool:
-        """Tell whether every awaited PE has staged."""
+        """Tell whether every awaited PE has staged its slice."""
         return all(p.staged for p in self._progress.values() if p.participant.awaited)
 
     def all_broken(self) -> bool:
-        """Tell whether every PE in `must_break` has reported BROKEN, or a later step."""
+        """Tell whether every PE that must break has reported BROKEN, PARTIAL or ACTIVE."""
         return all(self._progress[pe].step >= Step.BREAK for pe in self.must_break)
 
     def all_active(self) -> bool:
-        """Tell whether every awaited PE has reported the last step."""
+        """Tell whether every awaited PE has reported ACTIVE."""
         return all(p.step is Step.GO_ALL for p in self._progress.values() if p.participant.awaited)
 
     def activate(self, must_break: set[str], now_ns: int) -> None:
-        """Take the first step, since every awaited PE has staged (there is no way back)."""
+        """Command the first step, since every awaited PE has staged; from now on the epoch cannot be abandoned.
+
+        must_break: the PEs that must report BROKEN before GO.
+        """
         self.times.staged_ns = now_ns
         self.must_break = must_break & self._progress.keys()
         if self.must_break or self.identifiers_free_ns is not None:
@@ -260,7 +267,10 @@ class Reconfiguration:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
-        """Send GO, or GO_ALL if no DEMUX has to wait for a silent PE; everything else that is exclusive is free."""
+        """Command GO, or GO_ALL if no DEMUX has to wait for a silent PE.
+
+        All other exclusive things must be free.
+        """
         self._enter(StageEvent.GOES if self.demux_free_ns is None else StageEvent.HOLDS, now_ns)
 
     def finish(self) -> None:
@@ -268,13 +278,13 @@ class Reconfiguration:
         self._move(StageEvent.FINISHES)
 
     def abandon(self) -> None:
-        """Give up the epoch before its first ACTIVATE; the manager sends no message of it any more."""
+        """Give up the epoch before its first ACTIVATE; the manager sends no more messages of it."""
         self._move(StageEvent.IS_GIVEN_UP)
         self._paced.clear()
         self._progress.clear()
 
     def tick(self, now_ns: int) -> list[str]:
-        """Repeat what has not been acknowledged; gives the PEs that are overdue."""
+        """Repeat the commands that PEs have not answered in time; gives the PEs that are overdue."""
         self._pace(now_ns)
         waiting = self._waiting_for()
         overdue = [pe for pe, progress in waiting.items() if progress.is_overdue(now_ns)]
@@ -292,7 +302,7 @@ class Reconfiguration:
         return overdue
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time of the next `tick`, in nanoseconds; None: none is due."""
+        """Give the time (ns) at which to call `tick`; None: nothing is to be repeated."""
         wanted = self.step
         deadlines = [p.again_ns() for p in self._progress.values() if not p.staged or p.step < wanted]
         if self._paced:
@@ -304,7 +314,7 @@ class Reconfiguration:
         return min(deadlines, default=None)
 
     def _enter(self, event: StageEvent, now_ns: int) -> None:
-        """Enter a stage, and send its step, which every PE must report from now on."""
+        """Enter the next stage, and command its step, which every PE must report from now on."""
         self._move(event)
         self._broadcast_ns = now_ns
         for progress in self._progress.values():
@@ -358,7 +368,7 @@ class Reconfiguration:
             self._by_node[frame.node].asked_ns = now_ns  # its answer is due from its last frame on
 
     def _may_repeat(self, now_ns: int) -> bool:
-        """Tell whether a broadcast may be repeated now; if so, count it as repeated."""
+        """Tell whether PREPARE or ACTIVATE may be sent to all PEs again now; if so, count it as repeated."""
         may = now_ns >= self._broadcast_ns + self._repeat_ns
         if may:
             self._broadcast_ns = now_ns

@@ -3,11 +3,11 @@
     a change      an epoch that is being prepared is abandoned, and a plan is requested: immediately, or once this
                   manager has listened and the start-up window has closed. A standby manager requests nothing
     a plan        that runs already changes nothing; any other plan opens an epoch (`deployment`)
-    a script      of the operator names a target (`held_script`), which is deployed in place of the plan if the plan is
-                  not better
+    a script      of the operator names a configuration, its target (`held_script`). The target is deployed in place of
+                  the plan if the plan is not better
     an epoch      that is completed drops its causes. If nothing else is under way, the optimal plan is requested in the
                   background, or the core reports that the configuration has settled (`Settled`)
-    a storm       of changes does not end what is under way without need: they are gathered (`storms`)
+    a storm       of changes: they are gathered, and what is under way is finished first where possible (`storms`)
 
 Desired, commanded and observed stay apart: the plan is desired; `Deployment.current`, the last epoch whose ACTIVATE
 went out, is commanded; only state frames show what a PE runs.
@@ -44,7 +44,7 @@ from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
 
 
 class Replanning:
-    """Turns a changed situation into a plan, and the plan into an epoch."""
+    """Requests a plan when the situation has changed, and deploys it."""
 
     def __init__(
         self, settings: ManagerSettings, turn: Turn, claim: Claim, known: Knowledge, planning: Planning
@@ -56,7 +56,10 @@ class Replanning:
     # The situation has changed
 
     def need(self, change: PlanNeeded) -> None:
-        """Abandon the epoch that is being prepared, and request a new plan as soon as possible; not in a storm."""
+        """Abandon the epoch that is being prepared, and request a new plan as soon as possible.
+
+        In a storm of changes what is under way may be finished first.
+        """
         if self._claim.state is Mastership.STANDBY:
             return
         now_ns = self._turn.now_ns
@@ -74,7 +77,7 @@ class Replanning:
             self.ask()
 
     def _finishes_first(self) -> bool:
-        """Tell whether a storm rages, and what is under way may be finished."""
+        """Tell whether there is a storm of changes, and what is under way may be finished before the next plan."""
         if not self._storms.rages:
             return False
         opened = self._known.deployment.next
@@ -86,12 +89,12 @@ class Replanning:
         return self._storms.may_finish(self._known.situation.now(), wanted, running)
 
     def _gather(self, cause: Cause) -> None:
-        """Keep a cause for the next request; of equal ones the first is kept."""
+        """Keep a cause for the next request for a plan; a cause that is kept already is not added again."""
         if all(one.what != cause.what for one in self.planning.gathered):
             self.planning.gathered.append(cause)
 
     def limit(self, change: LimitChanged) -> None:
-        """Act on a changed limit of a radio: request a plan, unless the running one is still the best."""
+        """Request a plan because of a changed limit of a radio, unless the running plan is still the best one."""
         plan = self._known.deployment.plan
         if plan is not None and self.planning.idle and self._known.situation.spares(plan):
             self._settle()
@@ -99,13 +102,13 @@ class Replanning:
             self.need(PlanNeeded(change.cause))
 
     def need_higher_epoch(self, pe: str) -> None:
-        """Open a newer epoch if this PE runs a newer epoch than this manager's; see *overtaken* in `deployment`."""
+        """Open a newer epoch if a PE runs an epoch newer than this manager's; see *overtaken* in `deployment`."""
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
     def take_over(self, cause: Cause) -> None:
-        """Request the first plan of a term that follows another manager's, for this cause."""
+        """Request the first plan of a term that follows the mastership of another manager, for this cause."""
         self.planning.causes.append(cause)
         if not self._known.health.starting():
             self.ask()
@@ -113,14 +116,14 @@ class Replanning:
     # Scripts of the operator
 
     def fly(self, target: Configuration) -> None:
-        """Request the best plan, with which the target of a script will be compared."""
+        """Request the best plan, to be compared with this configuration, which a script orders."""
         running = self._known.deployment.running
         assert running is not None, "an order to change what runs is refused where nothing does"
         self._known.script.ask(target)
         self.planning.ask_for(target, self._known.situation.now(), running)
 
     def release(self) -> None:
-        """Seek the best plan again, as soon as nothing is under way; the operator has ended a script."""
+        """Request the best plan as soon as nothing is under way, since the operator has ended a script."""
         if self.planning.idle:
             self._settle()
 
@@ -129,7 +132,7 @@ class Replanning:
     def ask(self) -> None:
         """Request a plan.
 
-        If this term knows what the PEs run, it adopts that configuration in place of its first request.
+        If this term does not yet know what runs, but can find out, adopt that configuration instead.
         """
         is_first = self._claim.commands()
         runs = self._known.following.runs if self._settings.advise else self._turn.memory.runs
@@ -149,7 +152,7 @@ class Replanning:
             self.ask()
 
     def ready(self, answer: PlanReady) -> None:
-        """Take a plan from the planner."""
+        """Deploy a plan from the planner, unless the PEs run it already, or what runs is not worse."""
         deployment = self._known.deployment
         if not self.planning.awaits(answer):
             return
@@ -175,7 +178,10 @@ class Replanning:
             deployment.prepare(answer.plan, self.planning.causes)
 
     def _weighed(self, answer: PlanReady) -> PlanReady:
-        """Give the target of a script in place of a plan that is not better at level 1; else the plan."""
+        """Give the configuration of a script in place of a plan that is not better at level 1.
+
+        If the plan is better, or there is no script, the plan itself is given.
+        """
         script, deployment = self._known.script, self._known.deployment
         was_asked = script.is_asked
         plan = script.weigh(answer.plan, self._known.situation.now(), deployment.running)
@@ -186,7 +192,7 @@ class Replanning:
         return answer if plan is None else PlanReady(answer.request, plan)
 
     def failed(self, answer: PlanFailed) -> None:
-        """Note that the planner could not answer."""
+        """Note that the planner could not answer; the request will be repeated if it was not in the background."""
         if self.planning.failed(answer) and self.planning.in_background:
             if self._known.script.is_asked:
                 self._known.script.refuse(f"there is no plan to compare it with: {answer.reason}")
@@ -194,7 +200,7 @@ class Replanning:
             self._settle()
 
     def _runs_already(self, plan: Plan) -> bool:
-        """Tell whether the PEs run a plan already; another term may have deployed it."""
+        """Tell whether the PEs run this plan already; another term may have deployed it."""
         deployment = self._known.deployment
         may_adopt = deployment.current is None or self._settings.advise
         return deployment.runs(plan) or (may_adopt and deployment.adopts(plan))
@@ -202,7 +208,7 @@ class Replanning:
     # What runs
 
     def advance(self) -> None:
-        """Move the epochs on, and drop the causes of a completed one."""
+        """Command the next steps of the epochs; when one is completed, drop its causes, and look for a better plan."""
         was_next = self._known.deployment.next
         done = self._known.deployment.advance()
         if was_next is not None and self._known.deployment.next is None:
@@ -212,7 +218,7 @@ class Replanning:
             self._settle()
 
     def look_at_what_runs(self) -> None:
-        """When advising: compare what the PEs run with the advice, and advise on it."""
+        """In a manager that advises: compare what the PEs run with the advice, and report new advice if they differ."""
         known = self._known
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
@@ -220,7 +226,7 @@ class Replanning:
             self._weigh()
 
     def _weigh(self) -> None:
-        """Decide on an adopted configuration: if it may stay, settle; else request a plan now."""
+        """Decide whether an adopted configuration may stay; if not, request a plan now."""
         if self._may_stay() and not self.planning.waiting:
             self.planning.causes.clear()
             self._settle()
@@ -228,7 +234,7 @@ class Replanning:
             self._ask()
 
     def _may_stay(self) -> bool:
-        """Tell whether the running configuration can stay: legal, with all critical functions, on all available PEs."""
+        """Tell whether the running configuration may stay: legal, with all critical functions, on all available PEs."""
         spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
         plan, now = deployment.plan, situation.now()
         if plan is None or not deployment.all_available_run_it():
@@ -240,7 +246,7 @@ class Replanning:
         return not verify(spec, now, plan.configuration)
 
     def _settle(self) -> None:
-        """If nothing is under way, request the optimal plan in the background, or report `Settled`."""
+        """If nothing is under way, request the optimal plan in the background, or report that the plan has settled."""
         deployment = self._known.deployment
         running, plan = deployment.running, deployment.plan
         if running is None or deployment.next is not None or self.planning.waiting:

@@ -15,14 +15,14 @@ from heronry_wire.protocol_times import t_lease_ns
 
 
 class RestartsTold:
-    """The last restart count of each module, by PE."""
+    """Reports each restart of a module as one event, though the PE repeats its EMCY."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn
         self._heard: dict[tuple[str, str], tuple[int, int]] = {}  # by PE and element: the count, and when it came
 
     def reported(self, pe: str, element: str, times: int) -> None:
-        """Take a PE's report that it has restarted a module, and how often."""
+        """Note a PE's EMCY which says that it has restarted a module `times` times."""
         now_ns = self._turn.now_ns
         lease_ns = t_lease_ns(self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns)
         said, at_ns = self._heard.get((pe, element), (0, 0))

@@ -1,4 +1,4 @@
-"""The standing of a PE with the manager, and the table of its changes; `health` decides when a change happens.
+"""The standing of a PE: its state as the manager sees it, and the table of changes; `health` says when one happens.
 
     WAITING    never heard, the start-up window is open
     UP         heard within its period
@@ -16,7 +16,7 @@ from heronry_manager.core.transitions import TransitionTable
 
 
 class Standing(Enum):
-    """The standing of a PE with the manager; the values are written into the status."""
+    """State of a PE as the manager sees it; the status shows these values."""
 
     WAITING = "waiting"
     UP = "up"

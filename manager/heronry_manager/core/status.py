@@ -58,7 +58,7 @@ def status(
     details: PeDetails,
     held: HeldOutputs,
 ) -> dict[str, Any]:
-    """Build the document; `manager` is the part on the manager itself."""
+    """Build the status document; `manager`: its part on the manager itself."""
     current, plan, now = deployment.current, deployment.plan, situation.now()
     return {
         "v": VERSION,

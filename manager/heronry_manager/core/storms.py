@@ -24,7 +24,7 @@ _STORM_NS = 1_000_000_000
 
 
 class Storms:
-    """Counts what changes have ended since an epoch was last activated."""
+    """Counts the epochs and requests that changes have ended since an epoch was last activated."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn
@@ -37,16 +37,19 @@ class Storms:
         self._restarts += 1
 
     def over(self) -> None:
-        """Note that an epoch was activated, or that everything runs as planned."""
+        """Note that an epoch was activated, or that everything runs as planned: a storm ends."""
         self._restarts = 0
 
     @property
     def rages(self) -> bool:
-        """Tell whether changes are to be gathered."""
+        """Tell whether there is a storm, so that changes are gathered until what is under way is finished."""
         return self._restarts >= _RESTARTS and self._turn.now_ns - self._since_ns >= _STORM_NS
 
     def may_finish(self, now: Situation, wanted: Configuration, running: Configuration | None) -> bool:
-        """Tell whether a configuration may be finished although the situation has changed."""
+        """Tell whether `wanted` may still be deployed, although the situation has become `now`.
+
+        It may if it is still legal, and stops no critical function that `running` serves.
+        """
         if verify(self._spec, now, wanted):
             return False
         if running is None or verify(self._spec, now, running):

@@ -22,7 +22,7 @@ from heronry_wire.protocol_times import LEARNS_LEASES
 
 
 class Succession:
-    """Carries out the changes of mastership."""
+    """Carries out, for the whole core, that this manager becomes active, stands by, or stops sending."""
 
     def __init__(self, parts: Parts) -> None:
         self._settings, self._turn, self._claim, self._known = parts.settings, parts.turn, parts.claim, parts.known
@@ -31,7 +31,7 @@ class Succession:
     # What another manager sends
 
     def heard(self, node: int, message: ManagementMessage | Malformed) -> None:
-        """Take a command of another manager: follow it, or give way to it."""
+        """Process a command of another manager: follow that manager, or give way to it."""
         if isinstance(message, Malformed):
             return
         if self._claim.state is Mastership.STANDBY:
@@ -77,7 +77,7 @@ class Succession:
             self._beat.begin()
 
     def take_over(self) -> None:
-        """Begin a term as successor of the manager that was followed, since none is active any more."""
+        """Begin a term as successor of the manager that was followed, since no manager is active any more."""
         known, followed, now_ns = self._known, self._known.following, self._turn.now_ns
         active = filter(known.deployment.is_active, followed.available())
         inherited = known.health.inherited(active, now_ns)
@@ -102,7 +102,7 @@ class Succession:
         self._replanning.take_over(Cause("no manager was active", now_ns, known_ns))
 
     def is_over(self, *, hears_no_pe: bool) -> bool:
-        """Tell whether this term is over: this manager is cut off, its receiver has failed, or its term is behind."""
+        """Tell whether this term must end: this manager is cut off, its receiver has failed, or its term is too low."""
         if self._settings.advise or self._claim.state is not Mastership.ACTIVE:
             return False
         if hears_no_pe:
@@ -114,7 +114,7 @@ class Succession:
         return False
 
     def fall_silent(self) -> None:
-        """Forget all but the memory, send nothing, and begin anew when a PE is heard."""
+        """Forget all but the memory, send nothing, and listen until a PE is heard."""
         self._forget()
         self._claim.fall_silent()
 

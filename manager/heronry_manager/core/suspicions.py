@@ -22,7 +22,7 @@ from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 
 
 class Suspicions:
-    """The suspected PEs and buses."""
+    """Keeps which PEs and buses modules suspect, and reports what the manager finds out about them."""
 
     def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
         self._spec, self._turn, self._health = spec, turn, health
@@ -30,7 +30,7 @@ class Suspicions:
         self._asked: set[str] = set()  # PEs that owe an answer
 
     def pe(self, pe: str, by: str) -> bool:
-        """Take a report of a PE; tells whether the PE is to be asked now."""
+        """Note that `by` has reported that a PE failed; tells whether the manager must ask the PE now."""
         element = f"pe:{pe}"
         is_new = self._note(element, by)
         if not self._health.is_available(pe):
@@ -43,22 +43,25 @@ class Suspicions:
         return is_new
 
     def answered(self, pe: str) -> None:
-        """Note a state of a PE."""
+        """Note that a state of a PE has come: if the PE was suspected, that shows that it works."""
         if pe in self._asked:
             self._asked.remove(pe)
             self._conclude(f"pe:{pe}", "it answers, and stays")
 
     def bus(self, bus: str, by: str) -> None:
-        """Take a report of a bus."""
+        """Note that `by` has reported that a bus failed, and report the manager's own evidence."""
         element = f"bus:{bus}"
         if not self._note(element, by):
             return
         evidence = self._carries(bus)
         self._tell(element, by, evidence or "no PE is heard that can be reached over it alone")
-        self._conclude(element, "it stays" if evidence is not None else "no plan needs it before such a PE is back")
+        self._conclude(element, "it stays" if evidence is not None else "no plan uses it before a PE behind it is back")
 
     def beat(self) -> None:
-        """Let time pass: a PE that is lost need not answer, and an old report counts no longer."""
+        """End the suspicion of each PE that is lost meanwhile.
+
+        Forget old reports, so that a repetition counts as new.
+        """
         for pe in sorted(pe for pe in self._asked if not self._health.is_available(pe)):
             self._asked.remove(pe)
             self._conclude(f"pe:{pe}", "it does not answer, and is lost")
@@ -66,7 +69,7 @@ class Suspicions:
         self._told_ns = {key: at_ns for key, at_ns in self._told_ns.items() if at_ns > oldest_ns}
 
     def _carries(self, bus: str) -> str | None:
-        """Give the evidence that a bus carries frames; None: there is none."""
+        """Give the evidence that a bus carries frames, in words; None: there is none."""
         if bus == self._spec.manager.bus:
             return "it has carried the report"
         near = survivors(self._spec, Situation(frozenset({f"bus:{bus}"}))).pe_cpu_millis
@@ -74,7 +77,7 @@ class Suspicions:
         return None if beyond is None else f"pe:{beyond} is heard, which can be reached over it alone"
 
     def _note(self, element: str, by: str) -> bool:
-        """Note a report; tells whether it is a new one, not a repetition."""
+        """Note a report on an element; tells whether it is a new one, not a repetition."""
         is_new = (element, by) not in self._told_ns
         self._told_ns[element, by] = self._turn.now_ns
         return is_new

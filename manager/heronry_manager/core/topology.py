@@ -10,7 +10,12 @@ from heronry_wire.identifiers import GATEWAY_IDS
 
 @dataclass(frozen=True, slots=True)
 class Radio:
-    """A wireless bus, the PE that stands between it and the manager, and the PEs that are lost with it."""
+    """A wireless bus that a gateway reports on.
+
+    link_id: number of the radio in the gateway's reports.
+    gateway: the PE between this bus and the manager.
+    beyond: the PEs that the manager can reach only over this bus.
+    """
 
     bus: str
     link_id: int  # of the gateway's reports
@@ -19,7 +24,7 @@ class Radio:
 
 
 def uplink_bus(spec: Spec, pe: str) -> str:
-    """Give the bus on which a PE reports: the manager's bus, or the first bus on the route to it.
+    """Give the bus on which a PE reports to the manager: the manager's bus, or the first one on the way to it.
 
     A PE without a route to the manager's bus reports on its first bus, and the manager never hears it.
     """
@@ -35,9 +40,9 @@ def uplink_bus(spec: Spec, pe: str) -> str:
 
 
 def command_period_ns(spec: Spec, pe: str) -> int:
-    """Give the period of LEASE and ALIVE at a PE in ns: the longest heartbeat period of a bus on the route.
+    """Give the period in ns with which LEASE and ALIVE reach a PE: the longest heartbeat period on their route.
 
-    The route is that from the manager to the PE. For a PE without one, its own bus counts.
+    For a PE without a route from the manager, the heartbeat period of its own bus.
     """
     way = {spec.manager.bus, uplink_bus(spec, pe)}
     everything = survivors(spec, Situation())
@@ -48,7 +53,7 @@ def command_period_ns(spec: Spec, pe: str) -> int:
 
 
 def reached_by_wire(spec: Spec) -> frozenset[str]:
-    """Give the PEs that have no radio between themselves and the manager's bus."""
+    """Give the PEs that the manager can reach without crossing a radio."""
     radios = frozenset(f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless")
     return frozenset(survivors(spec, Situation(radios)).pe_cpu_millis)
 

@@ -19,7 +19,7 @@ Event = TypeVar("Event", bound=Enum)
 
 
 class TransitionTable(Generic[State, Event]):
-    """All transitions of one state machine."""
+    """All possible changes of state of one state machine."""
 
     def __init__(self, beginnings: Mapping[State, str], rows: Iterable[tuple[State, Event, State, str]]) -> None:
         self.beginnings = beginnings
@@ -34,7 +34,7 @@ class TransitionTable(Generic[State, Event]):
         return found
 
     def may_be(self, state: State, event: Event | None) -> bool:
-        """Tell whether an event can have led to this state; None: whether this state can be the first one."""
+        """Tell whether `event` can have led to `state`; if `event` is None, whether `state` can be the first one."""
         if event is None:
             return state in self.beginnings
         return any((last, after) == (event, state) for _, last, after, _ in self.rows)

@@ -1,8 +1,8 @@
 """One call of the manager's core: its time, and the actions that the core has requested so far.
 
-The parts that act share the turn, so that not every call passes a time and a list on. From one call to the next the
-turn keeps what all parts share: the time, the term of this mastership, the memory, and the kinds of the last events,
-which an InvariantError lists.
+The objects of the core share one `Turn`, so that not every call has to pass a time and a list on. From one call to the
+next it keeps what all of them need: the time, the term of this mastership, the memory, and the kinds of the last
+events, which an InvariantError lists.
 """
 
 from collections import deque
@@ -20,14 +20,17 @@ _RECENT_EVENTS = 40
 
 
 class Encodable(Protocol):
-    """A message of `heronry_wire.management`."""
+    """A message of `heronry_wire.management` that can be sent as a frame."""
 
     def encode(self) -> bytes:
         """Give the payload of the frame."""
 
 
 class Turn:
-    """The call being served, of manager `node`; a `silent` manager sends nothing on the bus, and remembers nothing."""
+    """The present call of the core of manager `node`.
+
+    A `silent` manager sends nothing on the bus, and remembers nothing.
+    """
 
     def __init__(self, node: int, now_ns: int, *, term: int, memory: Memory = NOTHING, silent: bool = False) -> None:
         self.node, self.term, self.memory = node, term, memory
@@ -38,7 +41,7 @@ class Turn:
         self._actions: list[ManagerAction] = []
 
     def ask(self, *actions: ManagerAction) -> None:
-        """Request these actions of the driver; a silent manager's frames are dropped."""
+        """Add actions to those that the driver gets from this call; a silent manager's frames are dropped."""
         self._actions += [action for action in actions if not (self.silent and isinstance(action, Send))]
 
     def send(self, command: Command, message: Encodable) -> None:
@@ -46,7 +49,7 @@ class Turn:
         self.ask(Send(0, Frame(management_id(self.node, command), message.encode())))
 
     def keep(self, record: Record) -> None:
-        """Keep a record, which survives a restart too."""
+        """Change the memory by this record, which survives a restart too."""
         if not self.silent:
             self.memory = self.memory.after(record)
             self.ask(Keep(record))
@@ -57,6 +60,6 @@ class Turn:
         self.ask(Emit(make_event(kind, self.now_ns, **data)))
 
     def end(self) -> list[ManagerAction]:
-        """Give all actions that were requested in this call, in order."""
+        """End the call; gives all actions that were requested in it, in order."""
         actions, self._actions = self._actions, []
         return actions if self.seal is None else self.seal(actions)

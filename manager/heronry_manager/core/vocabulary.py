@@ -20,11 +20,12 @@ from heronry_wire.standstill import StoodStill
 
 @dataclass(frozen=True, slots=True)
 class RequestPlan:
-    """Request a plan; answer with PlanReady or PlanFailed and the same number.
+    """The core requests a plan; the driver answers with PlanReady or PlanFailed, which repeat the number.
 
-    running: the running configuration; None: none is known. in_background: the optimal plan is wanted, however long it
-    takes; otherwise a legal plan is wanted immediately. target: the configuration that a script of the operator makes
-    (`held_script`); the plan is compared with it, and no contingency answers.
+    running: the running configuration; None: none is known.
+    in_background: the optimal plan is wanted, however long it takes; otherwise a legal plan is wanted immediately.
+    target: the configuration that a script of the operator makes (`held_script`); the plan is compared with it, and no
+        contingency answers. None: there is no script.
     """
 
     request: int
@@ -36,7 +37,7 @@ class RequestPlan:
 
 @dataclass(frozen=True, slots=True)
 class PlanReady:
-    """The answer to RequestPlan: a plan that the verifier has accepted."""
+    """The answer to RequestPlan of the same number: a plan that the verifier has accepted."""
 
     request: int
     plan: Plan
@@ -44,7 +45,7 @@ class PlanReady:
 
 @dataclass(frozen=True, slots=True)
 class PlanFailed:
-    """The planner could not answer."""
+    """The answer to RequestPlan of the same number: the planner found no plan; `reason` says why."""
 
     request: int
     reason: str
@@ -60,30 +61,30 @@ class Settled:
 
 @dataclass(frozen=True, slots=True)
 class Emit:
-    """Write an event to the stream."""
+    """Instruction to the driver: write an event to the stream."""
 
     event: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Keep:
-    """Keep a record over a restart; a number must be on disk before any frame that comes after it is sent."""
+    """Instruction to the driver: write a record to the journal; a reserved number before any frame that follows."""
 
     record: Record
 
 
 @dataclass(frozen=True, slots=True)
 class JournalTold:
-    """Report of the journal: why it cannot write records; None: it can write again."""
+    """The journal cannot write records, for this reason; None: it can write again."""
 
     problem: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelsLost:
-    """Channels of the manager's bus (numbered from 1) that do not bring the other channel's frames.
+    """The channels of the manager's bus (from 1) on which a frame is missing that another channel has carried.
 
-    Sent on every change.
+    The driver reports them at every change.
     """
 
     channels: frozenset[int]
@@ -91,21 +92,21 @@ class ChannelsLost:
 
 @dataclass(frozen=True, slots=True)
 class AliveLeft:
-    """An ALIVE frame that the core has sent is on the bus."""
+    """An ALIVE frame that the core has sent is now on the bus."""
 
     frame: Frame
 
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """The manager must end; `reason` is a sentence for the user."""
+    """Instruction to the driver: end the manager; `reason` is a sentence for the user."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class AskTraceback:
-    """The operator wants the traceback of the last failure of a module (`module:NAME`); the answer may take seconds."""
+    """The operator requests the traceback of a module's last failure (`module:NAME`); the answer may take seconds."""
 
     element: str
 
@@ -127,7 +128,7 @@ class SetPriority:
 
 @dataclass(frozen=True, slots=True)
 class FailElement:
-    """The operator reports that an element (`KIND:NAME`) has failed: plan without it."""
+    """The operator reports that an element (`KIND:NAME`) has failed: plans must not use it."""
 
     element: str
 
@@ -150,7 +151,7 @@ class UnlockPe:
 class FlyTarget:
     """The operator orders the configuration that a script makes of the running one.
 
-    None: the script has this `problem`.
+    target: that configuration; None: the script has this `problem`.
     """
 
     target: Configuration | None
@@ -159,7 +160,7 @@ class FlyTarget:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseTarget:
-    """The operator ends the script that is held."""
+    """The operator ends the script that is held or asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +174,10 @@ Order = OrderToExecute | AskStatus | AskTraceback
 
 @dataclass(frozen=True, slots=True)
 class OperatorSaid:
-    """An order; answered by one Reply with the same number, in the same call unless it is AskTraceback."""
+    """An order of the operator, with the number that its Reply repeats.
+
+    Only AskTraceback is answered in a later call.
+    """
 
     number: int
     order: Order
@@ -181,9 +185,12 @@ class OperatorSaid:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to an order: what was done, or why not, in a sentence; to AskStatus also the status.
+    """The answer to an order of the operator.
 
-    is_unusable: the order names what the spec does not have, so no manager of this spec could ever take it.
+    done: False: the order was refused.
+    sentence: what was done, or why not.
+    status: the status document, in the answer to AskStatus.
+    is_unusable: the order names what the spec does not have, so no manager of this spec could ever carry it out.
     """
 
     number: int

@@ -22,7 +22,7 @@ from heronry_dg.situation import Situation, Survivors, survivors
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A producer that a leaf could be wired to: a module in any of `modes`, which all give this version."""
+    """A producer to which a leaf could be wired: a module, in any of `modes`, which all give the same version."""
 
     module: str
     version: int
@@ -31,7 +31,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A module that may run, with the PEs that could carry each of its possible modes."""
+    """A module that may run in this situation, with the PEs that could carry each of its possible modes."""
 
     module: Module
     hosts: Mapping[str, tuple[str, ...]]  # possible mode -> PEs, both in the spec's order
@@ -47,7 +47,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Everything that may run in a situation."""
+    """All modules that may run in a situation and serve a wanted function, directly or through others."""
 
     spec: Spec
     now: Situation
@@ -57,7 +57,7 @@ class Candidates:
     givers: Mapping[str, Sequence[tuple[str, str, int]]]  # variable -> (module, mode, version), in the spec's order
 
     def sources(self, consumer: str, mode: str, leaf: Leaf) -> tuple[Source, ...]:
-        """Give the producers for a leaf of a mode, one entry per module and version, in the spec's order."""
+        """List the producers to which a leaf could be wired, one for each module and version, in the spec's order."""
         found: dict[tuple[str, int], list[str]] = {}
         for module, giving, version in self.givers.get(leaf.variable, ()):
             feeds_itself = module == consumer  # possible only in the same mode, since it runs in one
@@ -67,7 +67,7 @@ class Candidates:
 
 
 def candidates(spec: Spec, now: Situation) -> Candidates:
-    """Find the candidates in a situation."""
+    """Find the modules that may run in a situation and are useful in it."""
     spec, left = spec.in_phase(now.phase), survivors(spec, now)
     wanted = frozenset(m for f in spec.functions.values() if now.priority_of(f) > 0 for m in f.outputs)
     possible = _possible(_placeable(spec, left))
@@ -86,7 +86,7 @@ def _givers(modules: Mapping[str, Candidate]) -> dict[str, list[tuple[str, str, 
 
 
 def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
-    """Return the modules, with the PEs that could carry each mode if nothing else ran there."""
+    """Return the modules that have a PE, with the PEs that could carry each mode if nothing else ran there."""
     placeable = {}
     for module in spec.modules.values():
         pes = [pe for pe in left.hosts(module) if module.flash <= spec.pes[pe].flash]
@@ -103,7 +103,7 @@ def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
 
 
 def _possible(placeable: dict[str, Candidate]) -> dict[str, Candidate]:
-    """Remove modes whose needs cannot hold, until no such mode is left."""
+    """Remove the modes whose needs cannot hold, until all that are left can hold together."""
     current = placeable
     while True:
         given = _given(current)
@@ -137,7 +137,7 @@ def _with_needs_met(candidate: Candidate, given: Mapping[str, set[int]]) -> Cand
 
 
 def _useful(possible: Mapping[str, Candidate], wanted: frozenset[str]) -> set[str]:
-    """Return the wanted modules, and all that feed a possible mode of one of these, directly or not."""
+    """Return the modules in `wanted`, and all that feed a possible mode of one of these, directly or not."""
     read: dict[str, list[Leaf]] = {
         name: [leaf for mode in candidate.modes() for _, leaf in mode.leaves()] for name, candidate in possible.items()
     }

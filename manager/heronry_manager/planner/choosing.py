@@ -34,7 +34,11 @@ class Choosing(Choice):
     """The small model that chooses modules and their modes in one situation."""
 
     def __init__(self, possible: Candidates, group: Sequence[Level], key: Sequence[int]) -> None:
-        """group: the levels to maximise, among configurations that are no worse than `key` in the levels above."""
+        """Build the small model, in which modules and modes are chosen but not placed.
+
+        group: the levels to maximise, merged into one sum.
+        key: a configuration must not be worse than this in the levels above the group.
+        """
         super().__init__(CpModel(), possible)
         self.spent = 0.0  # deterministic time
         self._add_modules()
@@ -44,7 +48,10 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Find the upper bound of the merged levels; afterwards the model allows only choices that reach it."""
+        """Find an upper bound of the merged sum of levels, and keep only the choices that reach it.
+
+        None: no bound was found with the given effort.
+        """
         self._model.maximize(self._worth)
         solver = self._solved()
         if solver is None:
@@ -54,7 +61,10 @@ class Choosing(Choice):
         return bound
 
     def cheapest(self) -> Chosen | None:
-        """Find the choice that takes the least CPU, after `bound`; None: the effort did not suffice."""
+        """Find, after `bound`, the choice that takes the least CPU.
+
+        None: the effort was used up before one was found.
+        """
         modules = self.possible.spec.modules
         cpu = [(literal, modules[name].modes[mode].cpu_millis) for (name, mode), literal in self.on.items()]
         self._model.minimize(weighted(cpu))

@@ -63,7 +63,7 @@ class Failed:
 
 
 class PlannerClient:
-    """The planner of one spec in a process of its own, which starts with the client and loads the solver then."""
+    """The planner of one spec in a process of its own, which is started with the client and then loads the solver."""
 
     def __init__(self, spec: Spec, file: Path, *, niceness: int = 0) -> None:
         """Start the process; raises PlannerError if `file`, from which `spec` was loaded, has changed since.
@@ -120,7 +120,7 @@ class PlannerClient:
         return found
 
     def cancel(self) -> None:
-        """Forget all requests, and end the search in progress by starting the process anew."""
+        """Drop all requests without an answer, and end the present search: a new process replaces the old one."""
         self._waiting.clear()
         if self._inside is not None:
             self._stop(kill=True)
@@ -164,7 +164,7 @@ class PlannerClient:
         self._selector.register(self._process.answers, EVENT_READ)
 
     def _stop(self, *, kill: bool) -> int | None:
-        """End the process and return its exit code."""
+        """End the process and return its exit code; None: there is none."""
         process, self._process = self._process, None
         self.ready, self._inside, self._unread = False, None, b""
         if process is None:
@@ -182,7 +182,7 @@ class PlannerClient:
         self._process.send(request_line(self._inside))
 
     def _ended(self, reason: str) -> list[Planned | Failed]:
-        """Give up the process: its request has failed, and the next request starts another process."""
+        """Note that the process has ended: return its request as failed; the next request starts another process."""
         request = self._inside
         code = self._stop(kill=True)
         self._send_next()
@@ -201,7 +201,7 @@ class PlannerClient:
         return [] if request is None else [self._outcome(request, answer)]
 
     def _outcome(self, request: Request, answer: Solution | Refusal) -> Planned | Failed:
-        """Make a plan of an answer, which the process has verified and valued."""
+        """Turn an answer of the process, which has verified its plan, into the answer to the caller."""
         if isinstance(answer, Refusal):
             return Failed(request.number, answer.reason)
         try:
@@ -243,7 +243,7 @@ class _Process:
         self.answers = self._process.stdout
 
     def send(self, line: bytes) -> None:
-        """Write a request; that the process has ended shows only when its answers are read."""
+        """Write a request; if the process has ended, that shows only when its answers are read."""
         with suppress(BrokenPipeError):
             self._requests.write(line)
             self._requests.flush()

@@ -1,9 +1,9 @@
-"""CP-SAT, the solver of OR-Tools, without pandas; everything of the planner takes it from here.
+"""CP-SAT, the solver of OR-Tools, loaded without pandas; all modules of the planner import the solver from here.
 
 The Python interface imports pandas for functions on series of variables, which nothing here calls. That import takes
 longer than all others of a planner's process together. So an empty module stands in for pandas meanwhile; afterwards
-pandas can be imported as ever. Where that does not work, with another release of OR-Tools, or where a program has
-imported pandas before, the interface gets the true one.
+pandas can be imported as ever. If that fails with another release of OR-Tools, or if a program has imported pandas
+before, OR-Tools gets the true pandas.
 """
 
 import sys
@@ -16,7 +16,7 @@ _INTERFACE: Final = "ortools.sat.python.cp_model"
 
 
 def load_without_pandas(module: str) -> None:
-    """Import a module that imports pandas for its types alone; no effect where it needs more of pandas."""
+    """Import a module that imports pandas for its types alone; if it needs more of pandas, it gets the true pandas."""
     if "pandas" in sys.modules:
         return
     sys.modules["pandas"] = stand_in = ModuleType("pandas")

@@ -36,7 +36,7 @@ MOST_MOMENTS = 200  # a message of 1 Hz beside others of up to 100 Hz has about 
 
 
 class PlannerDefectError(RuntimeError):
-    """The planner has found a defect of its own; the message says which."""
+    """The planner has found a defect in itself; the message says which."""
 
 
 Demand = dict[MessageKey, int]
@@ -44,26 +44,31 @@ Demand = dict[MessageKey, int]
 
 @dataclass(frozen=True, slots=True)
 class _Room:
-    """A condition: the sum of `demand` over the published messages must not exceed `most`."""
+    """A linear condition: the sum of `demand` over the published messages must not exceed `most`."""
 
     demand: Demand
     most: int
 
     def holds(self, published: Set[MessageKey]) -> bool:
-        """Tell whether the sum stays within `most` when these messages are published."""
+        """Tell whether the condition holds if these messages are published."""
         return sum(taken for key, taken in self.demand.items() if key in published) <= self.most
 
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """A moment `end` at which a message could leave, and the bits that go first: a number, and bits by message."""
+    """A moment at which a message could leave, if all more urgent bits were sent before.
+
+    end: the moment, in bit times of the bus.
+    always: bits that are sent before in any case.
+    demand: for each other message, the bits that are sent before if it is published.
+    """
 
     end: int
     always: int
     demand: Demand
 
     def room(self) -> _Room:
-        """Return the condition that the bus has been free by this moment."""
+        """Return the condition that all bits to be sent before have been sent by this moment."""
         return _Room(self.demand, self.end - self.always)
 
 
@@ -72,7 +77,7 @@ Way = tuple[_Room, ...]
 
 
 class Deadlines:
-    """The deadlines that a model has so far."""
+    """Adds to a model the deadlines that its solutions have missed."""
 
     def __init__(self, model: CpModel, publishing: Publishing, times: ResponseTimes) -> None:
         self._model, self._publishing, self._times = model, publishing, times
@@ -81,7 +86,7 @@ class Deadlines:
         self._forbidden: set[frozenset[Hop]] = set()
 
     def are_met(self, published: frozenset[Hop]) -> bool:
-        """Tell whether these hops meet all deadlines; if not, forbid them in the model."""
+        """Tell whether all deadlines are met if these hops are published; if not, exclude that from the model."""
         if any(published <= known for known in self._punctual):
             return True
         late = self._times.late(published)
@@ -95,11 +100,11 @@ class Deadlines:
         return False
 
     def know(self, published: frozenset[Hop]) -> None:
-        """Remember that these hops meet all deadlines."""
+        """Remember that all deadlines are met if these hops are published."""
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model when a message leaves in time; tell whether that rules out the set `published`."""
+        """Add to the model the condition that a message leaves in time; tell whether `published` violates it."""
         if hop in self._stated:
             return False
         self._stated.add(hop)
@@ -120,7 +125,7 @@ class Deadlines:
         return literal
 
     def _ways(self, hop: Hop) -> list[Way] | None:
-        """Return every way in which a message can be in time; None: there are too many."""
+        """Return the ways in which a message can be in time, each a list of conditions; None: there are too many."""
         moments = self._moments(hop, self._least_jitter(hop))
         if moments is None:
             return None
@@ -135,7 +140,10 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition that a message can cross two buses in time beside more urgent messages; in ns."""
+        """Return the condition that a message crosses two buses in time beside more urgent messages.
+
+        Its numbers are nanoseconds.
+        """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
         for one, moment in ((before, first), (hop, then)):
@@ -145,7 +153,7 @@ class Deadlines:
         return _Room(demand, floor(left_ns))
 
     def _moments(self, hop: Hop, jitter: Fraction) -> list[_Moment] | None:
-        """Return every moment at which a message could leave in time, the earliest first; None: there are too many.
+        """List the moments at which a message could leave in time, the earliest first; None: there are too many.
 
         jitter: the time that the message may have taken to reach this bus, in its bit times.
         """
@@ -168,7 +176,7 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Return the least jitter that a message brings from the bus before, as if alone there; in bit times."""
+        """Return the least jitter that a message brings from the bus before, in bit times: as if alone there."""
         if hop.after is None:
             return Fraction(0)
         alone = self._times.responses([replace(hop, bus=hop.after, after=None)])
@@ -176,7 +184,10 @@ class Deadlines:
         return max(0, next(bounded, 1) - 1) * self._times.bits_per_ns(hop.bus)  # the response time is rounded up
 
     def _forbid(self, late: Late) -> frozenset[Hop]:
-        """Forbid the set that makes a message late; raises PlannerDefectError if the set was forbidden before."""
+        """Exclude from the model a set of hops that makes a message late.
+
+        Raises PlannerDefectError if that was done before.
+        """
         messages = shrunk(self._times, late)
         if messages in self._forbidden:
             raise PlannerDefectError(f"the search gave messages that it must not combine: {sorted(map(str, messages))}")
@@ -186,7 +197,7 @@ class Deadlines:
 
 
 def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[frozenset[Hop]]:
-    """Return sets of published hops that together miss a deadline; no set if all deadlines are met."""
+    """Return the smallest sets found of published hops that together miss a deadline; none if all deadlines are met."""
     conflicts: list[frozenset[Hop]] = []
     for late in times.late(published):
         if not any(known <= late.causes for known in conflicts):
@@ -195,7 +206,7 @@ def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[f
 
 
 def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
-    """Shrink a late set: leave out source after source, the least urgent first, as long as the message stays late."""
+    """Shrink a set that makes a message late: leave out sources, the least urgent first, as long as it stays late."""
     kept = late.causes
     urgency = {hop: times.identifiers[hop.producer, hop.variable] for hop in kept}
     sources = dict.fromkeys((hop.producer, hop.variable) for hop in sorted(kept, key=lambda hop: -urgency[hop]))
@@ -208,7 +219,7 @@ def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
 
 
 def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
-    """Yield the moments in a window just after which one more instance of a message counts."""
+    """Yield the moments in a window just after which one more instance of a message takes bus time."""
     end = period - 1
     while end < window:
         yield end
@@ -216,5 +227,5 @@ def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
 
 
 def _demand(message: Message, end: Fraction) -> int:
-    """Return the bits of all instances of a message that count at a moment."""
+    """Return how many bits of a more urgent message are to be sent before the moment `end`, over all its instances."""
     return ceil((end + 1) / message.period) * message.bits

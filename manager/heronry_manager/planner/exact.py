@@ -39,10 +39,9 @@ NOTHING: Final = Configuration()
 
 
 class Planner:
-    """The planner of one spec; it works out once what does not depend on the situation."""
+    """The exact planner of one spec; what does not depend on the situation is worked out once."""
 
     def __init__(self, spec: Spec) -> None:
-        """Work out identifiers, tables and frames: some milliseconds."""
         self.spec = spec
         self._times = ResponseTimes(spec)
         self._greedy = Greedy(spec)
@@ -58,7 +57,7 @@ class Planner:
         return plan_with_bounds(self.spec, now, search.best, search.objective, search.bounds())
 
     def solved(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> "Search":
-        """Plan as `plan` does; return the finished search instead of a `Plan`."""
+        """Search as `plan` does, but return the finished search instead of a `Plan`."""
         search = self._search(now, running, effort)
         search.run()
         return search
@@ -68,7 +67,7 @@ class Planner:
         return self._greedy.plan(now, running)
 
     def serve(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> "Search":
-        """Search levels 1 and 2 alone (critical functions and utility); return the finished search."""
+        """Search for levels 1 and 2 alone (critical functions and utility); return the finished search."""
         search = self._search(now, running, effort)
         search.serve()
         return search
@@ -80,12 +79,17 @@ class Planner:
 
 
 def plan(spec: Spec, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
-    """Plan once; see `Planner.plan`."""
+    """Find the best legal configuration for one situation; see `Planner.plan`."""
     return Planner(spec).plan(now, running, effort=effort)
 
 
 class Search:
-    """One search for one situation; the answer is `best`, its `objective`, and the `bounds` on the objective."""
+    """One search for one situation.
+
+    best: the best legal configuration found so far.
+    objective: its value.
+    bounds: upper bounds on the value.
+    """
 
     def __init__(
         self,
@@ -114,7 +118,7 @@ class Search:
 
     @property
     def proven(self) -> bool:
-        """Tell whether `best` is proven to be the best in all levels that `run` was called for."""
+        """Tell whether `best` is proven to be the best one in all levels that were searched."""
         return self._is_at_bound(self._looked_at)
 
     def run(self, groups: int | None = None) -> None:
@@ -128,7 +132,7 @@ class Search:
                     self._fix(level)
 
     def serve(self) -> None:
-        """Solve levels 1 and 2 alone."""
+        """Search for levels 1 and 2 alone."""
         self.run(sum(group[0].kind is Kind.SERVING for group in self._groups))
 
     def bounds(self) -> tuple[int, ...]:
@@ -151,7 +155,6 @@ class Search:
         self._model.add(weighted(level.terms) >= level.value(self._key))
 
     def _maximise(self, group: list[Level]) -> None:
-        """Find the best of a group of levels."""
         kind = group[0].kind
         if kind is Kind.SERVING and self._effort > 0:
             self._choose_and_pack(group)
@@ -163,7 +166,7 @@ class Search:
             self._search(group, set_up)
 
     def _search(self, group: list[Level], set_up: Callable[[float], CpSolver]) -> None:
-        """Search the best of a group of levels until a solution meets its deadlines, or the effort is used up."""
+        """Search with each solver of `set_up` until a solution meets its deadlines, or the effort is used up."""
         while self._effort > 0 and not self._is_at_bound(group):
             solver = set_up(self._effort / 2)  # half of what is left: later levels need their share
             self._hint(self._values)
@@ -175,7 +178,7 @@ class Search:
                 return
 
     def _choose_and_pack(self, group: list[Level]) -> None:
-        """Bound a group of levels by the best choice, and find places for the chosen modules if that is quick."""
+        """Find an upper bound for a group of levels by choosing modules without places; then try to place these."""
         choosing = Choosing(self._possible, group, self._key)
         bound = choosing.bound()
         if bound is not None:
@@ -187,7 +190,6 @@ class Search:
         self._effort -= choosing.spent
 
     def _pack(self, chosen: Chosen) -> None:
-        """Search places for the chosen modules."""
         self._model.proto.clear_objective()
         self._hint({self._placing.on[key].index: is_on for key, is_on in chosen.items()})
         for solver in packing_solvers(PACKING_EFFORT):
@@ -198,7 +200,7 @@ class Search:
                 return
 
     def _look(self, solver: CpSolver) -> bool | None:
-        """Search once; tell whether the solution meets its deadlines and was taken; None: there was no solution."""
+        """Search once; tell whether the solution meets its deadlines and was kept. None: there is no solution."""
         status = solver.solve(self._model)
         self._effort -= solver.response_proto.deterministic_time
         if status not in (OPTIMAL, FEASIBLE):
@@ -213,12 +215,12 @@ class Search:
         return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
-        """Note an upper bound that the solver has proven for a group of levels."""
+        """Keep an upper bound that the solver has proven for the merged sum of a group of levels."""
         for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
             self._bounds[level.position] = min(most, self._bounds[level.position])
 
     def _hint(self, values: Mapping[int, int]) -> None:
-        """Start the search from these values of variables."""
+        """Let the next search start from these values of variables."""
         self._model.proto.clear_solution_hint()
         hint = self._model.proto.solution_hint
         hint.vars.extend(values.keys())
@@ -237,7 +239,7 @@ class Search:
                 self._values.update((literal.index, value) for literal, value in part)
 
     def _take(self, found: Configuration, values: Sequence[int]) -> None:
-        """Keep a legal configuration if it is better than the best so far. `values`: of all variables."""
+        """Keep a legal configuration, and the values of all variables, if it is better than the best one so far."""
         objective = self._score(found)
         if objective.key() > self._key:
             self.best, self.objective = found, objective
@@ -251,7 +253,6 @@ class Search:
         return self.objective.key()
 
     def _configuration(self, solver: CpSolver) -> Configuration:
-        """Read the configuration out of the solver's solution."""
         inputs: dict[str, dict[str, Wire]] = {}
         for (consumer, mode, path), wires in self._wiring.wires.items():
             if solver.boolean_value(self._placing.on[consumer, mode]):

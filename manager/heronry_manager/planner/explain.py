@@ -19,7 +19,7 @@ _EFFORT = 5.0  # deterministic seconds for each function
 
 
 def explained(spec: Spec, plan: Plan) -> Plan:
-    """Return the plan with better reasons for functions that are not served; takes a search for each of them."""
+    """Return the plan with better reasons for functions that are not served; each of them takes a search."""
     found = feasible(spec, plan.now)
     reasons = {name: report.why_not for name, report in plan.functions.items() if report.why_not is not None}
     for name, report in plan.functions.items():
@@ -32,7 +32,7 @@ def explained(spec: Spec, plan: Plan) -> Plan:
 
 
 def _servable_alone(spec: Spec, now: Situation, function: Function) -> bool | None:
-    """Tell whether a function could be served if no other were wanted; None: the search gave no answer."""
+    """Tell whether a function could be served if no other one were wanted; None: the search did not decide it."""
     wanted = replace(function, criticality={None: "A"}, priority={None: 1})
     possible = candidates(replace(spec, functions={function.name: wanted}), now)
     search = Search(possible, None, ResponseTimes(spec), _EFFORT)

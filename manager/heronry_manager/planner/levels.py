@@ -5,10 +5,12 @@ quantity that should be small is negated. Neighbouring levels are solved togethe
 since each level's weight is greater than the sum of all levels below it. The groups were chosen because they are solved
 fast together; a group is cut where its weighted sum would not fit 62 bits:
 
-    serving    critical classes and utility: as a rule all can be served, and then no search is needed
-    supplying  inputs, changes and branches: packing, where the linear relaxation gives the bounds
-    thrift     bandwidth and CPU: partitioning a graph most of whose modules have their places; the linear relaxation
-               gives the bounds too
+    serving    levels 1 and 2, critical classes and utility. As a rule all functions can be served, and then no search
+               is needed
+    supplying  levels 3 to 5, inputs, changes and branches. For the solver this is a packing problem, in which the
+               linear relaxation gives good bounds
+    thrift     levels 6 and 7, bandwidth and CPU. For the solver this is the partitioning of a graph in which most
+               modules have their places already; the linear relaxation gives good bounds here, too
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,7 +30,7 @@ _SAFE = 2**62
 
 
 class Kind(Enum):
-    """The kind of problem that a level is for the solver."""
+    """The kind of problem that a level poses to the solver; it decides which searches are used."""
 
     SERVING = auto()
     SUPPLYING = auto()
@@ -50,14 +52,14 @@ class Level:
     offset: int = 0
 
     def value(self, key: Sequence[int]) -> int:
-        """Return the value of the level for a configuration with this key."""
+        """Return the value of this level in `key`, the key of a configuration's objective."""
         return key[self.position] - self.offset
 
 
 def level_groups(
     placing: Placing, wiring: Wiring, publishing: Publishing, running: Placement | None
 ) -> list[list[Level]]:
-    """Return the levels whose value can vary, most important first, in the groups that are solved together."""
+    """Return the levels whose value can vary, the most important first, in groups that are solved together."""
     possible = placing.possible
     levels = [
         *serving_levels(placing),
@@ -78,13 +80,13 @@ def serving_levels(choice: Choice) -> list[Level]:
 
 
 def merged(group: list[Level]) -> Terms:
-    """Return one weighted sum that compares configurations as the levels of a group do, in their order."""
+    """Return one weighted sum of a group: a greater sum means better at the first level that differs."""
     weights = zip(_weights(group), group, strict=True)
     return [(literal, weight * worth) for weight, level in weights for literal, worth in level.terms]
 
 
 def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
-    """Split a bound on the merged sum into one for each level.
+    """Yield a bound for each level of a group, given a bound on the merged sum.
 
     Each bound holds among the configurations that are no worse than `key` in the levels above. Below a level that is
     not proven, a bound only follows from the terms of its own level.
@@ -108,7 +110,7 @@ def _weights(group: list[Level]) -> list[int]:
 
 
 def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
-    """Cut a group where its merged sum would not fit 62 bits."""
+    """Cut a group into smaller ones whose merged sums fit into 62 bits."""
     part: list[Level] = []
     for level in group:
         if part and sum(abs(weight) for _, weight in merged([*part, level])) >= _SAFE:
@@ -120,7 +122,7 @@ def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
 
 
 def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int = 0) -> Level:
-    """Make a level of terms; of the terms in each list of alternatives at most one counts."""
+    """Make a level of terms; in each list of alternatives at most one term can count."""
     groups = [group for group in alternatives if group]
     return Level(
         position,
@@ -192,7 +194,10 @@ def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int
 
 
 def _changes(placing: Placing, running: Placement | None) -> Level:
-    """Make the level of changes (negated); it leaves out changes that no plan can avoid: modules that cannot go on."""
+    """Make the level of changes, negated; changes that no plan can avoid do not count.
+
+    A module that cannot go on where it runs makes such a change.
+    """
     if running is None:
         return _level(6, Kind.SUPPLYING, ())
     alternatives: list[Terms] = []

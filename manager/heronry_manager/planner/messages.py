@@ -27,7 +27,7 @@ from heronry_dg.situation import Situation, UnknownElementError, checked_element
 
 
 class MessageError(ValueError):
-    """A line that does not follow this protocol."""
+    """A line does not follow the protocol between the planner's process and its client."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +41,12 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The process has read the spec and waits for requests."""
+    """The first line of the process: it has read the spec, and waits for requests."""
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The best configuration found, and the bounds on its objective that are proven."""
+    """The best configuration found, its objective, and the upper bounds that are proven for it."""
 
     number: int
     configuration: Configuration
@@ -56,7 +56,7 @@ class Solution:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """The answer without a plan; `reason` says why. `number`: None if the request could not be read."""
+    """The answer if there is no plan; `number` is None if the request could not be read."""
 
     number: int | None
     reason: str
@@ -115,7 +115,7 @@ def _situation(
     if not all(isinstance(text, str) for text in (*down, *limits.values())):
         raise MessageError("not a request: an element or a limit is not a string")
     if not all(name in spec.functions and isinstance(n, int) for name, n in priorities.items()):
-        raise MessageError("not a request: a priority is not that of a function")
+        raise MessageError("not a request: a priority is given for something that is not a function")
     try:
         return Situation(
             down=frozenset(checked_element(spec, element) for element in down),

@@ -27,7 +27,7 @@ def weighted(terms: Iterable[tuple[IntVar, int]]) -> LinearExpr:
 
 
 class Choice:
-    """The variables that say which modules run in which mode, in a given model; the subclass makes them."""
+    """Variables of a model that say which modules run in which mode; subclasses create the variables."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
         """Begin without variables and constraints."""
@@ -37,7 +37,7 @@ class Choice:
         self._model = model
 
     def in_modes(self, module: str, modes: Collection[str]) -> list[IntVar]:
-        """Return literals of which exactly one is true if a module runs in one of `modes`, else none."""
+        """Return literals of which exactly one is true if `module` runs in one of `modes`; otherwise none is."""
         if len(modes) == len(self.possible.modules[module].hosts):
             return [self.runs[module]]
         return [self.on[module, mode] for mode in modes]
@@ -55,7 +55,7 @@ class Choice:
                 self._model.add_at_most_one(self.runs[module] for module in rivals if module in self.runs)
 
     def _fits_in(self, pes: Collection[str], modes: Iterable[tuple[str, str]], modules: Iterable[str]) -> None:
-        """Limit the demand of these modes, and of the code of these modules, to the resources of some PEs together."""
+        """Add a constraint: these modes, and the code of these modules, fit into all resources of `pes` together."""
         spec, cpu_millis = self.possible.spec, self.possible.left.pe_cpu_millis
         taken = [(spec.modules[module].modes[mode], self.on[module, mode]) for module, mode in modes]
         self._at_most([(literal, mode.cpu_millis) for mode, literal in taken], sum(cpu_millis[pe] for pe in pes))
@@ -69,7 +69,7 @@ class Choice:
 
 
 class Placing(Choice):
-    """The variables that say which modules run where, in a given model."""
+    """Variables of a model that say which modules run in which mode on which PE."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
         """Add the variables and their constraints to the model."""
@@ -86,9 +86,9 @@ class Placing(Choice):
         self._together()
 
     def somewhere(self, module: str, pes: Collection[str]) -> list[IntVar] | None:
-        """Return literals of which one is true iff a *running* module is on one of `pes`.
+        """Return literals; if `module` runs, exactly one of them is true iff it runs on one of `pes`.
 
-        None: the module always is.
+        None: the module can run only on one of `pes`.
         """
         hosts = self.pes[module]
         if all(pe in pes for pe in hosts):
@@ -96,7 +96,7 @@ class Placing(Choice):
         return [self.at[module, pe] for pe in hosts if pe in pes]
 
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
-        """Yield the values that the variables have for a configuration."""
+        """Yield each variable with the value that it has for this configuration."""
         runs = {name: (running.mode, running.pe) for name, running in configuration.modules.items()}
         for name, literal in self.runs.items():
             mode, pe = runs.get(name, (None, None))
@@ -109,7 +109,7 @@ class Placing(Choice):
             yield literal, runs.get(name) == (other, at)
 
     def count_parts(self) -> None:
-        """Add conditions that follow from modules being indivisible: no PE takes three above a third of its CPU.
+        """Add constraints that follow from modules being indivisible: no PE takes three above a third of its CPU.
 
         Likewise no PE takes four above a fourth. A larger module counts for each such part that it fills. The solver
         finds the case of two halves by itself. The other cases do not follow from the linear relaxation, in which half

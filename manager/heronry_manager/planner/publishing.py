@@ -25,7 +25,7 @@ MessageKey = tuple[str, str, int, str]  # producer, variable, rate in mHz, bus
 
 
 class Publishing:
-    """The variables that say what is published on which bus, in a given model."""
+    """Variables of a model that say which source is published on which bus."""
 
     def __init__(self, model: CpModel, possible: Candidates, placing: Placing, wiring: Wiring) -> None:
         """Add the variables, and the limit on the bandwidth of each bus (semantics rule 7)."""
@@ -46,11 +46,11 @@ class Publishing:
                 model.add(weighted(terms) <= possible.left.bus_mbit_per_s[bus])
 
     def forbid_together(self, hops: Iterable[Hop]) -> None:
-        """Add a cut: not all of these hops may be published together.
+        """Add a constraint: not all of these hops are published together.
 
-        For a hop that begins at its source the cut also holds if the message comes from farther away: the longer way
-        adds jitter, and makes no message earlier. For a hop that comes from another bus the cut holds only if its
-        producer is on the side of that bus.
+        For a hop that begins at its source the constraint also holds if the message comes from farther away: the longer
+        way adds jitter, and makes no message earlier. For a hop that comes from another bus the constraint holds only
+        if the data of the producer come over that bus.
         """
         taken: list[IntVar] = []
         facts = 0
@@ -64,14 +64,17 @@ class Publishing:
         self._model.add(LinearExpr.sum(taken) <= facts - 1)
 
     def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
-        """Require one of these literals if a hop is published; for a hop from another bus see `forbid_together`."""
+        """Add a constraint: if a hop is published, one of these literals is true.
+
+        For a hop that comes from another bus the constraint holds only if the data of the producer come over that bus.
+        """
         elsewhere = [self.messages[self.key(hop)].negated(), *literals]
         there = self._comes_from(hop)
         for origin in [None] if there is None else there:
             self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
 
     def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
-        """Yield all messages that are more urgent than a hop on its bus, each as a hop that begins there."""
+        """Yield all messages that are more urgent than a hop on the hop's bus, each as a hop that begins there."""
         own = identifiers[hop.producer, hop.variable]
         for key in self.messages:
             producer, variable, _, bus = key
@@ -79,21 +82,21 @@ class Publishing:
                 yield key, Hop(producer, variable, self._modes[key], bus)
 
     def key(self, hop: Hop) -> MessageKey:
-        """Return the key of a hop's message."""
+        """Return the key that names the message of a hop in the model."""
         rate_mhz = self._possible.spec.modules[hop.producer].modes[hop.mode].rate_mhz
         return hop.producer, hop.variable, rate_mhz, hop.bus
 
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
-        """Return literals of which one is true iff the running producer's route leads over the bus before.
+        """Return literals of which one is true iff the data of the running producer come from the hop's bus before.
 
-        None: the route always does.
+        None: the hop begins at its source, or the data always come from there.
         """
         if hop.after is None:
             return None
         return self._placing.somewhere(hop.producer, _origins(self._possible.left, hop.after, hop.bus))
 
     def hint(self, published: Iterable[Hop]) -> Iterator[tuple[IntVar, bool]]:
-        """Yield the values that the variables have if exactly these hops are published."""
+        """Yield each variable with the value that it has if exactly these hops are published."""
         rates = {
             (hop.producer, hop.variable, hop.bus): self._possible.spec.modules[hop.producer].modes[hop.mode].rate_mhz
             for hop in published
@@ -104,7 +107,10 @@ class Publishing:
             yield literal, rates.get((producer, variable, bus)) == rate_mhz
 
     def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
-        """Add the constraint that a link between two sides of a bus is published there."""
+        """Add constraints: if modules of a link run on different sides of `bus`, the source is published on `bus`.
+
+        literals: those of which one is true if the link is wired.
+        """
         consumer, producer, variable = link
         if consumer == producer:
             return
@@ -124,7 +130,7 @@ class Publishing:
             self._model.add(published >= linked + at_producer - at_consumer - 1)
 
     def _only_side(self, module: str, sides: list[Side]) -> Side | None:
-        """Return the side that a module cannot leave, if there is one."""
+        """Return the side on which all possible PEs of a module are; None: it may run on several sides."""
         return next((side for side in sides if side.issuperset(self._placing.pes[module])), None)
 
     def _publication(self, producer: str, variable: str, bus: str) -> IntVar:
@@ -157,7 +163,7 @@ class Publishing:
 
 
 def _sides(left: Survivors, bus: str) -> list[Side]:
-    """Split the PEs that are up into sides: sets that stay connected without `bus`."""
+    """Split the PEs that are up into sides: the sets of PEs that are connected without `bus`."""
     sides: dict[Side, None] = {}
     for pe in left.pe_cpu_millis:
         sides[frozenset(other for other in left.pe_cpu_millis if bus not in (left.route(pe, other) or ()))] = None
@@ -165,5 +171,5 @@ def _sides(left: Survivors, bus: str) -> list[Side]:
 
 
 def _origins(left: Survivors, first: str, then: str) -> set[str]:
-    """Return the PEs from which data reach the bus `then` over the bus `first`."""
+    """Return the PEs whose data reach the bus `then` over the bus `first`."""
     return {origin for (origin, _), route in left.routes.items() if (first, then) in pairwise(route)}

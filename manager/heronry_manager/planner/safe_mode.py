@@ -20,7 +20,7 @@ from heronry_manager.planner.exact import DEFAULT_EFFORT, Search
 
 
 def safe_mode(spec: Spec, phase: str | None, running: Placement) -> Configuration:
-    """Find the safe mode of a phase with the fault-free placement `running`; no element is down."""
+    """Find the safe mode of a phase, which differs as little as possible from `running`, the fault-free placement."""
     reduced = _critical_alone(spec, phase)
     wanted = {output for function in reduced.functions.values() for output in function.outputs}
     luxuries = {output for function in spec.functions.values() for output in function.outputs} - wanted
@@ -34,7 +34,10 @@ def safe_mode(spec: Spec, phase: str | None, running: Placement) -> Configuratio
 
 
 def _best(spec: Spec, reduced: Spec, now: Situation, running: Placement) -> Configuration:
-    """Find the best configuration of a reduced spec, with the identifiers of the whole spec."""
+    """Find the best configuration for the reduced spec.
+
+    Deadlines are checked with the identifiers of the whole spec.
+    """
     search = Search(candidates(reduced, now), running, ResponseTimes(spec), DEFAULT_EFFORT)
     search.run()
     return search.best

@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def answer(planner: Planner, line: bytes) -> Answer:
-    """Answer one line of a client."""
+    """Answer one request, given as a line; a request that fails gets the error as its answer."""
     try:
         request = read_request(line, planner.spec)
     except MessageError as error:
@@ -65,7 +65,7 @@ def _planned(planner: Planner, request: Request) -> Answer:
 
 
 def _own_standard_output() -> BinaryIO:
-    """Return standard output, which is then for answers alone; other output goes to standard error from now on."""
+    """Return standard output for answers alone; anything else that is printed goes to standard error from now on."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     return answers
@@ -86,7 +86,7 @@ def _send(answers: BinaryIO, message: Answer) -> None:
 
 
 def _end() -> NoReturn:
-    """End this process, since its client has ended."""
+    """End this process immediately, since its client has ended."""
     os._exit(0)
 
 

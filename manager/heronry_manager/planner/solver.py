@@ -11,7 +11,7 @@ _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 
 
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
-    """Yield the searches for levels of a kind, the short ones first: functions that set up a solver for an effort.
+    """Yield the searches for levels of this kind, the short ones first: each function sets up a solver for an effort.
 
     A short search soon finds a configuration that reaches the bound of the linear relaxation, if there is one. If
     deadlines, hosts and CPU together forbid that, the core search looks for sets of inputs that cannot be wired
@@ -26,7 +26,7 @@ def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
 
 
 def new_solver(kind: Kind, effort: float) -> CpSolver:
-    """Set up a search over everything for levels of a kind; effort: limit of the search, in deterministic time."""
+    """Set up a search of the whole model for levels of this kind; `effort`: its limit, in deterministic time."""
     solver = light_solver(effort)
     solver.parameters.cp_model_probing_level = 2
     if kind is Kind.SERVING:  # thorough presolve, since choosing and packing have failed
@@ -35,7 +35,7 @@ def new_solver(kind: Kind, effort: float) -> CpSolver:
 
 
 def core_solver(effort: float) -> CpSolver:
-    """Set up a search for sets of inputs that exclude each other.
+    """Set up a search that finds sets of inputs which exclude each other; `effort`: its limit, in deterministic time.
 
     The linear relaxation gives no bound for such sets.
     """
@@ -47,7 +47,7 @@ def core_solver(effort: float) -> CpSolver:
 
 
 def light_solver(effort: float) -> CpSolver:
-    """Set up a search with little presolve; effort: limit of the search, in deterministic time."""
+    """Set up a search with little presolve; `effort`: its limit, in deterministic time."""
     solver = CpSolver()
     solver.parameters.num_workers = 1
     solver.parameters.catch_sigint_signal = False  # it would end the search, and give a worse plan as the best one
@@ -63,7 +63,7 @@ def light_solver(effort: float) -> CpSolver:
 
 
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
-    """Set up searches for places alone, in which the hint fixes all else; where one fails, the next may succeed."""
+    """Yield searches for places alone, while the hint fixes everything else; if one fails, the next may succeed."""
     quick = light_solver(effort)
     quick.parameters.linearization_level = 1
     for solver in (new_solver(Kind.SERVING, effort), quick):

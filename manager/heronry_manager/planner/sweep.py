@@ -3,10 +3,10 @@
 The sweep takes fault sets by size. For each set, the phase's fault-free plan counts as the running one
 (docs/semantics.md, faults). A set is settled without a search in two cases:
 
-    by a plan    the best plan for the set less one element does not use the elements that the set takes out of use.
-                 Then it is the best plan for the set, too (`heronry_dg.losses` has the proof). The set inherits the
-                 plan with its worth. If the plan is not proven to be the best, neither is the inherited one: an upper
-                 bound with fewer faults holds with more faults, too
+    by a plan    leave one element out of the set: the best plan for these fewer faults uses nothing that the whole set
+                 takes out of use. Then it is the best plan for the whole set, too (`heronry_dg.losses` has the proof),
+                 and the set inherits it with its value. If the plan is not proven to be the best, the inherited plan is
+                 not proven either; its upper bounds still hold, since more faults make no plan better
     by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
                  has a purpose, and the same routes between these PEs. The usual case is a device and its only driver
 
@@ -49,26 +49,26 @@ class Scope:
     places: bool = False
 
     def fault_sets(self) -> Iterator[FaultSet]:
-        """Give all sets, the smaller ones first; sets of one size in the order of the elements."""
+        """Yield all fault sets, the smaller ones first, and those of one size in the order of the elements."""
         for size in self.sizes():
             yield from self.of_size(size)
 
     def sizes(self) -> range:
-        """Give the sizes of the sets, from 0."""
+        """Give the possible numbers of faults in a set, from 0 on."""
         return range(min(self.faults, len(self.elements)) + 1)
 
     def of_size(self, size: int) -> Iterator[FaultSet]:
-        """Give all sets of a size, in the order of the elements."""
+        """Yield all fault sets with `size` elements, in the order of the elements."""
         return map(frozenset, combinations(self.elements, size))
 
     def set_count(self) -> int:
-        """Give the number of sets, with the empty one."""
+        """Give the number of fault sets in one phase, the empty set included."""
         return sum(comb(len(self.elements), size) for size in self.sizes())
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A request for a plan: the elements that are down in a phase, and what runs (None: none is known)."""
+    """A request for a plan: the phase, the elements that are down, and what runs (None: none is known)."""
 
     phase: Phase
     down: FaultSet
@@ -77,7 +77,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The answer: a configuration, its worth, and whether that is proven to be the best."""
+    """The plan found for a fault set: its configuration, its value, and whether it is proven to be the best."""
 
     configuration: Configuration
     objective: Objective
@@ -91,7 +91,12 @@ Ask = Callable[[int, list[Question]], Iterable[Answer]]
 
 @dataclass(slots=True)
 class Tally:
-    """How the fault sets of a sweep were settled."""
+    """How many fault sets were settled in which way.
+
+    searched: by the planner.
+    by_plan: by inheriting the plan for the set less one element.
+    by_twin: by the plan of a set that leaves the same choice.
+    """
 
     searched: int = 0
     by_plan: int = 0
@@ -107,7 +112,7 @@ class Sweep:
     """One sweep; `outcomes` and `tally` fill while it runs."""
 
     def __init__(self, spec: Spec, scope: Scope, *, prune: bool = True) -> None:
-        """Prepare a sweep; `prune`: if False, every set is planned, which checks the proof of pruning."""
+        """Prepare a sweep; if `prune` is False, every fault set is planned, which checks the proof of pruning."""
         self.outcomes: dict[tuple[Phase, FaultSet], Outcome] = {}
         self.tally = Tally()
         self._spec, self._scope, self._prune = spec, scope, prune
@@ -115,7 +120,7 @@ class Sweep:
         self._used: dict[int, frozenset[str]] = {}  # by `id` of an outcome; outcomes are kept, so it is unique
 
     def run(self, ask: Ask) -> None:
-        """Settle every fault set in every phase; `ask` answers the questions that need a search."""
+        """Find the plan for every fault set in every phase; `ask` gives the plans that need a search."""
         for size in self._scope.sizes():
             questions, twins = self._open(size)
             for question, outcome in ask(size, questions):
@@ -127,7 +132,7 @@ class Sweep:
             self._settle(question.phase, question.down, outcome)
 
     def _places_in_use(self) -> list[Question]:
-        """Give the questions about the places in use: a place that a plan uses always needs another plan."""
+        """List the questions about the loss of each place that a fault-free plan uses; each needs a plan of its own."""
         if not self._scope.places or not self._scope.faults:
             return []
         found = [
@@ -139,12 +144,15 @@ class Sweep:
         return found
 
     def running(self, phase: Phase) -> Placement | None:
-        """Give the placement in a phase without faults: its fault-free plan; None until that is known."""
+        """Give the placement of a phase's fault-free plan; None: that is not known yet."""
         healthy = self.outcomes.get((phase, frozenset()))
         return None if healthy is None else placement(healthy.configuration)
 
     def _open(self, size: int) -> tuple[list[Question], list[tuple[Phase, FaultSet, FaultSet]]]:
-        """Settle the sets that need no search; return the questions for the others, and the sets that have a twin."""
+        """Settle the sets of this size that need no search.
+
+        Return the questions for others, and the sets with a twin.
+        """
         questions: list[Question] = []
         twins: list[tuple[Phase, FaultSet, FaultSet]] = []
         running = {phase: self.running(phase) for phase in self._scope.phases}
@@ -169,7 +177,7 @@ class Sweep:
         return questions, twins
 
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
-        """Give the first set that leaves the same choice, or this set itself.
+        """Give the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
 
         A cheap, coarse comparison comes first.
         """
@@ -180,7 +188,10 @@ class Sweep:
         return twin
 
     def _inherited(self, phase: Phase, down: FaultSet, lost: frozenset[str]) -> Outcome | None:
-        """Give the outcome of the first set with one fault less whose plan uses no lost element, or None."""
+        """Give the plan of the first set with one fault less that uses none of the lost elements.
+
+        None: there is none.
+        """
         for element in sorted(down):
             outcome = self.outcomes[phase, down - {element}]
             if self._used[id(outcome)].isdisjoint(lost):
@@ -194,13 +205,16 @@ class Sweep:
 
 
 def places_in_use(spec: Spec, configuration: Configuration) -> list[str]:
-    """Give the places that a configuration uses: modules with a choice of PEs, each on its PE."""
+    """List the places that a configuration uses: each module that may run on several PEs, on the PE where it runs."""
     used = ((name, f"module:{name}@{running.pe}") for name, running in configuration.modules.items())
     return [place for name, place in used if place in places(spec, name)]
 
 
 def what_is_left(left: Survivors) -> object:
-    """Give all that plans can use after faults; if that is equal for two fault sets, so are their best plans."""
+    """Give all that plans can use after faults, as one value.
+
+    If it is equal for two fault sets, so are the best plans.
+    """
     return (
         tuple(left.hosts(module) for module in left.spec.modules.values()),
         tuple(left.pe_cpu_millis.items()),
@@ -210,7 +224,7 @@ def what_is_left(left: Survivors) -> object:
 
 
 def choice_of(possible: Candidates) -> object:
-    """Give all on which the best plan of a phase without limits depends: which modes may run where, and the routes.
+    """Give all on which the best plan of a phase depends if no radio is limited: which modes may run where, and routes.
 
     PEs on which nothing may run, and routes to them, make no difference: no legal configuration uses them.
     """

@@ -27,7 +27,7 @@ Link = tuple[str, str, str]  # consumer, producer, variable
 
 
 class Wiring:
-    """The variables that say which consumer reads from which producer, in a given model."""
+    """Variables of a model that say which producer feeds each input."""
 
     def __init__(self, model: CpModel, possible: Candidates, choice: Choice) -> None:
         """Add the variables, and the constraints of semantics rules 2, 3 and 5."""
@@ -45,7 +45,10 @@ class Wiring:
         self._purpose()
 
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
-        """Yield the values of the wires for a configuration; the other variables follow from them."""
+        """Yield each wire's variable with the value that it has for this configuration.
+
+        The other variables follow from them.
+        """
         for (consumer, mode, path), wires in self.wires.items():
             running = configuration.modules.get(consumer)
             wire = running.inputs.get(path) if running is not None and running.mode == mode else None
@@ -81,7 +84,7 @@ class Wiring:
         return [held]
 
     def _wire(self, leaf: Leaf, where: tuple[str, str, str], above: IntVar) -> None:
-        """Wire a leaf to exactly one source while `above` is true."""
+        """Add constraints: while `above` is true, a leaf is wired to exactly one source."""
         sources = self._possible.sources(where[0], where[1], leaf)
         if len(sources) == 1:
             self._forced.add(where)
@@ -90,7 +93,10 @@ class Wiring:
         self._model.add(LinearExpr.sum(self._new_wires(leaf, where, sources)) == above)
 
     def _offer_leaf(self, leaf: Leaf, where: tuple[str, str, str], above: IntVar) -> list[IntVar]:
-        """Let a leaf be wired to at most one source while `above` is true."""
+        """Add constraints: while `above` is true, a leaf is wired to at most one source.
+
+        Return one literal for each source.
+        """
         made = self._new_wires(leaf, where, self._possible.sources(where[0], where[1], leaf))
         if made:
             self._model.add(LinearExpr.sum(made) <= above)
@@ -107,7 +113,7 @@ class Wiring:
             self.links.setdefault((where[0], source.module, leaf.variable), []).append(literal)
 
     def _producers_run(self) -> None:
-        """Require that the producer of each wire runs in a mode that gives the wire's version (semantics rule 2).
+        """Add constraints: the producer of each wire runs in a mode that gives the wire's version (semantics rule 2).
 
         A consumer reads one version of a variable from one producer, so the wires for one variable of a producer add up
         to at most one.
@@ -147,7 +153,7 @@ class Wiring:
             self._model.add(LinearExpr.sum(support) >= self._choice.runs[name])
 
     def _ranked(self, name: str, consumer: str, literals: list[IntVar], ranks: dict[str, IntVar]) -> IntVar:
-        """Return a literal that is true only if `consumer` reads from `name` and is ranked below it."""
+        """Return a literal that is true only if `consumer` reads from module `name`, and has a lower rank than it."""
         supports = self._model.new_bool_var(f"{name} serves through {consumer}")
         self._model.add(LinearExpr.sum(literals) >= supports)
         self._model.add(ranks[name] >= ranks[consumer] + 1).only_enforce_if(supports)

@@ -44,7 +44,7 @@ def call(path: Path, order: Spoken) -> Answer:
 def follow(path: Path) -> socket.socket:
     """Begin to read the events of the manager on a socket; raises ControlError if no manager of this user listens.
 
-    The socket gives JSON lines: a status, then events (`followers`); the caller closes it.
+    The socket then gives JSON lines: a status, and events (`followers`). The caller closes it.
     """
     checked_length(path)
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -64,7 +64,7 @@ def follow(path: Path) -> socket.socket:
 
 
 def find_socket(name: str | None) -> Path:
-    """Give the socket of the manager of that name; without a name, of the only running manager. Raises ControlError."""
+    """Give the socket of the manager with this name; None: of the only running manager. Raises ControlError."""
     running = [path for path in found_sockets() if _is_listened_on(path)]
     names = ", ".join(path.stem for path in running)
     if name is not None:
@@ -83,7 +83,7 @@ def find_socket(name: str | None) -> Path:
 
 
 def _is_listened_on(path: Path) -> bool:
-    """Tell whether a process listens on a path; a manager that was killed has left its socket behind."""
+    """Tell whether a process listens on a path; the socket of a manager that was killed is still there."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(PATIENCE_S)
         try:

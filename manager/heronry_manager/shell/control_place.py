@@ -23,12 +23,12 @@ class ControlError(HeronryError):
 
 
 def default_socket(spec_name: str) -> Path:
-    """Give the socket of a spec's manager."""
+    """Give the path of the socket for the manager of this spec."""
     return runtime_folder() / f"{spec_name}.sock"
 
 
 def listening_folder(path: Path) -> Path:
-    """Give the folder of a socket to listen on, made if needed; raises ControlError if it is not this user's alone."""
+    """Make the folder of a socket if needed, and give it; raises ControlError if other users can enter it."""
     try:
         return owned_folder(path.parent)
     except RuntimeFolderError as error:
@@ -44,13 +44,13 @@ def found_sockets() -> list[Path]:
 
 
 def checked_length(path: Path) -> Path:
-    """Give the path back if it fits into a socket address; raises ControlError if it is too long."""
+    """Give `path` back if it fits into a socket address; raises ControlError if it is too long."""
     if len(os.fsencode(path)) > _LONGEST_PATH_BYTES:
         raise ControlError(f"{path} is longer than {_LONGEST_PATH_BYTES} bytes: name a shorter one with --socket")
     return path
 
 
 def user_beyond(connection: socket.socket) -> int:
-    """Give the number of the user whose process is at the other end, as the kernel knows it."""
+    """Give the user-ID of the process at the other end of a connection, as the kernel knows it."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     return int(_CREDENTIALS.unpack(credentials)[1])

@@ -37,9 +37,9 @@ LONGEST_ORDER_BYTES = 65536  # a script of a thousand lines
 
 @dataclass(frozen=True, slots=True)
 class FlyScript:
-    """The operator orders the target of a script of component graphs.
+    """The operator orders the configuration that a script of component graphs makes of the running one.
 
-    `script_orders` computes the target from the text.
+    `script_orders` computes that configuration from the text.
     """
 
     text: str
@@ -47,7 +47,7 @@ class FlyScript:
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """The caller wants to read the manager's events from now on, and gives no more orders."""
+    """Request to read the manager's events from now on; the caller gives no more orders."""
 
 
 Question = AskStatus | AskTraceback
@@ -69,7 +69,7 @@ _BARE: Mapping[type, str] = {AskStatus: "status", ReleaseTarget: "release", Foll
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A reply as it is sent."""
+    """The reply to an order, as it is sent to the caller."""
 
     done: bool
     sentence: str
@@ -99,7 +99,7 @@ def order_line(order: Spoken | Follow) -> bytes:
 
 
 def read_order(line: bytes) -> Spoken | Follow | str:
-    """Decode a request; gives a sentence on what is wrong if it is not one."""
+    """Decode a request; gives a sentence that says what is wrong if the line is no request."""
     match _fields(line):
         case {"v": int(version)} if version != VERSION:
             return f"this manager speaks version {VERSION} of the control protocol, not {version}: use equal versions"
@@ -126,7 +126,7 @@ def answer_line(answer: Answer) -> bytes:
 
 
 def read_answer(line: bytes) -> Answer | None:
-    """Decode a reply; None if the line is not one.
+    """Decode a reply; None: the line is no reply.
 
     Characters that would control a terminal are escaped: an answer is data, from any process.
     """
@@ -141,7 +141,7 @@ def read_answer(line: bytes) -> Answer | None:
 
 
 def _harmless(value: Any) -> Any:
-    """Give a value in which every text can be printed: line breaks and tabs stay, control characters are escaped."""
+    """Escape the control characters in all texts of a value; line breaks and tabs stay."""
     match value:
         case str():
             if value.isprintable():

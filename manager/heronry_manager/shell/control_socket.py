@@ -7,10 +7,10 @@ socket. The kernel names the user of each caller, and callers of any other user 
 
 A caller that wants to follow the manager's events (`followers`) gives no more orders, and counts with the followers.
 
-A caller that sends too much without a line break, or does not read its answer, is dropped. Where MOST_CALLERS are
-there, or the process has no descriptor left, the caller that has been idle for longest makes room for a new one; only
-where every caller waits for an answer is the new one dropped. One descriptor is reserved for that: a caller that cannot
-be accepted would stay in the queue, and the loop would be called for it without end.
+A caller that sends too much without a line break, or does not read its answer, is dropped. If there are MOST_CALLERS
+already, or the process has no descriptor left, the caller that has been idle for longest makes room for a new one. If
+every caller waits for an answer, the new one is dropped. One descriptor is reserved for that: a caller that cannot be
+accepted would stay in the queue, and the loop would be called for it without end.
 """
 
 import contextlib
@@ -40,7 +40,7 @@ MOST_CALLERS = 16
 
 
 class ControlSocket:
-    """A socket that listens on a path, with its callers."""
+    """The socket on which a running manager takes orders, with its callers."""
 
     def __init__(self, path: Path) -> None:
         """Listen on `path`; raises ControlError if another manager listens there, or the path cannot be used."""
@@ -73,7 +73,7 @@ class ControlSocket:
         return [self._listener, *self._callers, *self.followers.readers()]
 
     def poll(self) -> list[OperatorSaid | ScriptSaid]:
-        """Return the orders that have arrived, without waiting; a line that is no order is answered immediately."""
+        """Return the orders that have arrived, without waiting; a line that is no order is answered with an error."""
         ready, _, _ = select.select(self.readers(), [], [], 0)
         said: list[OperatorSaid | ScriptSaid] = []
         for one in ready:
@@ -129,7 +129,7 @@ class ControlSocket:
                 self._reserve = os.open(os.devnull, os.O_RDONLY)
 
     def _accept(self) -> socket.socket:
-        """Accept a caller; if there is no descriptor left for it, it gets the reserved one."""
+        """Accept a caller; if the process has no descriptor left, the reserved one is used."""
         try:
             return self._listener.accept()[0]
         except OSError as error:
@@ -140,7 +140,7 @@ class ControlSocket:
         return self._listener.accept()[0]
 
     def _has_room(self) -> bool:
-        """Tell whether there is room for one more caller, if needed after dropping the one idle for longest."""
+        """Tell whether there is room for one more caller; if there is none, drop first the caller idle for longest."""
         if len(self._callers) < MOST_CALLERS and self._reserve is not None:
             return True
         waiting = self._awaiting_answer.values()
@@ -178,7 +178,7 @@ class ControlSocket:
         return OperatorSaid(self._number, order)
 
     def _follow(self, caller: socket.socket) -> None:
-        """Hand a caller over to the followers; the answers that it still awaits are lost."""
+        """Make a caller a follower of events; answers for which it still waits are lost."""
         if self.followers.take(caller):
             del self._callers[caller]
         else:

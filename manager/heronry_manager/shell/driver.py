@@ -67,7 +67,7 @@ Emitter = Callable[[dict[str, Any]], None]
 
 
 class ManagerDriver:
-    """Runs a core on a link."""
+    """Runs the core of a manager on its bus."""
 
     def __init__(
         self,
@@ -82,9 +82,10 @@ class ManagerDriver:
         emit: Emitter,
         place: Mapping[str, Any],
     ) -> None:
-        """`emit` is called with every event as it happens; without a journal nothing survives a restart.
+        """Prepare to run; `emit` is called with every event as it happens.
 
-        place: where this manager flies, told to those who follow it: its bus, the file of its spec.
+        journal: None: nothing survives a restart.
+        place: what followers are told of where the manager runs: its bus, the file of its spec.
         """
         self._core, self._link, self._planners, self._control = core, link, planners, control
         self._service, self._journal, self._spec = service, journal, spec
@@ -101,11 +102,14 @@ class ManagerDriver:
         self._stopping = False
 
     def stop(self) -> None:
-        """End the loop at its next turn; safe in a signal handler."""
+        """Let `run` end at the next turn of its loop; safe in a signal handler."""
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> str | None:
-        """Run the manager until it is stopped; returns the reason when the core stopped by itself."""
+        """Run the manager until the core ends, or `stop` is called; returns the reason if the core has ended.
+
+        until_eof: also end when standard input ends.
+        """
         while not self._stopping and self._stop_reason is None:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._planners.readers(), *self._control.readers()]
@@ -130,12 +134,12 @@ class ManagerDriver:
         return self._stop_reason
 
     def _emit(self, told: dict[str, Any]) -> None:
-        """Give an event to the stream of this process, and to those who follow the manager."""
+        """Give an event to the stream of this process, and to all followers."""
         self._tell_stream(told)
         self._control.followers.tell(told)
 
     def _status(self) -> dict[str, Any]:
-        """Make the line with which a follower begins: all that is known now."""
+        """Make the first line for a follower: a status, with the plan that runs."""
         plan = self._core.plan
         return {
             "v": VERSION,
@@ -147,7 +151,7 @@ class ManagerDriver:
         }
 
     def _look_after_journal(self) -> None:
-        """Sync the journal to the disk once every frame is out; report to the core when a problem begins and ends."""
+        """Sync the journal to the disk once every frame is out; tell the core when a problem begins and ends."""
         if self._journal is None:
             return
         if self._link.nothing_waits:
@@ -162,12 +166,15 @@ class ManagerDriver:
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
 
     def _core_due_ns(self) -> int | None:
-        """Give the core's deadline on this computer's clock; None: it has none, or its clock stands still."""
+        """Give the core's deadline on this computer's clock, in ns.
+
+        None: it has none, or its own clock stands still.
+        """
         core_ns = self._core.next_deadline_ns()
         return None if core_ns is None or self._frozen_ns is not None else core_ns + self._stood_still_ns
 
     def _measure_lateness(self, now_ns: int) -> None:
-        """Hand a standstill of this computer to the core, before any event that may follow from it."""
+        """Report to the core that this computer stood still, before any event that may follow from that."""
         stood_still = self._meter.woke(now_ns, time.thread_time_ns())
         if stood_still is not None:
             self._step(stood_still)
@@ -207,7 +214,7 @@ class ManagerDriver:
                 return
 
     def _departed(self, frame: Frame, _now_ns: int, _took_ns: int) -> None:
-        """Note that a frame is on the bus; the link may call this in the middle of a step."""
+        """Keep an ALIVE frame that is on the bus, to report it to the core after the present step."""
         if frame.can_id == self._core.alive_id:
             self._said.append(frame)
 
@@ -241,7 +248,7 @@ class ManagerDriver:
             self._step(known)
 
     def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
-        """Give the followers the plan of an epoch that runs from now on; they may have begun after it was ready."""
+        """Give the followers the plan of an epoch that runs from now on: they may have begun after it was made."""
         plan = self._core.plan
         if told["event"] in ("reconfigured", "adopted") and plan is not None:
             runs = {"epoch": told["epoch"], "plan": plan.document()}

@@ -45,13 +45,13 @@ class _Follower:
 
 
 class Followers:
-    """All readers of one manager."""
+    """Sends the events of one manager to all readers on its socket."""
 
     def __init__(self) -> None:
         self._of: dict[socket.socket, _Follower] = {}
 
     def take(self, caller: socket.socket) -> bool:
-        """Let a caller follow from now on; tells whether there was room for it."""
+        """Make a caller a reader from now on; tells whether there was room for it."""
         if len(self._of) >= MOST_FOLLOWERS:
             return False
         self._of[caller] = _Follower()
@@ -66,7 +66,7 @@ class Followers:
         return [one for one, follower in self._of.items() if follower.waiting]
 
     def heard(self, caller: socket.socket) -> None:
-        """Drop a reader that has hung up, and ignore what it says; a caller that does not follow stays as it is."""
+        """Drop a reader that has hung up, and ignore what it sends; a caller that is no reader stays as it is."""
         if caller not in self._of:
             return
         with contextlib.suppress(BlockingIOError):
@@ -78,14 +78,14 @@ class Followers:
                 self._drop(caller)
 
     def tell(self, event: Mapping[str, Any]) -> None:
-        """Give an event to every reader; it goes out with the next `pump`."""
+        """Queue an event for every reader; `pump` sends it."""
         if self._of:
             line = _line(event)
             for follower in self._of.values():
                 follower.put(line)
 
     def pump(self, status: Status) -> None:
-        """Send what the kernel takes, without waiting; `status` makes the line with which a reader begins."""
+        """Send what the kernel takes, without waiting; `status` makes the first line for a new reader."""
         for caller, follower in list(self._of.items()):
             if follower.waiting:
                 self._send(caller, follower)
@@ -94,7 +94,7 @@ class Followers:
                 self._send(caller, follower)
 
     def close(self) -> None:
-        """Hang up on every reader."""
+        """Close the connections of all readers."""
         for caller in list(self._of):
             self._drop(caller)
 

@@ -55,11 +55,11 @@ RETRY_NS = 10_000_000_000  # while the disk fails
 
 
 class JournalError(HeronryError):
-    """The journal cannot be used; the message is one sentence with the remedy."""
+    """The journal of a manager cannot be used; the message is one sentence with the remedy."""
 
 
 def written(number: int, content: list[str | int]) -> bytes:
-    """Give both copies of one line."""
+    """Encode one line of the journal, in its two copies."""
     line = checked_line([number, *content])
     return line + b"\n" + line
 
@@ -71,7 +71,10 @@ def whole_journal(spec: Spec, memory: Memory) -> bytes:
 
 
 def recovered(data: bytes) -> tuple[Memory, str | None]:
-    """Read a journal, damaged or not; gives the memory, and the digest of its spec (None if the digest is damaged)."""
+    """Read a journal, which may be damaged; gives the memory, and the digest of its spec.
+
+    The digest is None if it is damaged.
+    """
     contents = dict(_whole_lines(data))
     first_missing = next(number for number in range(len(contents) + 1) if number not in contents)
     facts, numbers = NOTHING, NOTHING
@@ -94,7 +97,7 @@ def _head(spec: Spec) -> list[str | int]:
 
 
 def _format_of(data: bytes) -> int:
-    """Give the format of a journal; 0 where its head cannot be read."""
+    """Give the number of the format of a journal; 0: its head cannot be read."""
     for number, content in _whole_lines(data):
         match number, content:
             case 0, ["journal", int(found), *_]:
@@ -114,10 +117,10 @@ def _whole_lines(data: bytes) -> Iterator[tuple[int, list[object]]]:
 
 
 class Journal:
-    """The journal of one manager, open for writing; `memory` is its content, even while the disk fails."""
+    """The journal of one manager, open for writing; `memory`: its content, even while the disk fails."""
 
     def __init__(self, folder: Path, node: int, spec: Spec, *, accept_changed_spec: bool = False) -> None:
-        """Open or begin the journal; raises JournalError if it is locked, unreadable, or of another spec."""
+        """Open the journal, or begin a new one; raises JournalError if it is locked, unreadable, or of another spec."""
         self.file = folder / f"manager-{node}.journal"
         self.memory = NOTHING
         self.problem: str | None = None
@@ -162,9 +165,9 @@ class Journal:
             self._fail(error)
 
     def sync(self, now_ns: int) -> None:
-        """Have a thread fsync the records that were written; while the disk fails, try again every `RETRY_NS`.
+        """Let a thread write the records to the disk (fsync); while the disk fails, try again every `RETRY_NS`.
 
-        The thread works on the file as it is when it begins; `problem` tells later whether it failed.
+        The thread syncs what was written until it begins. If it fails, `problem` says so later.
         """
         if self.problem is not None:
             if now_ns >= self._retry_ns:
@@ -190,7 +193,7 @@ class Journal:
             os.close(stream)
 
     def close(self) -> None:
-        """Fsync, close the file, and release its lock."""
+        """Write everything to the disk, close the file, and release its lock."""
         if self._stream >= 0 and self.problem is None:
             with suppress(OSError):
                 os.fsync(self._stream)
@@ -248,7 +251,7 @@ class Journal:
         self.memory = self.memory.numbers()
 
     def _put_down(self) -> None:
-        """Write the whole journal to a new file, which replaces the old one."""
+        """Write the whole journal to a new file, and replace the old file by it."""
         data, draft = whole_journal(self._spec, self.memory), self.file.with_suffix(".new")
         stream = -1
         try:

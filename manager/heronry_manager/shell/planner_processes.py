@@ -51,12 +51,15 @@ class PlannerLink(Protocol):
 
 
 class PlannerProcesses:
-    """The policy, the planner, and the pre-planner once there is one."""
+    """The processes that plan for one manager: that of the planner, and that of the pre-planner once it is needed."""
 
     def __init__(
         self, policy: PlanningPolicy, planner: PlannerLink | None, start_pre_planner: Callable[[], PlannerLink]
     ) -> None:
-        """planner: None where there is no solver. The policy must know this, and then starts no pre-planner."""
+        """Begin with the planner's process; `start_pre_planner` starts the other one, before its first question.
+
+        planner: None: there is no solver. The policy must know this, and then starts no pre-planner.
+        """
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
         self._pre_planner: PlannerLink | None = None
         self._until_ns: dict[int, int] = {}  # by request in the planner: the end of its budget
@@ -67,14 +70,14 @@ class PlannerProcesses:
         return [one for one in (self._planner, self._pre_planner) if one is not None]
 
     def take(self, told: RequestPlan | Settled) -> list[PlanReady | PlanFailed]:
-        """Hand a request or report of the core to the policy; returns an immediate answer.
+        """Give a request or report of the core to the policy; returns an immediate answer, if there is one.
 
         `poll` gives later answers.
         """
         return self._carry_out(self._policy.step(told))
 
     def poll(self) -> list[PlanReady | PlanFailed]:
-        """Return the answers to the core's requests; the pre-planner's answers stay with the policy."""
+        """Return the answers that have arrived for the core; the policy keeps those of the pre-planner."""
         ahead = _answers(self._pre_planner, self._ahead_until_ns)
         answers = _answers(self._planner, self._until_ns)
         events: list[FromPlanner] = [
@@ -84,7 +87,10 @@ class PlannerProcesses:
         return [answer for event in events for answer in self._carry_out(self._policy.step(event))]
 
     def next_deadline_ns(self) -> int | None:
-        """Time in ns at which to call `poll` at the latest, since a budget ends; None: no request is out."""
+        """The time (ns) at which to call `poll` at the latest, since the budget of a request ends.
+
+        None: no request is out.
+        """
         return min((*self._until_ns.values(), *self._ahead_until_ns.values()), default=None)
 
     def _carry_out(self, instructions: list[Instruction]) -> list[PlanReady | PlanFailed]:
@@ -106,7 +112,7 @@ class PlannerProcesses:
 
 
 def _answers(planner: PlannerLink | None, until_ns: dict[int, int]) -> Iterable[Planned | Failed]:
-    """Take the answers of a process; one that has exceeded a budget is replaced, and its requests have failed."""
+    """Give the answers of a process; if it exceeds a budget, it is replaced, and its requests have failed."""
     if planner is None:
         return []
     answers = planner.poll()

@@ -17,20 +17,23 @@ _RUNS = ("reconfigured", "adopted")  # events after which another epoch runs
 
 
 class Plants:
-    """The plants of one spec."""
+    """Reports what the running plan means for the plants of one spec."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
 
     def after(self, told: Mapping[str, Any], plan: Plan | None) -> dict[str, Any] | None:
-        """Give the event that follows another event of the core, whose plan this is; None if no event follows."""
+        """Give the event on plants that follows another event of the core; None: none follows.
+
+        `plan`: what runs now.
+        """
         if told["event"] not in _RUNS or plan is None or not self._spec.plants:
             return None
         states = path_states(control_paths(self._spec, plan.configuration))
         return event("control_paths", told["t_ns"], epoch=told["epoch"], plants=states)
 
     def status(self, plan: Plan | None) -> dict[str, Any]:
-        """Give the part of the status about plants: by name the state of the control path, and why it is not closed."""
+        """Give the part of the status on plants: by name the state of the control path, and why it is not closed."""
         if plan is None or not self._spec.plants:
             return {}
         paths = control_paths(self._spec, plan.configuration)

@@ -19,18 +19,18 @@ MOST_PLACEMENTS: Final = 100  # the manager's loop waits meanwhile
 
 @dataclass(frozen=True, slots=True)
 class ScriptSaid:
-    """The order `script`, with the number of its reply."""
+    """The order `script` of a caller, with the number that its reply repeats."""
 
     number: int
     order: FlyScript
 
     def target(self, spec: Spec, core: ManagerCore) -> OperatorSaid:
-        """Give the order that the core takes."""
+        """Give the order that the core understands: the script replaced by the configuration that it makes."""
         return OperatorSaid(self.number, target_of(self.order.text, spec, core))
 
 
 def target_of(text: str, spec: Spec, core: ManagerCore) -> FlyTarget:
-    """Apply a script to what a manager runs; the first error of a script is the problem that the core reports."""
+    """Apply a script to what a manager runs; if that fails, the result gives the first error as its `problem`."""
     if core.plan is None:
         return FlyTarget(None, "no epoch of this manager runs yet")
     outcome = apply_to_plan(text, spec, core.now, core.plan.configuration, MOST_PLACEMENTS)
@@ -39,5 +39,7 @@ def target_of(text: str, spec: Spec, core: ManagerCore) -> FlyTarget:
         place = f"line {first.line}: {first.code}: {first.sentence}"
         return FlyTarget(None, f"{place}, and {more} more" if more else place)
     for start, end in outcome.no_wires:
-        return FlyTarget(None, f"{start} -> {end} is no wire from what a module gives to a free input of that variable")
+        return FlyTarget(
+            None, f"{start} -> {end} does not lead from an output of a module to an unwired input for the same variable"
+        )
     return FlyTarget(outcome.configuration)

@@ -4,12 +4,12 @@ Its parts decide, each in its own file: which part takes a frame (`inbound`), wh
 (`command_acceptance`, `mastership`), what to run next (`staging`) and how to get there (`reconfiguration`), what runs
 (`running_modules`), whether exclusive outputs are authorized (`output_authorization`), what to report (`condition`,
 `reporting`, `faults`, `canopen_node`), what to forward (`gateway`, `radios`) and when to act (`deadlines`). This file
-makes the parts and sequences them: it hands each event to one part, releases the modules that are due, sends the state
-frames that the parts have requested, and lets frames to a radio wait for their turn. A frame that no part takes costs
-one look-up of its identifier; a frame with 29 bits, a remote or an error frame reaches no part.
+makes the parts and calls them in order: it hands each event to one part, steps the modules that are due, sends the
+state frames that the parts have requested, and queues the frames to a radio. A frame that no part takes costs one
+look-up of its identifier; no part gets a frame with a 29-bit identifier, a remote frame or an error frame.
 
-No input raises, in whatever order it comes: bad bytes are counted (`counts`, by cause and identifier) and change
-nothing. Exceptions are raised only where a driver's time goes back, or an invariant is broken.
+No frame raises an exception, whatever its bytes and its order: a malformed frame is counted (`counts`) and changes
+nothing. Only a programming error raises one: a caller whose time goes back, or a broken invariant.
 
 A PE that hears no other node continues to run its modules, but holds back its exclusive outputs (protocol rule 6) and,
 under the policy `safe_mode`, stops its expendable modules (`without_manager`); its state frames report that it hears no
@@ -18,7 +18,8 @@ such a node.
 """
 
 from collections import Counter, deque
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from types import MappingProxyType
 
 from heronry_agent.core.authenticity import Authenticity, Secret
 from heronry_agent.core.canopen_node import CanopenNode
@@ -63,7 +64,7 @@ _NS_PER_MS = 1_000_000
 
 
 class AgentCore:
-    """The agent of one PE."""
+    """The agent of one PE: a state machine that its driver calls with events, and that returns actions."""
 
     def __init__(
         self,
@@ -71,17 +72,17 @@ class AgentCore:
         incarnation: int,
         now_ns: int,
         *,
-        missing_images: frozenset[str] = frozenset(),
+        missing_images: Mapping[str, str] = MappingProxyType({}),
         secret: Secret | None = None,
         followed: Collection[str] | None = None,
     ) -> None:
-        """Start unconfigured; the first deadline is now.
+        """Start without a configuration; the first deadline is `now_ns`.
 
-        incarnation: 0..255, different from that of the last start of this PE.
-        missing_images: images of the table that cannot be loaded here: their modules are reported before the first
-        page 1, and a slice that names one is refused.
+        incarnation: boot count, 0..255, different from that of the last start of this PE.
+        missing_images: images of the table whose code is not on this PE, each with the reason. The agent reports their
+            modules to the manager at its start, and refuses a slice that contains one of these modules.
         secret: the key of the fleet; with a key the PE executes only commands that are tagged with it.
-        followed: actuators of other PEs whose echoes the plant of this PE follows; None: all.
+        followed: names of the actuators of other PEs whose output echoes go to the plant of this PE; None: all of them.
         Raises TableError where the table contradicts itself.
         """
         index = TableIndex(table)
@@ -151,26 +152,33 @@ class AgentCore:
 
     @property
     def counts(self) -> Counter[tuple[str, int]]:
-        """Numbers of malformed or refused frames and answers, by cause and identifier (or module)."""
+        """How many frames and answers were malformed or refused, by (cause, number).
+
+        The number is the CAN identifier of the frame, or the index of the module that answered.
+        """
         return self._turn.counts
 
     @property
     def identifiers(self) -> Collection[int]:
-        """Every identifier that this PE receives now; a new object whenever the set has changed.
+        """CAN identifiers that the core takes at present; whenever they change, this is a new object.
 
-        The driver need not hand over frames of other identifiers.
+        The driver may drop frames with other identifiers, except those from a radio (`radio_ports`).
         """
         return self._inbound.handlers
 
     @property
     def radio_ports(self) -> Collection[int]:
-        """Ports to radios: the driver hands over every frame that arrives on them, and reports each that has `Left`."""
+        """Numbers of the ports that lead to a radio.
+
+        On these ports the driver hands every frame to the core, whatever its identifier, and reports each sent frame
+        that has left the CAN controller (`Left`).
+        """
         return self._radios.ports.keys()
 
     def step(self, now_ns: int, event: Event) -> list[Action]:
-        """Process one event; gives the actions to execute, in this order.
+        """Process one event, and return the actions that the driver has to execute, in this order.
 
-        Raises ValueError where `now_ns` goes back.
+        Raises ValueError if `now_ns` is before that of the last call.
         """
         turn, inbound, radios = self._turn, self._inbound, self._radios
         out = turn.begin(now_ns)
@@ -206,7 +214,7 @@ class AgentCore:
         return min(due_ns, self._radios.next_ns) if self._radios.ports else due_ns
 
     def validate(self) -> None:
-        """Check every invariant; raises InvariantError with the recent events."""
+        """Check every invariant; raises InvariantError, whose message ends with the last events."""
         try:
             self.reconfiguration.validate()
             self.modules.validate()
@@ -217,7 +225,7 @@ class AgentCore:
             raise InvariantError(f"{error}; recent events:\n{story}") from None
 
     def _take_own(self, event: Event) -> None:
-        """Process an event from within this PE: time, or an answer of one of its modules."""
+        """Process an event that is not a received frame: the time, or what the driver reports."""
         modules = self.modules
         match event:
             case Tick():
@@ -246,19 +254,16 @@ class AgentCore:
             self.modules.release()
 
     def _stood_still(self, event: StoodStill) -> None:
-        """Count a standstill of this computer, and note a long one."""
         if self._turn.standstills.count(event, self._turn.now_ns):
             self._turn.note("late", f"this computer stood still for {event.for_ns // _NS_PER_MS} ms")
 
     def _images_missing(self, event: ImagesMissing) -> None:
-        """Take up images that cannot be loaded: report their modules; from now on, refuse slices that name one."""
-        self.staging.reader.missing_images |= event.images.keys()
-        for image, reason in sorted(event.images.items()):
-            self._turn.note("image", f"{image} cannot be run here: {self.modules.cannot_run(image, reason)}")
-        self.modules.lack(event.images.keys())
+        """Report the modules of these images to the manager, and refuse slices with such a module from now on."""
+        self.staging.reader.missing_images |= event.images
+        self.modules.lack(event.images)
 
 
 def _start_notes(table: PeTable, secret: Secret | None) -> tuple[str, str]:
-    """Texts of the notes at boot-up: the name of this PE, and the key that its commands need."""
+    """Return what is logged at the start: which PE this is, and which key its commands need."""
     key = "no key: any node on the bus can command this PE" if secret is None else f"{secret.key!r}"
     return f"PE {table.name} of {table.spec}, node {table.node_id}", key

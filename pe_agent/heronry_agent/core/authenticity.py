@@ -1,19 +1,20 @@
-"""Which commands a PE with a key accepts: fresh ones, tagged by a holder of the key (protocol rule 11).
+"""Which commands a PE with a key accepts: new ones that a holder of the key has tagged (protocol rule 11).
 
-Every command passes this file before its handler is called. The PE holds a command until its TAG comes, for T_lease at
-most (on a busy computer a manager's frames come far apart). If the TAG is valid, the handler gets the command with the
-time at which the command itself arrived; if the command is forwarded, its TAG follows it. A command without a valid TAG
-changes nothing; it is counted (`command_tags.Refusal`), and page 3 of the state reports the count.
+A TAG is a frame that follows a command and proves that a holder of the key sent the command. Every command passes this
+file before its handler is called. The PE holds a command until its TAG comes, for at most T_lease (on a busy computer
+the frames of a manager come far apart). If the TAG is valid, the handler gets the command with the time at which the
+command itself arrived; if the command is forwarded, its TAG follows it. A command without a valid TAG changes nothing;
+it is counted (`command_tags.Refusal`), and page 3 of the state reports the count.
 
 A *welcome*. After its own start a PE accepts no command, since every command that it hears may be old. The PE sends a
-nonce (page 2), and the manager answers with a WELCOME whose tag covers that nonce. The WELCOME proves which numbers the
-commands of this manager have from then on. The PE sends a nonce, once in a heartbeat period, while it hears a manager
-that has not welcomed it. This is so in three cases: after a restart of either side; after a takeover by the standby
-manager; and when the PE has missed so many commands that no number fits any more, and has accepted no command for
-T_lease. A PE that has a session with its manager, and has accepted a command within T_lease, sends no nonce because of
-commands that it cannot verify, since any node can send these; a LEASE or ACTIVATE of a higher term whose tag the key
-has made is the exception. Only the active manager sends a WELCOME. The WELCOME names a term as any command does, so
-from then on commands of the previous manager are refused.
+nonce (page 2), and the manager answers with a WELCOME whose tag covers that nonce. From the WELCOME on, the PE knows
+which number the next command of this manager must have. While the PE hears a manager that has not welcomed it, it sends
+a nonce once in a heartbeat period. This happens in three cases: the PE or the manager has restarted; the standby
+manager has taken over; or the PE has missed so many commands that the numbers no longer fit, and has accepted no
+command for T_lease. A PE that has a session with its manager, and has accepted a command within T_lease, does not react
+to commands that it cannot verify, since any node can send these. There is one exception: after a LEASE or ACTIVATE with
+a higher term and a tag made with the key, the PE sends a nonce. Only the active manager sends a WELCOME. Like any
+command the WELCOME names a term, so the PE then refuses commands of the previous manager.
 
 A *session*. The number of the WELCOME also identifies the session under which the states of this PE are tagged from now
 on; a manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed
@@ -22,18 +23,19 @@ the PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a
 An *EMCY* is authenticated by the next page 0: the tag of the page covers one pending EMCY; if several are pending, the
 pages cover them in turn. A new EMCY causes an immediate page 0, so authentication takes no extra time.
 
-A command of a manager that has not welcomed this PE is not executed, but if the key made its tag, it is evidence: a
-LEASE or ACTIVATE shows that its epoch was activated. It may be old, and then its epoch is old, too; so it can only show
-that this PE was replaced (`output_authorization`). A PE whose transmitter has failed can get no WELCOME from a new
-manager, and depends on this.
+A command of a manager that has not welcomed this PE is not executed. But if its tag was made with the key, a LEASE or
+ACTIVATE proves that its epoch was activated at some time. If that epoch is newer than the PE's own, the PE has been
+replaced (`output_authorization`); an old epoch proves nothing. A PE whose transmitter has failed cannot send a nonce
+and gets no WELCOME from a new manager: only this proof tells it that it has been replaced.
 
 A *lock*. NMT commands and SDO downloads are refused until the active manager sends UNLOCK to this PE, and again after
-the time that UNLOCK gives. While the lock is open any node can send SDO requests, since the bus does not show their
-sender; so a table has to be sealed as well (`opened`).
+the time that UNLOCK gives. While the lock is open any node can send SDO requests, since these do not name their sender;
+so a table must also be sealed with the key (`opened`).
 
 If a page 2, a WELCOME or a TAG is lost, the PE sends its nonce again at the manager's next command. A WELCOME that
 comes more than T_lease after the nonce was drawn is refused. So is a doubled WELCOME, whose number is not above the
-last. Forged commands are refused and counted. After a restart all of this begins anew, with nonces from another salt.
+last. Forged commands are refused and counted. After a restart the PE has no session and no open lock, and its nonces
+come from another salt.
 
 A gateway cannot verify a WELCOME for another node; it forwards the WELCOME toward that node, with the TAG that follows.
 """
@@ -80,14 +82,14 @@ Handler = Callable[[Received], None]
 
 @dataclass(frozen=True, slots=True)
 class Secret:
-    """The key of a PE, and a salt that is different at every start, so that nonces cannot be predicted."""
+    """The key of a PE, and a random salt, new at every start, which makes the nonces unpredictable."""
 
     key: Key
     salt: bytes
 
 
 class Authenticity:
-    """Verifies the commands to one PE with its key, and tags the states of that PE."""
+    """Verifies with a key the commands to one PE, and computes the tags of the PE's state pages."""
 
     def __init__(
         self,
@@ -101,9 +103,11 @@ class Authenticity:
         secret: Secret,
         saw_epoch: Callable[[int], None] = lambda _: None,
     ) -> None:
-        """facts: gives what the state frames report now. pending: gives every EMCY that waits to be acknowledged.
+        """Begin without a session and with a closed lock.
 
-        saw_epoch: called with an epoch that a manager has certainly activated, now or once.
+        facts: returns the present content of the state frames.
+        pending: returns every EMCY that the manager has not acknowledged yet.
+        saw_epoch: called with each epoch number that a manager has certainly activated, whether now or earlier.
         """
         self._turn, self._index, self._mastership, self._facts, self._key = turn, index, mastership, facts, secret.key
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns
@@ -131,7 +135,7 @@ class Authenticity:
     # Commands
 
     def guarded(self, handlers: Iterable[tuple[int, Handler]]) -> Iterator[tuple[int, Handler]]:
-        """Wrap handlers of commands: each new handler verifies a command before it calls the old one."""
+        """Wrap command handlers, given with their identifiers, so that each is called only for verified commands."""
         for identifier, handler in handlers:
             _, manager, command = classify(identifier)
             assert manager is not None
@@ -142,7 +146,7 @@ class Authenticity:
             yield management_id(manager, Command.TAG), partial(self._tagged, manager)
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
-        """Hold a command until its TAG comes; a WELCOME for another node is forwarded."""
+        """Keep a command until its TAG comes; a WELCOME for another node is forwarded instead."""
         data = event.frame.data
         if event.port != self._index.uplink:
             self._turn.count("command from beyond", event.frame.can_id)
@@ -152,11 +156,11 @@ class Authenticity:
             self._verifier.hold(manager, command, event, self._turn.arrived_ns)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Give the text of a sealed table; None where the table was not sealed with the key of this fleet."""
+        """Return the text of a sealed table; None if the table is not sealed with the key of this fleet."""
         return self._key.opened(sealed)
 
     def accept(self, order: Control) -> None:
-        """Execute RENEW or UNLOCK of the active manager: end the session, or open or close the lock."""
+        """Execute a verified RENEW (end the session) or UNLOCK (open the lock for some seconds; 0: close it)."""
         if order.operation is Operation.RENEW:
             self._states.end_session()
         else:
@@ -183,14 +187,14 @@ class Authenticity:
                 self._request_welcome()
 
     def _is_led(self) -> bool:
-        """Tell whether the active manager has a session with this PE, and has commanded it within T_lease."""
+        """Tell whether the active manager has a session with this PE, and sent a valid command within T_lease."""
         is_recent = self._turn.now_ns - self._believed_ns <= self._index.lease_ns
         return is_recent and self._states.session is not None
 
     def _succeeds(self, manager: int, tag: bytes) -> bool:
-        """Tell whether a manager that has not welcomed this PE is certainly a newer one than the active manager.
+        """Tell whether a held command proves that `manager` has a higher term than the active manager.
 
-        If its command shows that an epoch was activated, that is evidence against this PE.
+        If the command proves that an epoch was activated, `saw_epoch` is called with this epoch.
         """
         seen = self._verifier.recognized(manager, tag)
         order = None if seen is None else decode_command(seen.command, seen.event.frame.data)
@@ -201,7 +205,7 @@ class Authenticity:
         return order.term > self._mastership.term
 
     def _believe(self, manager: int, found: Held, tag: Frame) -> None:
-        """Hand a verified command to its handler; if the command is forwarded, its TAG follows it."""
+        """Execute a verified command; if its handler forwards the command, forward its TAG too."""
         turn, event = self._turn, found.event
         self._believed_ns = turn.now_ns
         if found.command is Command.CONTROL and is_welcome(event.frame.data):
@@ -219,7 +223,7 @@ class Authenticity:
     # State pages
 
     def _request_welcome(self) -> None:
-        """Request a WELCOME: send a nonce, unless one was sent within this period."""
+        """Send a nonce, unless one was sent within the last heartbeat period."""
         turn = self._turn
         if self._requested_ns is not None and turn.now_ns - self._requested_ns < self._period_ns:
             return
@@ -228,11 +232,14 @@ class Authenticity:
         turn.out.append(self._say(StatePage2(facts.state, facts.flags, self._nonces.to_say(turn.now_ns))))
 
     def seal(self, beat: int | None, said: bytes, digest: int) -> int:
-        """Give the tag of a page on the uplink; `beat` is the number of a page 0, and None for a page 1."""
+        """Return the tag of a page on the uplink; 0 without a session.
+
+        beat: number of a page 0; None for a page 1. said: the bytes of the page before the digest.
+        """
         return self._states.tag(beat, said, digest)
 
     def beat(self) -> None:
-        """Note the end of a heartbeat period: send the first nonce, and every STATE_PAGE_1_EVERY periods page 3."""
+        """Send what is due once in a heartbeat period; the caller calls this once in each period."""
         self._beats += 1
         if self._requested_ns is None:
             self._request_welcome()
@@ -240,7 +247,7 @@ class Authenticity:
             self._tell()
 
     def _tell(self) -> None:
-        """Send page 3: the running digest, for which a tagged page 0 has no room, and counts of refused commands."""
+        """Send page 3: the digest of the running configuration, and how many commands were refused."""
         facts, refused = self._facts(), self._verifier.refused
         unproven = refused[Refusal.UNPROVEN]
         other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # every start has some of those

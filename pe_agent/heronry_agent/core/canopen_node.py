@@ -5,13 +5,13 @@ Its parts decide, each in its own file: boot-up, heartbeat and NMT (`network_man
 sends their answers. Nothing of this is needed in flight: other parts decide what a PE runs, and no failure here affects
 them.
 
-The PE accepts SDO and NMT on the uplink only, like all commands. With a key it refuses NMT commands and SDO writes
-until it is unlocked (`authenticity`); a transfer that began before the lock closed again may be completed.
+The PE accepts SDO and NMT only on the uplink, as it does all commands. With a key it refuses NMT commands and SDO
+writes until it is unlocked (`authenticity`); a transfer that began before the lock closed again may be completed.
 
 SDO has a higher priority than some of the data, so its rate is limited. While this PE runs nothing, an upload by block
 may take half of the bus; once the PE is configured, its SDO transfers together may take a tenth. A request that comes
-too soon waits for its turn. A few requests may wait, since some need no answer and the next one follows immediately; a
-client that sends more without waiting loses them.
+too soon is answered later. Up to four requests are kept: some requests of SDO need no answer, so a client may send the
+next one immediately. Further requests are dropped and counted.
 """
 
 from collections import deque
@@ -38,7 +38,7 @@ _MOST_HELD = 4
 
 
 class CanopenNode:
-    """The CANopen and CANaerospace services of one PE; `next_ns` is when to call `tick`."""
+    """The CANopen and CANaerospace services of one PE; `next_ns` is the time at which to call `tick`."""
 
     def __init__(self, parts: Parts) -> None:
         turn, index = self._turn, self._index = parts.turn, parts.index
@@ -61,7 +61,7 @@ class CanopenNode:
         return self._network.booted
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
-        """Give the handler of each identifier of these services."""
+        """Return the CAN identifiers that these services take, each with its handler."""
         yield NMT_ID, partial(self._take, self._nmt)
         yield sdo_request_id(self._index.node), partial(self._take, self._request)
         yield REQUEST_ID, partial(self._take, self._node_service)
@@ -92,7 +92,7 @@ class CanopenNode:
         return self._reconfiguration.running.epoch != NO_EPOCH
 
     def _is_managed(self) -> bool:
-        """Tell whether the PE hears a manager and its lock is closed (without a key: hears a manager)."""
+        """Tell whether NMT commands are to be refused: a manager is heard, and has not unlocked this PE."""
         is_unlocked = self._authenticity is not None and self._authenticity.is_open
         return self._mastership.hears_lease(self._turn.now_ns) and not is_unlocked
 
@@ -134,14 +134,13 @@ class CanopenNode:
             self._serve(event.frame.data)
 
     def _serve(self, request: bytes) -> None:
-        """Answer a request, and then leave the bus free for two pauses: one after the request, one after the answer."""
+        """Answer an SDO request now, and set when the next one may be answered."""
         pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
         self._turn_ns = self._turn.now_ns + 2 * pause_ns
         self._sdo.segment_ns = pause_ns
         self._say(self._sdo.request(request, self._turn.now_ns))
 
     def _node_service(self, event: Received) -> None:
-        """Answer a CANaerospace node service, on the port on which it came."""
         said = self._services.take(event.port, event.frame, self._turn.now_ns)
         if isinstance(said, Malformed):
             self._turn.count("malformed node service", event.frame.can_id)

@@ -1,14 +1,16 @@
 """Reports of this PE on the channels of its replicated buses: which channel carries nothing here (protocol rule 8).
 
-The driver compares the channels (`ChannelsLost`); this file reports the result to the manager, as EMCY:
+A replicated bus has two channels, which carry the same frames. The driver finds out which channel is lost
+(`ChannelsLost`); this file reports it to the manager, by EMCY:
 
     lost    CHANNEL_LOST immediately, and again every second for as long as it lasts
     back    CHANNEL_BACK, once
 
-These reports are not acknowledged. The manager also counts a channel as back when no PE has reported it lost for a
-while. So a lost CHANNEL_LOST delays the manager's knowledge by one second, and a lost CHANNEL_BACK by three. A manager
-that restarts or takes over learns of a lost channel within one second, and the reports of a PE that dies expire. No
-plan changes for such a report, since the bus itself still carries frames.
+The manager does not acknowledge these reports. It also counts a channel as back when no PE has reported the loss for
+three seconds. So a CHANNEL_LOST frame that does not arrive delays the manager's knowledge by one second, and a
+CHANNEL_BACK frame that does not arrive by three. A manager that restarts or takes over learns of a lost channel within
+one second, and the reports of a PE that dies expire. These reports change no plan, since the bus itself still carries
+frames.
 """
 
 from heronry_agent.core.table_index import TableIndex
@@ -23,7 +25,7 @@ _NO_ERROR, _COMMUNICATION_ERROR = 0x00, 0x11  # CiA 301 object 1001h: bit 0 gene
 
 
 class ChannelReports:
-    """The channel reports of one PE; `next_ns` is the time at which to call `tick`."""
+    """Reports the lost channels of one PE's replicated buses; `next_ns` is the time at which to call `tick`."""
 
     def __init__(self, turn: Turn, index: TableIndex) -> None:
         self._turn, self._index = turn, index
@@ -32,7 +34,10 @@ class ChannelReports:
         self._lost: set[tuple[int, int]] = set()  # port, channel
 
     def told(self, port: int, lost: frozenset[int]) -> None:
-        """Take the set of lost channels of a port from the driver, and report the changes to the manager."""
+        """Report to the manager which channels of a port have become lost or have come back.
+
+        lost: all channels of the port that are lost now, numbered from 1.
+        """
         self._note(self._index.table.ports[port].bus, lost)
         now_lost = {(port, channel) for channel in lost}
         back = sorted(one for one in self._lost - now_lost if one[0] == port)

@@ -1,17 +1,16 @@
 """Which commands of a manager a PE accepts, and which part of the agent executes each.
 
 A PE accepts a command that comes on its uplink (a node beyond a gateway cannot command it) from the active manager,
-which is the manager with the highest term heard. SLICE carries no term: the PE accepts SLICE from that manager's node.
-An accepted command is executed and, on a gateway, forwarded to the far buses. A refused command is counted, and the PE
-reports STALE_TERM once, in page 1, to a manager with an older term.
+which is the manager with the highest term heard. SLICE carries no term: the PE accepts it if the active manager sent
+it. An accepted command is executed and, on a gateway, forwarded to the buses away from the manager. A refused command
+is counted. To a manager with an older term the PE reports STALE_TERM once, in page 1 of its state.
 
-LEASE and ALIVE come every heartbeat period and mostly repeat the last ones, so repetitions are handled separately and
-fast.
+LEASE and ALIVE come every heartbeat period, mostly with the same content; a repetition takes a short path.
 
-If a command is lost, LEASE or the manager's retry repeats it. A late or doubled command changes nothing: its step is
-already taken, its epoch is old, or its slice is staged. After a pause of the process commands are handled in the order
-of their arrival, each with its time of arrival. With a key, `authenticity` refuses forged commands; without a key the
-PE executes them.
+If a command is lost, LEASE or the manager's retry repeats it. A late or doubled command changes nothing: its activation
+step (BREAK, GO, GO_ALL) is already taken, its epoch is old, or its slice is already staged. After a pause of the
+process, commands are handled in the order in which they arrived, each with its time of arrival. With a key,
+`authenticity` refuses forged commands; without a key the PE executes them.
 """
 
 from collections.abc import Callable, Iterator
@@ -56,7 +55,7 @@ _BROADCAST = 0
 
 @dataclass
 class CommandAcceptance:
-    """Receives the frames of managers, and lets the other parts execute the commands."""
+    """Decides which commands of managers are accepted, and has the other parts execute these."""
 
     turn: Turn
     index: TableIndex
@@ -72,7 +71,7 @@ class CommandAcceptance:
     _sends: Slice = field(default_factory=Slice)  # sent and forwarded now; at BREAK less than the slice says
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
-        """Give the handler of each management identifier."""
+        """Return the CAN identifiers of all manager commands, each with its handler."""
         for manager in MANAGER_NODES:
             yield management_id(manager, Command.LEASE), partial(self._lease, manager)
             yield management_id(manager, Command.ALIVE), partial(self._alive, manager)
@@ -80,7 +79,7 @@ class CommandAcceptance:
                 yield management_id(manager, command), partial(self._command, manager, command)
 
     def _counts(self, manager: int, term: int, event: Received) -> bool:
-        """Tell whether a command is accepted; counts a refused command, and notes a new term."""
+        """Tell whether to accept a command with this term; notes a new term, and counts a command that is refused."""
         if event.port != self.index.uplink:
             self.turn.count("command from beyond", event.frame.can_id)
             return False
@@ -99,7 +98,7 @@ class CommandAcceptance:
         return False
 
     def _lease(self, manager: int, event: Received) -> None:
-        """Handle LEASE: the manager is active, and every PE should be at the step and epoch that LEASE names."""
+        """Handle LEASE: note that the manager is active, and take the activation step that LEASE names."""
         data = event.frame.data
         settled = data == self._settled_lease and not self.reconfiguration.resting
         if settled and manager == self.mastership.manager and event.port == self.index.uplink:
@@ -122,7 +121,7 @@ class CommandAcceptance:
         self.turn.out += self.gateway.down(Command.LEASE, event.frame.data, event.frame, self.turn.now_ns)
 
     def _alive(self, manager: int, event: Received) -> None:
-        """Handle ALIVE, which names the PEs that the manager counts as available (protocol rule 6)."""
+        """Handle ALIVE, which names the PEs that the manager considers available (protocol rule 6)."""
         frame = event.frame
         read = read_alive(frame.data, self.index.node)
         if read is None:
@@ -172,10 +171,10 @@ class CommandAcceptance:
                 pass  # for another node, or without effect on a PE
 
     def _prepare(self, command: Prepare) -> None:
-        """Stage an epoch.
+        """Begin to collect the slice of a new epoch.
 
-        If its configuration is a contingency on board, also hold back data, so that the answers and ACTIVATE pass
-        quickly.
+        A slice that is on board is staged at once. Then data frames are held back for a moment, so that the answers of
+        all PEs, and ACTIVATE, pass the bus quickly.
         """
         before = self.staging.staged
         self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)
@@ -183,7 +182,10 @@ class CommandAcceptance:
             self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
-        """Take a step of an epoch that runs or is staged here; if it is of another epoch, this PE is overtaken."""
+        """Take the activation step that LEASE or ACTIVATE names, if this PE runs or has staged its epoch.
+
+        If it does not, another PE may have replaced this one, which `OutputAuthorization` finds out.
+        """
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
         self.mastership.has_activated |= order.step is Step.GO_ALL
@@ -213,12 +215,12 @@ class CommandAcceptance:
         return None
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
-        """Withdraw unsent data frames that the new slice does not let this PE send, or takes from another producer."""
+        """Withdraw unsent data frames of sources that this PE no longer sends, or now forwards from another node."""
         made_by, wanted_of = _producers(before), _producers(after)
         gone = [source for source, node in made_by.items() if source not in wanted_of or wanted_of[source] != node]
         self.turn.withdraw(self.index.identifiers(gone))
 
 
 def _producers(sends: Slice) -> dict[int, int | None]:
-    """Give the producing node of each source that a PE sends; None: this PE."""
+    """Return, for each source that a PE sends or forwards, the node that produces it; None: the PE itself."""
     return dict.fromkeys(sends.publish) | {source: node for source, (node, _) in sends.forward.items()}

@@ -23,7 +23,7 @@ from heronry_wire.state_frames import PeFlags
 
 @dataclass
 class Condition:
-    """Facts about one PE for its state frames, read from its parts."""
+    """Collects the content of one PE's state frames from the parts of its agent."""
 
     turn: Turn
     index: TableIndex
@@ -36,7 +36,10 @@ class Condition:
     _is_held: bool = False  # exclusive outputs, as last logged
 
     def facts(self) -> Facts:
-        """Give what the state frames report now, and log changes that no command caused."""
+        """Return the present content of the state frames, and log what has changed since the last call.
+
+        Logged is only what no command causes: whether a manager is heard, and whether exclusive outputs are authorized.
+        """
         now_ns = self.turn.now_ns
         hears_lease = self.mastership.hears_lease(now_ns)
         held = self.modules.has_exclusive_output and not self.output_authorization.allows(now_ns)
@@ -60,16 +63,20 @@ class Condition:
     def _note_changes(self, hears_lease: bool, is_held: bool) -> None:
         if hears_lease != self._hears_lease:
             self._hears_lease = hears_lease
-            goes_on = "with what is critical" if self.index.table.without_manager == "safe_mode" else "as before"
-            self.turn.note("lease", "a manager is heard" if hears_lease else f"no manager is heard; going on {goes_on}")
+            stops = (
+                "expendable modules stop" if self.index.table.without_manager == "safe_mode" else "all modules go on"
+            )
+            self.turn.note("lease", "a manager is heard" if hears_lease else f"no manager is heard; {stops}")
         if is_held != self._is_held:
             self._is_held = is_held
-            self.turn.note("output", "exclusive outputs are held back" if is_held else "exclusive outputs are free")
+            self.turn.note(
+                "output", "exclusive outputs are held back" if is_held else "exclusive outputs are authorized"
+            )
 
 
 @dataclass
 class StateReports:
-    """The state frames of one PE."""
+    """Sends the state frames of one PE."""
 
     turn: Turn
     condition: Condition
@@ -79,13 +86,13 @@ class StateReports:
     _proven_changes: int = 0  # value of `Faults.changes` at the last page 0
 
     def tick(self) -> None:
-        """Send the state frames that are due."""
+        """Send the state frames that are due once in a heartbeat period."""
         self.turn.out += self.reporting.tick(self.turn.now_ns, self.condition.facts())
         if self.authenticity is not None:
             self.authenticity.beat()
 
     def immediate(self) -> None:
-        """Send the pages that the parts have requested in this turn."""
+        """Send the state pages that parts of the agent have requested in this call of the core."""
         turn = self.turn
         if self.authenticity is not None and self.modules.faults.changes != self._proven_changes:
             self._proven_changes = self.modules.faults.changes

@@ -13,9 +13,9 @@ from heronry_agent.core.without_manager import WithoutManager
 
 @dataclass
 class Deadlines:
-    """The deadlines of one PE, except those of its radios; modules that are due are released after every event.
+    """Calls the parts of one PE's agent when they are due, except its radios.
 
-    start_notes: texts to note when the PE boots up.
+    start_notes: lines to log when the PE boots up.
     """
 
     turn: Turn
@@ -28,7 +28,7 @@ class Deadlines:
     start_notes: tuple[str, ...]
 
     def next_ns(self) -> int:
-        """Time in ns at which to call `tick`, or to release modules, if no event comes before."""
+        """Time in ns at which the first part is due, if no event comes before."""
         due_ns = min(self.state_reports.reporting.next_ns, self.modules.next_ns)
         due_ns = min(due_ns, self.modules.faults.next_ns)
         due_ns = min(due_ns, self.staging.ask_ns)
@@ -37,7 +37,7 @@ class Deadlines:
         return min(due_ns, self.channels.next_ns)
 
     def tick(self) -> None:
-        """Call every part that is due."""
+        """Call every part that is due now; due modules are not stepped here, but after every event (`AgentCore`)."""
         turn = self.turn
         now_ns = turn.now_ns
         if self.staging.tick(now_ns):

@@ -23,7 +23,7 @@ class ErrorHistory:
         return tuple(self._errors)
 
     def add(self, code: FaultCode, kind: ElementKind, index: int) -> None:
-        """Add an error that was reported for the first time."""
+        """Add an error as the newest; the caller leaves out repetitions of one report."""
         self._errors.appendleft(kind << 28 | min(index, LARGEST_INDEX) << 16 | code)
 
     def clear(self) -> None:

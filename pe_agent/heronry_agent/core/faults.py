@@ -1,7 +1,7 @@
 """Reports that this PE repeats until the manager acknowledges them: faults, and requests (protocol rule 8).
 
-Each report is an EMCY. It is *pending* from the moment of its cause until a CONTROL acknowledges it. A pending report
-is sent once in a heartbeat period, and the same cause adds no second one.
+Each report is an EMCY. It is *pending* from its cause until the manager acknowledges it (CONTROL). A pending report is
+sent again once in a heartbeat period. If its cause is found again meanwhile, no second report is made.
 
     fault           pending until its element is acknowledged. If a monitor (which may run 40 times a second) still
                     finds the fault afterwards, the fault stays quiet for a second and is then pending again, since the
@@ -13,23 +13,23 @@ is sent once in a heartbeat period, and the same cause adds no second one.
                     that a manager does not execute it twice
     priority        at most one for each function: like a phase request, but numbered for each function
 
-A restart of a module, and a report of a PE or a bus (a suspicion, which the manager assesses), are reported in the same
-way, but do not stay on record. A restart is acknowledged separately from a fault of the same module: if the module is
-given up after the restart, the manager must learn that too.
+The restart of a module is reported in the same way, and so is the suspicion of a module that a PE or a bus has failed
+(the manager assesses it). Neither stays on record. The restart of a module and its final failure are acknowledged
+separately, since the manager must learn of both.
 
 A fault on record is reported again to every new active manager, since the previous manager may have acknowledged the
-fault and died before the standby manager knew. There is one exception: if this PE was cut off from all other nodes
-after the acknowledgement (`tell_all_again`), it may have missed a CLEAR. Then it reports the fault only if the faulty
-element is a module that the PE would run otherwise (`tell_again`).
+fault and died before the standby manager knew (`tell_all_again`). There is one exception: if this PE has been cut off
+from all other nodes since the acknowledgement, it may have missed a CLEAR. Then it reports only faults of modules that
+it keeps stopped because of the fault (`tell_again`).
 
-A fault of an element that may serve a function of class A is flight-critical: with every EMCY of it the PE also sends a
-CANaerospace emergency event. The event carries the code, and kind and index in one signed byte each; -1 stands for a
-number that does not fit.
+A fault of an element that may serve a function of class A is flight-critical: together with every EMCY of this fault
+the PE sends a CANaerospace emergency event. The event carries the code of the fault, and the kind and the index of the
+element in one signed byte each; -1 stands for an index that does not fit.
 
-A lost EMCY or acknowledgement causes one more repetition. After a lost CLEAR the fault stays on record, and is reported
-once more to the next active manager: the operator has to clear it again. Late or doubled frames change nothing. After a
-pause each report that is due is sent once. A forged acknowledgement silences a fault for a second. A restart empties
-this record; the manager keeps its own.
+If an EMCY or an acknowledgement is lost, the report is sent once more. If a CLEAR is lost, the fault stays on record
+and is reported to the next active manager: the operator has to clear it again. Late or doubled frames change nothing.
+After a pause of the process each report that is due is sent once. A forged acknowledgement silences a fault for a
+second. A restart of the PE empties its record; the manager keeps its own.
 """
 
 from collections.abc import Collection
@@ -58,10 +58,14 @@ _Key = tuple[FaultCode, ElementKind, int]
 
 
 class Faults:
-    """Pending faults and requests of one PE."""
+    """The reports of one PE that the manager has not acknowledged yet, and the faults that are not cleared yet."""
 
     def __init__(self, node: int, period_ns: int, critical: Collection[tuple[ElementKind, int]] = ()) -> None:
-        """period_ns: heartbeat period of the uplink. critical: kind and index of each flight-critical element."""
+        """Begin without faults.
+
+        period_ns: heartbeat period of the uplink.
+        critical: (kind, index) of each flight-critical element.
+        """
         self._node, self._emcy_id = node, emcy_id(node)
         self._period_ns = period_ns
         self._critical = frozenset(critical)
@@ -78,25 +82,29 @@ class Faults:
 
     @property
     def pending(self) -> bool:
-        """Tell whether some report waits for its acknowledgement."""
+        """Tell whether any report has not been acknowledged yet."""
         return bool(self._pending)
 
     @property
     def is_asking(self) -> bool:
-        """Tell whether a request for a phase waits for its acknowledgement."""
+        """Tell whether a phase request has not been acknowledged yet."""
         return any(code is FaultCode.PHASE_REQUEST for code, _, _ in self._pending)
 
     def messages(self) -> list[bytes]:
-        """Give every EMCY that waits for its acknowledgement, oldest first."""
+        """Return the EMCYs that have not been acknowledged yet, oldest first, as bytes."""
         return [emergency.encode() for _, emergency in self._pending.values()]
 
     @property
     def register(self) -> int:
-        """Error register of CANopen: not 0 while some fault is reported and not cleared."""
+        """Error register of CANopen (object 1001h): not 0 while a reported fault is not cleared."""
         return _ERROR_REGISTER if self._told else _NO_ERROR
 
     def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
-        """Record a fault, and give the frames to send now: none while the fault is already pending, or quiet."""
+        """Record a fault; returns the frames that report it.
+
+        Returns none while an earlier report of the fault is not acknowledged, and for a second after the
+        acknowledgement.
+        """
         key = (code, kind, index)
         if key in self._pending:
             return []
@@ -109,20 +117,23 @@ class Faults:
         return self._pend(emergency, now_ns)
 
     def tell_again(self, kind: ElementKind, index: int, now_ns: int) -> list[Frame]:
-        """Report the fault of an element once more if it is on record; gives the frames to send now."""
+        """Report the fault of an element once more, unless it was cleared; returns the frames to send now."""
         told = self._told.get((kind, index))
         return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
-        """Report again the faults on record that were found or acknowledged after `since_ns`.
+        """Report those uncleared faults once more that were found or acknowledged at `since_ns` or later.
 
-        Gives the frames to send now.
+        Returns the frames to send now.
         """
         told = [emergency for emergency, at_ns in self._told.values() if at_ns >= since_ns]
         return [frame for one in told if _key(one) not in self._pending for frame in self._pend(one, now_ns)]
 
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
-        """Request a phase, in place of a request that is still pending; gives the frames to send now."""
+        """Request a mission phase, and drop any earlier request; returns the frames to send now.
+
+        forward_only: the manager is to ignore the request unless a phase rule leads from the present phase to this one.
+        """
         self.withdraw_request()
         self._requests = (self._requests + 1) % REQUEST_NUMBERS
         detail = self._requests | (FORWARD_ONLY if forward_only else 0)
@@ -130,18 +141,18 @@ class Faults:
         return self._pend(self._request, now_ns)
 
     def repeat_request(self, now_ns: int) -> list[Frame]:
-        """Send the last request again with FORWARD_ONLY set, unless it was withdrawn; gives the frames to send now."""
+        """Send the last phase request again with FORWARD_ONLY set; returns its frames, none if it was withdrawn."""
         if self._request is None:
             return []
         return self._pend(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
 
     def withdraw_request(self) -> None:
-        """Withdraw the request for a phase, pending or not."""
+        """Drop the last phase request, whether or not it was acknowledged."""
         self._request = None
         self._drop([key for key in self._pending if key[0] is FaultCode.PHASE_REQUEST])
 
     def request_priority(self, function: int, priority: int, now_ns: int) -> list[Frame]:
-        """Request a priority of a function, in place of a request that is still pending; gives the frames to send."""
+        """Request a priority of a function, and drop an earlier request for it; returns the frames to send now."""
         self.withdraw_priority(function)
         number = (self._priority_numbers.get(function, 0) + 1) % PRIORITY_REQUEST_NUMBERS
         self._priority_numbers[function] = number
@@ -151,18 +162,24 @@ class Faults:
         return self._pend(request, now_ns)
 
     def repeat_priority(self, function: int, now_ns: int) -> list[Frame]:
-        """Send the last request for a function again, unchanged, if it was acknowledged; gives the frames to send."""
+        """Report the last request for a function once more, unchanged; returns its frames.
+
+        Returns none while the request is not acknowledged, since it is being repeated anyway.
+        """
         request = self._priorities[function]
         return [] if _key(request) in self._pending else self._pend(request, now_ns)
 
     def withdraw_priority(self, function: int) -> None:
-        """Withdraw the request for the priority of a function, pending or not."""
+        """Drop the last request for the priority of a function, whether or not it was acknowledged."""
         request = self._priorities.pop(function, None)
         if request is not None and _key(request) in self._pending:
             self._drop([_key(request)])
 
     def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:
-        """Take an acknowledgement of a fault, a restart or a request, and tell whether that was pending."""
+        """Stop repeating the reports that the manager has acknowledged; tells whether there were any.
+
+        kind, number: the fields of the acknowledgement (`Emergency.acknowledgement`).
+        """
         heard = [key for key, (_, emergency) in self._pending.items() if emergency.acknowledgement == (kind, number)]
         for key in heard:
             self._quiet_until_ns[key] = now_ns + FAULT_QUIET_NS
@@ -172,7 +189,7 @@ class Faults:
         return bool(heard)
 
     def clear(self, kind: int, index: int) -> list[Frame]:
-        """Clear the faults of an element, as the operator commanded; gives the frames to send now."""
+        """Clear the faults of an element; returns the EMCY that ends their report, none if there were no faults."""
         self._drop([key for key in self._pending if key[1:] == (kind, index)])
         self._quiet_until_ns = {key: ns for key, ns in self._quiet_until_ns.items() if key[1:] != (kind, index)}
         told = self._told.pop((kind, index), None)
@@ -182,12 +199,12 @@ class Faults:
         return [Frame(self._emcy_id, emergency.encode())]
 
     def tick(self, now_ns: int) -> list[Frame]:
-        """Give the frames of the pending reports that are due again."""
+        """Return the frames of the reports that are to be repeated now."""
         due = [emergency for at_ns, emergency in self._pending.values() if now_ns >= at_ns]
         return [frame for emergency in due for frame in self._pend(emergency, now_ns)]
 
     def _pend(self, emergency: Emergency, now_ns: int) -> list[Frame]:
-        """Give the frames of a report, and make it due again in a heartbeat period."""
+        """Repeat a report every heartbeat period from now on; returns its frames."""
         key = _key(emergency)
         self.changes += key not in self._pending
         self._pending[key] = (now_ns + self._period_ns, emergency)
@@ -198,7 +215,7 @@ class Faults:
         return frames
 
     def _event(self, emergency: Emergency) -> Frame:
-        """CANaerospace emergency event of a fault (V1.7, p. 9)."""
+        """Return the CANaerospace emergency event of a fault (CANaerospace V1.7, p. 9)."""
         index = emergency.index if emergency.index <= _LARGEST_BYTE else -1
         report = ErrorReport(emergency.code - 0x10000, emergency.kind, index)
         self._events = (self._events + 1) % 256

@@ -1,14 +1,14 @@
 """The gateway function of a PE on several buses: which frames it forwards from bus to bus (protocol rule 9).
 
-    down, from the uplink   commands that this PE itself accepts. LEASE and ALIVE are forwarded immediately when their
+    down, from the uplink   the commands that this PE accepts. LEASE and ALIVE are forwarded immediately when their
                             content is new, else once in the heartbeat period of the far bus; SLICE only toward its node
     up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and the
                             reports of gateways there
-    data                    as the slice commands: each source from the node to the ports that the slice names
+    data                    the data of each source that the slice names, from its producing node to the named ports
 
-If the producing module may also run on this side, forwarding its data up is an exclusive output of this PE (protocol
-rule 6). The reason: a manager that counts this PE as down counts all nodes beyond it as down, and may have started that
-module on this side.
+Some modules beyond the gateway may also run on the manager's side. Forwarding the data of such a module up is an
+exclusive output of this PE (protocol rule 6). The reason: a manager that considers this PE down considers all nodes
+beyond it down, and may have started the module on its own side.
 
 Frames to a radio away from the manager go through `radio_port`, which knows its bandwidth.
 
@@ -41,7 +41,7 @@ from heronry_wire.sansio import Send
 
 
 class Gateway:
-    """Decides which frames to forward from each port, and where to."""
+    """Decides which received frames a PE forwards, and to which ports."""
 
     def __init__(self, index: TableIndex) -> None:
         self._uplink = index.uplink
@@ -61,11 +61,11 @@ class Gateway:
 
     @property
     def rising_ids(self) -> set[int]:
-        """Identifiers of reports that are forwarded to the uplink from some port."""
+        """CAN identifiers of the reports that are forwarded from a far bus (away from the manager) to the uplink."""
         return {identifier for _, identifier in self._rising}
 
     def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
-        """Forward the data that a new slice names: by source the producing node and a mask of ports."""
+        """Set which data to forward: (producing node, bit mask of ports) by source, as in a slice."""
         sources = self._table.sources
         self._data = {sources[source].identifier: entry for source, entry in forward.items()}
         up = 1 << self._uplink
@@ -74,7 +74,10 @@ class Gateway:
         )
 
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
-        """Forward an accepted command; `meaning`: its bytes without those that change in every frame."""
+        """Return the copies of an accepted command for the far buses.
+
+        meaning: the bytes of the command without those that change in every frame.
+        """
         if command is Command.SLICE:
             return self.toward(slice_node(frame.data), frame)
         if command not in (Command.LEASE, Command.ALIVE):
@@ -82,17 +85,17 @@ class Gateway:
         return [Send(port, frame) for port in self._far if self._is_due(port, command, meaning, now_ns)]
 
     def toward(self, node: int, frame: Frame) -> list[Send]:
-        """Forward a frame for one node on a far bus, only on the port that leads to the node."""
+        """Return the copy of a frame for one node on a far bus; nothing if the node is on no far bus."""
         return [Send(port, frame) for port in self._far if node in self._beyond[port]]
 
     def up(self, port: int, frame: Frame) -> list[Send]:
-        """Forward a frame in which a node on a far bus reports on itself."""
+        """Return the copy for the uplink of a report that a node on a far bus has sent; nothing for another frame."""
         return [Send(self._uplink, frame)] if (port, frame.can_id) in self._rising else []
 
     def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
-        """Forward a datum that the slice names.
+        """Return the copies of a data frame for the ports that the slice names.
 
-        `exclusive_until_ns` gives the time until which exclusive data may go up.
+        exclusive_until_ns: returns until when (in ns) an exclusive frame may go to the uplink; None: it may not.
         """
         entry = self._data.get(frame.can_id)
         if entry is None or node_of(frame.data) != entry[0]:
@@ -106,11 +109,11 @@ class Gateway:
 
     @property
     def data_ids(self) -> frozenset[int]:
-        """Identifiers of data that may have to be forwarded."""
+        """CAN identifiers of the data that the slice has this PE forward."""
         return frozenset(self._data)
 
     def _is_due(self, port: int, command: Command, meaning: bytes, now_ns: int) -> bool:
-        """Tell whether to forward a LEASE or ALIVE: once a period on average, even if it comes a little early."""
+        """Tell whether to forward a LEASE or ALIVE: at once if its content is new, else once in a heartbeat period."""
         period_ns = self._ports[port].heartbeat_ns
         said, due_ns = self._last.get((port, command), (b"", now_ns))
         if said == meaning and now_ns < due_ns - slack_ns(period_ns):

@@ -1,10 +1,10 @@
 """Which part of the agent takes a frame, by one look-up of its identifier.
 
-There are two kinds of handlers. *Fixed* handlers take state frames and echoes of other PEs, commands (verified by
-`authenticity` first if the PE has a key), the CANopen services, and reports from beyond a gateway. *Data* handlers take
-the data that the configuration has this PE read or forward; they are made anew with each step of a configuration
-(`rewire`). If two handlers claim an identifier, the later one gets it. This node's own identifiers come last: a frame
-under one of them comes from another node with the same node-ID.
+There are two kinds of handlers. *Fixed* handlers take state frames and output echoes of other PEs, commands (verified
+by `authenticity` first if the PE has a key), the CANopen services, and reports from beyond a gateway. *Data* handlers
+take the data that the configuration has this PE read or forward; they are made anew with each activation step
+(`rewire`). This node receives a frame under one of its own identifiers only if another node has the same node-ID; the
+handlers of these identifiers override all others.
 
 *Quiet* identifiers are those whose frames change no deadline and cause no state frame: this covers most frames.
 """
@@ -33,7 +33,7 @@ _OWN = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
 
 
 class Inbound:
-    """Hands each received frame to the part of one PE that takes it."""
+    """Finds the part of the agent that handles a received frame, by its CAN identifier."""
 
     def __init__(
         self,
@@ -49,11 +49,11 @@ class Inbound:
         services: Iterable[tuple[int, Handler]],
         followed: Collection[str] | None,
     ) -> None:
-        """Make the fixed handlers; the first `rewire` makes the data handlers.
+        """Make the handlers that never change; the first `rewire` adds those of data frames.
 
-        commands: handlers of the frames of managers; services: handlers of CANopen and node services; both by
-        identifier.
-        followed: actuators of other PEs whose echoes the plant of this PE follows; None: all.
+        commands: the identifiers of manager commands, each with its handler.
+        services: the identifiers of CANopen and of node services, each with its handler.
+        followed: names of the actuators of other PEs whose output echoes go to the plant of this PE; None: all of them.
         """
         self._turn, self._index = turn, index
         self._output_authorization, self._reconfiguration, self._modules = (
@@ -71,12 +71,12 @@ class Inbound:
         self.quiet = self._quiet_ids()
 
     def rewire(self) -> None:
-        """Make the data handlers of the present configuration."""
+        """Make the handlers of data frames for the configuration that runs now."""
         self.handlers = self._fixed | self._data_handlers()
         self.quiet = self._quiet_ids()
 
     def withdraw_exclusive(self) -> None:
-        """Withdraw the exclusive frames that wait to be sent, since another PE may now send under these identifiers."""
+        """Withdraw unsent exclusive frames, since another PE may now send under their identifiers."""
         self._turn.withdraw(self._index.identifiers(self._modules.exclusive_sources) | self._gateway.contested_ids)
 
     def _fixed_handlers(
@@ -121,11 +121,10 @@ class Inbound:
         turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
 
     def _contested_until_ns(self, now_ns: int) -> int | None:
-        """Time in ns until which the exclusive frame that has just arrived may be forwarded to the uplink.
+        """Time in ns until which the received exclusive frame may be forwarded to the uplink; None: it may not.
 
-        None: the frame may not be forwarded there. A frame that arrived during a pause of this process is never
-        forwarded there: a command that ends the authorization may have arrived after it, and not have been executed
-        yet.
+        It may not if it arrived during a pause of this process: a command that arrived after it, and is still unread,
+        may end the authorization.
         """
         turn = self._turn
         return (
@@ -136,10 +135,7 @@ class Inbound:
         self._turn.out += self._gateway.up(event.port, event.frame)
 
     def _state(self, event: Received) -> None:
-        """Handle a state frame of another PE, which may show that this PE is overtaken.
-
-        Only its epoch is read, for speed.
-        """
+        """Note that another PE is heard, and compare its epoch with that of this PE, which may be overtaken."""
         data = event.frame.data
         if len(data) != STATE_BYTES:
             self._turn.count("malformed state", event.frame.can_id)
@@ -154,7 +150,7 @@ class Inbound:
             self._from_beyond(event)
 
     def _echo(self, event: Received) -> None:
-        """Handle an output echo of another PE: hand the actuator's commanded value to the plant of this PE."""
+        """Hand the value in another PE's output echo to the plant of this PE."""
         heard = self._modules.heard_echo(event.frame)
         if heard is not None:
             self._turn.out.append(Heard(*heard))
@@ -166,11 +162,13 @@ class Inbound:
             self._output_authorization.clashed(self._turn.arrived_ns)
         if not self._clash_is_noted:
             self._clash_is_noted = True
-            self._turn.note("clash", f"another node has node-ID {self._index.node}: it sent {event.frame.can_id}")
+            self._turn.note(
+                "clash", f"another node has node-ID {self._index.node}: it sent identifier {event.frame.can_id}"
+            )
 
 
 def _echo_ids(table: PeTable, followed: Collection[str] | None) -> Collection[int]:
-    """Identifiers of the output echoes of the PEs that have these actuators."""
+    """CAN identifiers of the output echoes that show the `followed` actuators; None: of all output echoes."""
     if followed is None:
         return ECHO_NODES.keys()
     return {actuator_echo_id(device.node) for device in table.devices if device.name in followed}

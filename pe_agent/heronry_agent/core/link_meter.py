@@ -7,19 +7,21 @@ Two things can be measured at any CAN interface:
                 achieves. This is not measured where the driver cannot tell how long a frame took
     delivered   state frames carry a sequence for each bus, data and echoes one for each identifier: a gap is a loss
 
-The usable share is the product of both, over the last ten heartbeat periods; if the last two periods are worse by half,
-they alone count. The asymmetry is intended: a late reduction lets a queue grow, an early one does no harm.
+The usable bit rate is the carried bit rate times the share of the frames that were delivered, both over the last ten
+heartbeat periods. If the last two periods alone give less than half of it, only they count: it is better to reduce the
+bandwidth too early than too late, since a late reduction lets a queue grow.
 
 An *outage* is silence in both directions, and says nothing about the bandwidth before and after it. It counts as one
 lost frame of each sender; the frame of this node that was stuck in the controller is not counted.
 
-The radio is *gone* when no frame was heard for as many periods as its bus allows to be missed, and an eighth. So all
-nodes beyond are lost together, before any one of them is missed by itself. When a frame is heard again, the measurement
-begins anew.
+The radio is *gone* when no frame has been heard for the number of periods that a node of its bus may miss, and an
+eighth of a period. So the manager learns that everything beyond the radio is lost, before it would declare the first of
+those nodes down. When a frame is heard again, the measurement begins anew.
 
-A sequence begins anew after a reboot of its sender. It also does so after ten periods in which other sources were heard
-and this one was not, because its frames may have taken another route. A doubled or late frame is not counted as a loss.
-A forged state frame looks like a loss: that reduces the bandwidth to the ground, and does not affect the aircraft.
+Counting of a sequence begins anew if its numbers jump (its sender has rebooted), or if the sequence was not heard for
+ten periods (its frames may have taken another route). A doubled or late frame is not counted as a loss. A forged state
+frame looks like a loss: it reduces the bandwidth that the gateway uses toward the ground, and does not affect the
+aircraft.
 """
 
 from collections import deque
@@ -53,7 +55,7 @@ class _Period:
 
 
 class _Numbered(NamedTuple):
-    """The last frame of a sequence."""
+    """The last frame that came of one sequence of numbered frames."""
 
     sequence: int
     time_ns: int
@@ -76,7 +78,7 @@ class LinkMeter:
         self._outages = 0  # number of outages that are over
 
     def heard(self, frame: Frame, now_ns: int) -> bool:
-        """Note a frame from beyond the radio, and tell whether the radio was gone before."""
+        """Note a frame that came from the radio; tells whether the radio was gone until now."""
         was_gone, self.gone = self.gone, False
         if was_gone:
             self._begin_anew()
@@ -92,7 +94,7 @@ class LinkMeter:
         self._in_flight_bits = 0
 
     def left(self, frame: Frame, took_ns: int) -> None:
-        """Note that the frame in the controller has left it after `took_ns`; 0: the driver cannot tell."""
+        """Note that this frame has left the controller, `took_ns` after it was handed over; 0: the time is unknown."""
         heard_bits, self._in_flight_bits = self._in_flight_bits, None
         if took_ns <= 0 or heard_bits is None:
             return
@@ -101,14 +103,14 @@ class LinkMeter:
             self._periods[-1].busy_ns += took_ns
 
     def stuck(self, took_ns: int) -> None:
-        """Note that the frame in the controller was given up after `took_ns`."""
+        """Note that the frame in the controller has not left it within `took_ns`, and is no longer waited for."""
         heard_bits, self._in_flight_bits = self._in_flight_bits, None
         if heard_bits:
             self._periods[-1].bits += heard_bits
             self._periods[-1].busy_ns += took_ns
 
     def next_period(self) -> None:
-        """Note the end of a heartbeat period."""
+        """Begin to count in a new heartbeat period."""
         self._periods.append(_Period())
 
     @property
@@ -117,13 +119,13 @@ class LinkMeter:
         return NEVER_NS if self.gone else self._heard_ns + self._patience_ns
 
     def usable(self) -> int:
-        """Usable bandwidth, in thousandths of the bit rate."""
+        """Usable bandwidth of the radio, in thousandths of its bit rate."""
         long = self._carried(RADIO_WINDOW_PERIODS) * self._delivered(RADIO_WINDOW_PERIODS) // PER_MILLE
         quick = self._carried(RADIO_QUICK_PERIODS + 1) * self._delivered(RADIO_QUICK_PERIODS + 1) // PER_MILLE
         return quick if quick * _QUICK_SHARE <= long else long
 
     def delivered_percent(self) -> int:
-        """Share of the frames sent beyond the radio that have arrived here, in per cent."""
+        """Percentage of the frames sent by nodes beyond the radio that have arrived here."""
         return self._delivered(RADIO_WINDOW_PERIODS) // 10
 
     def _carried(self, periods: int) -> int:
@@ -140,7 +142,7 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count the frames that were lost between the last numbered frame of a sender and this one."""
+        """Count how many frames have come, and should have come, from the sender of a frame since its last frame."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return

@@ -1,13 +1,13 @@
 """The inputs of the modules: the last datum of every source that this PE reads, and when a module gets it.
 
-A mailbox belongs to one source and to one origin: this PE, or the node that the slice names. If a new slice keeps the
+A mailbox belongs to one source and one origin: the PE on which the source's module runs. If a new slice keeps the
 origin, the mailbox keeps its datum. If the origin changes, the mailbox is emptied, since a datum of the old producer
 must not be used any more. A datum from another node, of another type, or without a version is refused.
 
-A leaf gets a datum if the leaf accepts its version and the datum is fresh: no older than three of the longest periods
-of its source. Before the first datum a leaf gets the variable's `initial` value, if there is one, in the best version
-that the leaf accepts; so feedback cycles can start. Once a datum has come, the initial value is not used again: a datum
-that is too old counts as absent.
+A leaf gets a datum if the leaf accepts its version and the datum is fresh: no older than three periods of its source
+(of its slowest mode). Before the first datum a leaf gets the variable's `initial` value, if there is one, in the best
+version that the leaf accepts; so feedback cycles can start. Once a datum has come, the initial value is not used again:
+a datum that is too old counts as absent.
 
 A value that stays on this PE passes through the same codec as a value on a bus, so a module gets the same number
 wherever its producer runs: a FLOAT has single precision everywhere.
@@ -28,14 +28,17 @@ _TRUSTED = (Validity.NOT_STATED, Validity.VALID, Validity.DEGRADED)
 
 
 class Mailbox:
-    """The last datum of one source from one origin."""
+    """The last datum of one source, from the one PE that produces the source."""
 
     __slots__ = ("_data", "_length", "_max_age_ns", "_status", "_time_ns", "_type_code", "_value", "node")
 
     def __init__(self, node: int, type_code: int, payload_bytes: int, max_age_ns: int) -> None:
-        """node: node-ID of the producer's PE. The other arguments describe the data frames.
+        """Describe the data frames of a source.
 
-        `max_age_ns`: how long one is fresh.
+        node: node-ID of the PE that produces the source.
+        type_code: data type of CANaerospace.
+        payload_bytes: length of the value.
+        max_age_ns: time in ns for which a datum counts as fresh.
         """
         self.node = node
         self._type_code = type_code
@@ -47,9 +50,9 @@ class Mailbox:
         self._value: Value | None = None
 
     def put(self, data: bytes, now_ns: int) -> bool:
-        """Take the bytes of a data frame.
+        """Store the datum in a data frame's bytes; `now_ns` is its time of arrival.
 
-        False where its node, type, length or status byte does not fit this source.
+        Returns False, and stores nothing, if node, type, length or status byte is not that of this source.
         """
         if len(data) != self._length:
             return False
@@ -67,7 +70,7 @@ class Mailbox:
         return self._time_ns is None
 
     def read(self, best: int, worst: int, now_ns: int) -> Datum | None:
-        """Give the datum if it is fresh and its version is accepted."""
+        """Return the datum if it is fresh and its version is in `best..worst`; otherwise None."""
         if self._time_ns is None or not best <= self._status.version <= worst:
             return None
         age_ns = now_ns - self._time_ns
@@ -90,7 +93,7 @@ class _Wire:
 
 
 class Mailboxes:
-    """Mailboxes of all sources that this PE reads, and the wires from the mailboxes to the leaves."""
+    """The mailboxes of all sources that this PE reads, and which mailbox supplies each leaf of its modules."""
 
     def __init__(self, index: TableIndex) -> None:
         self._index = index
@@ -98,7 +101,7 @@ class Mailboxes:
         self._wires: dict[int, tuple[_Wire, ...]] = {}
 
     def rewire(self, wanted: Slice) -> None:
-        """Make the mailboxes and wires of a new slice; a mailbox whose origin stays keeps its datum."""
+        """Make the mailboxes that a new slice needs; a source that stays on its PE keeps its mailbox and datum."""
         read = {source for module in wanted.modules for source in module.sources if source is not None}
         self.boxes = {source: self._box(source, wanted.remote.get(source, self._index.node)) for source in sorted(read)}
         self._wires = {
@@ -107,7 +110,7 @@ class Mailboxes:
         }
 
     def inputs(self, module: int, now_ns: int) -> Mapping[str, tuple[str, Datum]]:
-        """Inputs of a module now: (variable, datum) by leaf path; absent data are left out."""
+        """Return the present inputs of a module: (variable, datum) by path of the leaf, without absent data."""
         seen = {}
         for wire in self._wires[module]:
             datum = wire.box.read(wire.best, wire.worst, now_ns)

@@ -1,10 +1,11 @@
 """Which manager a PE follows: that of the highest term heard (protocol rule 7), and whether its lease still runs.
 
 A term belongs to the manager that was first heard with it. Two managers never use the same term, so a command of
-another manager under that term is as stale as one with a lower term. The lease runs as long as a LEASE of the highest
-term came within T_lease. If the lease is lost, modules continue (policy `keep`); the state frames report the loss, and
-the standby manager counts those reports. A manager that has just become active does not know what runs, nor which PEs
-have released their exclusive outputs, until a LEASE or ACTIVATE of its term names the last step (`has_activated`).
+another manager with this term is refused, as is a command with a lower term. The lease runs as long as a LEASE of the
+highest term came within T_lease. If the lease is lost, modules continue (policy `keep`); the state frames report the
+loss, and the standby manager counts those reports. A manager that has just become active knows neither what runs nor
+which PEs have released their exclusive outputs. A LEASE or ACTIVATE of its term with the step GO_ALL shows that it now
+knows both (`has_activated`).
 
 Up to four LEASEs in a row may be lost within T_lease. A doubled LEASE has no effect. A late LEASE counts from its time
 of arrival, not from when it is read, so that a pause of the process does not prolong a lease. For forged ones see
@@ -24,7 +25,7 @@ class Mastership:
     """The highest term heard, its manager, and when its last LEASE came."""
 
     def __init__(self, lease_ns: int) -> None:
-        """lease_ns: T_lease, how long one LEASE is valid."""
+        """Begin without a manager; `lease_ns` is T_lease, the time for which one LEASE is valid."""
         self._lease_ns = lease_ns
         self.term = NO_TERM
         self.manager = 0
@@ -32,7 +33,7 @@ class Mastership:
         self._leased_ns: int | None = None
 
     def admits(self, manager: int, term: int) -> bool:
-        """Tell whether a command of this manager and term is accepted; remembers the term if it is the highest."""
+        """Tell whether to accept a command of this manager with this term; notes a term that is higher than before."""
         if not NO_TERM < term <= MAX_TERM:
             return False
         if term > self.term:

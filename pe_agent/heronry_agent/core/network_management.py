@@ -75,13 +75,20 @@ class NetworkManagement:
         self.next_ns = now_ns
 
     def state(self, *, configured: bool, managed: bool) -> NmtState:
-        """NMT state now; a manager that is heard, or has configured this PE, cancels earlier NMT commands."""
+        """Return the present NMT state.
+
+        configured: a manager has configured this PE. managed: a manager is heard. Either of them cancels an earlier NMT
+        command.
+        """
         if configured or managed:
             self._commanded = NmtState.PRE_OPERATIONAL
         return NmtState.OPERATIONAL if configured else self._commanded
 
     def command(self, data: bytes, now_ns: int, *, configured: bool, managed: bool) -> NmtOutcome:
-        """Take the bytes of an NMT command, and give its outcome."""
+        """Execute or refuse an NMT command, given as its bytes; returns what became of it.
+
+        configured: a manager has configured this PE. managed: a manager is heard. In both cases the command is refused.
+        """
         command = decode_command(data)
         if command is None or command.code not in (*_COMMANDED, *_RESETS):
             return NmtOutcome.MALFORMED
@@ -99,17 +106,17 @@ class NetworkManagement:
         return NmtOutcome.RESET
 
     def admits_heartbeat(self, time_ms: int) -> bool:
-        """Tell whether a heartbeat period in ms is allowed; 0 switches the heartbeat off."""
+        """Tell whether `time_ms` is allowed as the heartbeat period; 0 switches the heartbeat off."""
         return time_ms == 0 or SHORTEST_HEARTBEAT_MS <= time_ms <= 0xFFFF
 
     def set_heartbeat(self, time_ms: int, now_ns: int) -> None:
-        """Send the heartbeat with this period from now on, the first one a whole period from now."""
+        """Set the heartbeat period to `time_ms`; the next heartbeat is sent one period from now (0: none is sent)."""
         self.heartbeat_ms = time_ms
         if self.booted:
             self.next_ns = now_ns + time_ms * _NS_PER_MS if time_ms else NEVER_NS
 
     def tick(self, now_ns: int, *, configured: bool, managed: bool) -> list[Send]:
-        """Send the heartbeat if it is due; the first one is the boot-up."""
+        """Return the heartbeat frames that are due; the first ones are the boot-up."""
         if now_ns < self.next_ns:
             return []
         state = self.state(configured=configured, managed=managed) if self.booted else NmtState.INITIALISING

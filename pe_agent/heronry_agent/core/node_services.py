@@ -41,7 +41,7 @@ class NodeServices:
     """Answers the node services of one PE."""
 
     def __init__(self, node: int, period_ns: int, network: NetworkManagement) -> None:
-        """period_ns: heartbeat period of the uplink."""
+        """Begin without a time stamp; `period_ns` is the heartbeat period of the uplink."""
         self._node, self._period_ns = node, period_ns
         self._network = network
         self._identification = IdentificationService(node)
@@ -60,7 +60,7 @@ class NodeServices:
         return min(self._identification.next_ns, self._state_due_ns)
 
     def take(self, port: int, frame: Frame, now_ns: int) -> list[Send] | Malformed:
-        """Take a request; gives the frames to send immediately, or the reason why the request is malformed."""
+        """Process a request; returns the frames to send now, or the reason why the request is malformed."""
         request = decode_service(frame)
         if isinstance(request, Malformed):
             return request
@@ -73,7 +73,7 @@ class NodeServices:
         return answer_to(port, request, now_ns)
 
     def tick(self, now_ns: int) -> tuple[list[Send], bool]:
-        """Give the answers that are due, and tell whether to send pages 0 and 1 of the state now."""
+        """Return the answers that are due, and whether STS demands pages 0 and 1 of the state now."""
         is_state_due = now_ns >= self._state_due_ns
         if is_state_due:
             self._state_due_ns, self._stated_ns = NEVER_NS, now_ns
@@ -81,11 +81,11 @@ class NodeServices:
 
     @property
     def time_stamp(self) -> int:
-        """Time stamp of the last NSS; 0 before the first one."""
+        """Time stamp in the last NSS; 0 if none has come."""
         return 0 if self._time is None else self._time[0]
 
     def time_age_ms(self, now_ns: int) -> int:
-        """Age of the time stamp in ms; NO_TIME where there was none."""
+        """Time in ms since the last NSS came; NO_TIME if none has come."""
         return NO_TIME if self._time is None else min((now_ns - self._time[1]) // _NS_PER_MS, NO_TIME - 1)
 
     def _synchronise(self, _port: int, request: ServiceMessage, now_ns: int) -> list[Send]:

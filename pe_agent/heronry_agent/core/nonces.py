@@ -1,7 +1,8 @@
-"""The nonces of a PE with a key: an answer whose tag covers a nonce is proven to be fresh (protocol rule 11).
+"""The nonces of a PE with a key: numbers used once, which prove that an answer is not an old one (protocol rule 11).
 
-A nonce is valid for T_lease; then a new one is drawn. The salt is different at every start of the agent, so no nonce
-can be predicted, and none is used twice. A nonce carries a tag of its own: a manager answers no nonce without it.
+A WELCOME answers a nonce, and its tag covers the nonce. A nonce is valid for T_lease; then a new one is drawn. The salt
+is different at every start of the agent, so nonces are never predictable or used twice. A nonce contains a tag of its
+own, by which a manager recognizes that a PE with the key has sent it.
 """
 
 from hashlib import blake2s
@@ -13,16 +14,20 @@ class Nonces:
     """Draws the nonces of one PE."""
 
     def __init__(self, key: Key, node: int, salt: bytes, *, serves_ns: int, now_ns: int) -> None:
-        """salt: secret, different at every start. serves_ns: how long an answer to a nonce is accepted."""
+        """Begin without a nonce.
+
+        salt: secret bytes, different at every start.
+        serves_ns: time in ns for which a nonce is valid.
+        """
         self._key, self._node, self._salt, self._serves_ns = key, node, salt, serves_ns
         self._nonce, self._drawn, self._drawn_ns = NO_NONCE, 0, now_ns
 
     def good(self, now_ns: int) -> int:
-        """Nonce to which an answer is still accepted; NO_NONCE if there is none."""
+        """Return the nonce that is valid now; NO_NONCE if there is none."""
         return self._nonce if now_ns - self._drawn_ns <= self._serves_ns else NO_NONCE
 
     def to_say(self, now_ns: int) -> int:
-        """Give the nonce to send now: the present one while it is valid, else a new one."""
+        """Return the nonce to send now: the valid one, or else a new one."""
         if self.good(now_ns) == NO_NONCE:
             self._drawn, self._drawn_ns = self._drawn + 1, now_ns
             digest = blake2s(self._drawn.to_bytes(8), key=self._salt, digest_size=DRAWN_BITS // 8).digest()

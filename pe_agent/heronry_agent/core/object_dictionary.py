@@ -1,8 +1,8 @@
 """Serves the objects of `canopen_objects`: their values as bytes, and their access rights (CiA 301, 7.4).
 
 The dictionary checks types, lengths and access rights. The caller gives a function for each value; it is called when a
-client reads the value. If a variable has no function, or a function no object, the constructor raises InvariantError:
-so `canopen_objects`, the EDS and the served objects agree.
+client reads the value. The constructor raises InvariantError if a variable lacks its function, or a function its
+object. So the served objects are exactly those of `canopen_objects` and of the EDS.
 
 An array element that does not exist at present is answered with NO_DATA. A write to an object that may be written, but
 has no writer function, is answered with UNSUPPORTED. A value is written as a whole, or refused with a reason; no
@@ -29,7 +29,7 @@ _ENTRIES = {entry.index: entry for entry in OBJECTS}
 
 
 class ObjectDictionary:
-    """All objects of one node."""
+    """The CANopen objects of one node: reads and writes their values."""
 
     def __init__(
         self,
@@ -41,9 +41,12 @@ class ObjectDictionary:
         bytes_writers: Mapping[Place, BytesWriter],
         takes_bytes: Callable[[], bool],
     ) -> None:
-        """Take the functions that read and write the objects; a Place is index and sub-index.
+        """Take the functions that read and write the values, by place: (index, sub-index).
 
-        takes_bytes: tells, before the first byte of a long value comes, whether long values are accepted at all.
+        readers: return the value of a variable.
+        arrays: return the elements of an array, by index.
+        number_writers, bytes_writers: write a value; they return None, or the reason why they refuse it.
+        takes_bytes: tells whether values of any length are accepted now; asked before the first byte comes.
         """
         self._node = node
         self._readers, self._arrays = readers, arrays
@@ -66,9 +69,9 @@ class ObjectDictionary:
         return value if isinstance(value, Abort) else _encode(variable.type, value)
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Give the number of bytes that may be written to an object, or the reason why it cannot be written.
+        """Return how many bytes may be written to an object, or the reason why it cannot be written.
 
-        `length`: the announced length, if there is one.
+        length: the length that the client has announced, or None.
         """
         variable = self._variable(index, sub_index)
         if isinstance(variable, Abort):
@@ -84,7 +87,7 @@ class ObjectDictionary:
         return Abort.LENGTH if length not in (None, variable.type.length) else variable.type.length
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
-        """Write a value for which `room` was called before; gives None, or the reason why the value is refused."""
+        """Write a value; returns None, or the reason why the value is refused. Call `room` first."""
         if (index, sub_index) in self._bytes_writers:
             return self._bytes_writers[index, sub_index](data)
         variable = _ENTRIES[index].variable(sub_index)
@@ -124,20 +127,20 @@ class ObjectDictionary:
 
 
 class Locked:
-    """An object dictionary that can be read at any time, and written only while it is not locked."""
+    """An object dictionary that refuses to begin a write while `is_locked` returns True; reads are always allowed."""
 
     def __init__(self, objects: ObjectDictionary, is_locked: Callable[[], bool]) -> None:
         self.read, self.write = objects.read, objects.write  # never locked: a download that `room` admitted may end
         self._room, self._is_locked = objects.room, is_locked
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """As in ObjectDictionary, but refuse every write while the dictionary is locked."""
+        """Return what `ObjectDictionary.room` returns, but a refusal while writing is locked."""
         room = self._room(index, sub_index, length)
         return Abort.DEVICE_STATE if isinstance(room, int) and self._is_locked() else room
 
 
 def _needed() -> Iterator[Place | int]:
-    """Places of values, and indices of arrays, for which the caller has to give a function."""
+    """Yield everything for which the constructor needs a function: places of variables, and indices of arrays."""
     for entry in OBJECTS:
         if _is_alive(entry):
             yield entry.index
@@ -157,7 +160,7 @@ def _is_alive(entry: Entry) -> bool:
 
 
 def _encode(kind: Type, value: Value) -> bytes:
-    """Encode a value, numbers little-endian; a number beyond the range of its type becomes the largest of that type."""
+    """Return a value as bytes, a number little-endian; a number too large for its type becomes the largest one."""
     if isinstance(value, int):
         assert kind.length is not None
         return min(value, (1 << 8 * kind.length) - 1).to_bytes(kind.length, "little")

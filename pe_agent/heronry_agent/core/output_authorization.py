@@ -1,54 +1,55 @@
 """Whether this PE may drive an exclusive output, which no other PE may drive at the same time (protocol rule 6).
 
-Exclusive outputs are the steps of DEMUX branches and the frames of modules that may run elsewhere. They are authorized
-while all four conditions hold. The conditions are checked before every output with the time of that moment, so that a
-pause of the process counts:
+Two kinds of output are exclusive: whatever a DEMUX branch does in its steps, and the data frames of a module that may
+also run on another PE. They are authorized while all four conditions hold. The conditions are checked before every
+output with the time of that moment, so that a pause of the process counts:
 
 (a) The last accepted ALIVE names this PE. Before the first ALIVE nothing is authorized: ALIVE follows every LEASE, so a
     PE that has received a configuration has heard an ALIVE. After a new term begins, the last ALIVE of the old term
-    remains valid until the first ALIVE of the new term, a period later at most.
+    remains valid until the first ALIVE of the new term, which comes within a period.
 
-(b) A state frame, LEASE or ALIVE of another node has arrived within T_lease. Only these frames count, because they
-    carry the evidence for (a) and (c): a PE that comes back from a pause must not rely on a frame that cannot show that
-    the PE was replaced. Only frames on the uplink count: the manager considers a gateway that is cut off from the
-    uplink as down, even if the gateway hears nodes behind itself.
+(b) A state frame, LEASE or ALIVE of another node has arrived within T_lease. Other frames do not count, because they
+    cannot show, by (a) or (c), that this PE was replaced, for example during a pause of its process. Only frames on the
+    uplink count: the manager considers a gateway that is cut off from the uplink as down, even if the gateway hears
+    nodes on its far buses.
 
-(c) This PE is not overtaken: no state frame, and no LEASE at a step after PREPARED, has named an epoch newer than that
-    of this PE, or another digest under the same epoch number. A PE is overtaken until it takes the last step of a
-    configuration, or LEASE names that step. Before that, a PE that took over in the meantime may not have released its
-    outputs, even if this PE is to drive them again.
+(c) This PE is not *overtaken*. It becomes overtaken when a state frame of another PE, or a LEASE at an activation step
+    after PREPARED, names a newer epoch than its own, or when LEASE names its epoch number with another digest. It
+    ceases to be overtaken when it takes the last activation step (GO_ALL) of a configuration, or when LEASE names its
+    configuration at that step. Until then a PE that took over in the meantime may still drive the outputs, even if this
+    PE is to drive them again.
 
 (d) No frame of another node with this PE's node-ID has arrived within T_lease: the manager may mistake that node for a
     restart of this PE, and give the outputs of this PE to another PE. With a key the manager cannot make that mistake,
     and this condition is not checked.
 
-After a silence, one frame of another node is not enough evidence. If that node has just restarted, or was cut off as
-well, its frame does not show that this PE was replaced. Nor does an ALIVE of a manager that has just become active,
-since that manager counts every PE that it hears as available. So after a silence longer than T_lease this PE is in
+After a silence, one frame of another node does not prove that this PE was not replaced: that node may have just
+restarted, or may have been cut off too. An ALIVE of a manager that has just become active does not prove it either,
+since this manager considers every PE available that it hears. So after a silence longer than T_lease this PE is in
 *doubt*, and holds its outputs back. The doubt ends when an ALIVE names this PE and comes from a manager that has
 brought a configuration to its last step: before that step, the PE that replaced this one may not have released the
-outputs. Without such a manager the doubt ends when this PE has heard other nodes for T_lease: a PE that replaced it is
-among them, and reports its newer epoch every period.
+outputs. Without such a manager the doubt ends when this PE has heard other nodes for T_lease: if another PE replaced
+it, that PE is among them and reports its newer epoch every period.
 
-For the frames of a module that may run elsewhere the limit in (b) is two periods, and a frame that could not start by
-then is dropped. The reason: a manager that does not hear this PE gives its identifiers to another PE after three
-periods and a quarter. A PE whose connection returns in between must not send under these identifiers before it has
-heard the manager's decision. If the manager does not receive the frames of this PE, it sends PING once in a period.
-From two periods after the first PING on, the PE holds these frames back as well, until an ALIVE comes a period and an
-eighth or more after the last PING. When a frame ends (a), (c) or (d), frames that wait under these identifiers are
-withdrawn (`revoked`): a PE whose transmission failed has been replaced, and must not send them when its transmission
-works again.
+For the frames of a module that may run elsewhere the limit in (b) is two heartbeat periods, and a frame whose
+transmission could not start by then is dropped. The reason: a manager that does not hear this PE gives its identifiers
+to another PE after three periods and a quarter. A PE whose connection returns in between must not send under these
+identifiers before it has heard the manager's decision. If the manager does not receive the frames of this PE, it sends
+PING once in a period. From two periods after the first PING on, the PE holds these frames back as well, until an ALIVE
+comes a period and an eighth or more after the last PING. When a frame ends (a), (c) or (d), frames that wait under
+these identifiers are withdrawn (`revoked`): a PE whose transmitter had failed has been replaced, and must not send them
+when the transmitter works again.
 
 A lost, late or doubled frame can only withdraw an authorization, never give one. Without a key a forged LEASE or state
 frame can hold the outputs back until the next true LEASE, and forged PINGs can hold back the frames of modules that may
 run elsewhere. Only a forged ALIVE could release outputs, so the management protocol must be protected.
 
-With a key the evidence for (c) is proven: a LEASE or ACTIVATE that is accepted, or one whose tag the key has made
-(`authenticity`). The states of neighbours are not proven, and do not count, since nobody else can have been given the
-outputs of a PE that has heard other nodes all the time without a manager having said so on the bus it hears: first an
-ALIVE that leaves it out, T_lease later the LEASE of the newer epoch, and both in every period. After a silence longer
-than T_lease this PE may have missed all of that, so the states of neighbours count until an ALIVE that names it ends
-the doubt. A forger cannot cause that silence: every frame that it sends is heard.
+With a key only proven evidence counts for (c): a LEASE or ACTIVATE that is accepted, or one whose tag was made with the
+key (`authenticity`). State frames of other PEs carry no proof that this PE could check, and do not count. They are not
+needed while this PE hears other nodes: if its outputs were given to another PE, it would also hear the manager's ALIVE
+that does not name it, and T_lease later the LEASE with the newer epoch, both repeated every period. After a silence
+longer than T_lease this PE may have missed these, so until the doubt ends the state frames of other PEs count, too. A
+forger cannot cause that silence: every frame that it sends is heard.
 """
 
 from collections.abc import Callable
@@ -58,10 +59,14 @@ from heronry_wire.protocol_times import IDENTIFIER_PERIODS, LEASE_PERIODS
 
 
 class OutputAuthorization:
-    """The four conditions of one PE, computed from the frames that it has received."""
+    """Computes, from the frames that one PE has received, whether its exclusive outputs are authorized."""
 
     def __init__(self, lease_ns: int, *, has_key: bool = False) -> None:
-        """lease_ns: T_lease, the time within which another node must be heard. has_key: commands are proven."""
+        """Begin without authorization.
+
+        lease_ns: T_lease, the time within which another node must be heard.
+        has_key: commands are verified with a key.
+        """
         self._has_key = has_key
         self.revoked: Callable[[], None] = _withdraw_nothing  # called when a frame has ended an authorization
         self._lease_ns = lease_ns
@@ -77,14 +82,11 @@ class OutputAuthorization:
         self._pinged_ns = 0  # time of the last PING
 
     def allows(self, now_ns: int) -> bool:
-        """Tell whether an exclusive output may be driven at this moment."""
+        """Tell whether exclusive outputs are authorized at this moment."""
         return now_ns <= self.until_ns(now_ns)
 
     def until_ns(self, now_ns: int) -> int:
-        """Time in ns until which exclusive outputs may be driven if no frame comes.
-
-        Before now: they may not be driven.
-        """
+        """Time in ns at which the authorization ends if no frame comes; a time before now: not authorized."""
         if not self._named or self._overtaken or self._heard_ns is None:
             return now_ns - 1
         if not self._is_past(self._doubted_ns, now_ns) or not self._is_past(self._clashed_ns, now_ns):
@@ -92,10 +94,7 @@ class OutputAuthorization:
         return self._heard_ns + self._lease_ns
 
     def identifiers_until_ns(self, now_ns: int) -> int | None:
-        """Time in ns until which frames of modules that may run elsewhere may be sent.
-
-        None: they may not be sent now.
-        """
+        """Time in ns until which data frames of modules that may move to another PE may be sent; None: not now."""
         if not self.allows(now_ns) or self._heard_ns is None or not self._is_past(self._identifiers_doubted_ns, now_ns):
             return None
         since_ns = self._heard_ns if self._missed_ns is None else min(self._heard_ns, self._missed_ns)
@@ -103,7 +102,7 @@ class OutputAuthorization:
         return until_ns if now_ns <= until_ns else None
 
     def heard(self, arrived_ns: int) -> None:
-        """Note the time of arrival of a state frame, LEASE or ALIVE on the uplink."""
+        """Note a state frame, LEASE or ALIVE that arrived on the uplink at `arrived_ns`."""
         last_ns = self._heard_ns
         if last_ns is None or arrived_ns > last_ns:
             self._heard_ns = arrived_ns
@@ -113,17 +112,18 @@ class OutputAuthorization:
                     self._doubted_ns = self._hears_since_ns = arrived_ns
 
     def hears_since_ns(self, arrived_ns: int) -> int:
-        """Time in ns at which the last silence longer than T_lease ended.
+        """Time in ns since which other nodes have been heard without a silence longer than T_lease.
 
-        If the present frame ends the silence, this is `arrived_ns`.
+        arrived_ns: arrival of the present frame; it is returned if this frame ends such a silence.
         """
         is_silent = self._heard_ns is None or arrived_ns - self._heard_ns > self._lease_ns
         return arrived_ns if is_silent else self._hears_since_ns
 
     def named(self, is_named: bool, arrived_ns: int, *, has_activated: bool) -> None:
-        """Note an ALIVE of the active manager, and whether it names this PE as available.
+        """Note an ALIVE of the active manager.
 
-        has_activated: whether this manager has brought a configuration to its last step.
+        is_named: ALIVE names this PE as available.
+        has_activated: this manager has brought a configuration to its last activation step, GO_ALL.
         """
         self.heard(arrived_ns)
         if arrived_ns - self._pinged_ns >= self._identifier_ns * 9 // 16:
@@ -135,13 +135,13 @@ class OutputAuthorization:
             self.revoked()
 
     def pinged(self, arrived_ns: int) -> None:
-        """Note a PING for this PE, which shows that the manager has missed a state frame."""
+        """Note a PING for this PE: the manager has missed a state frame of this PE."""
         self._pinged_ns = arrived_ns
         if self._missed_ns is None:
             self._missed_ns = arrived_ns
 
     def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:
-        """Tell whether a doubt that began at `doubted_ns` is over; None: there is no doubt."""
+        """Tell whether T_lease has passed since `doubted_ns`; True for None."""
         return doubted_ns is None or now_ns - doubted_ns >= self._lease_ns
 
     def clashed(self, arrived_ns: int) -> None:
@@ -151,21 +151,21 @@ class OutputAuthorization:
             self.revoked()
 
     def neighbour_runs(self, epoch: int, running: int) -> None:
-        """Note an epoch that the state of another PE names; with a key it counts only after a silence."""
+        """Note the epoch that another PE reports; with a key this counts only while this PE is in doubt."""
         if not self._has_key or self._doubted_ns is not None:
             self.saw_epoch(epoch, running)
 
     def saw_epoch(self, epoch: int, running: int) -> None:
-        """Note an epoch that was activated; if it is newer than `running`, this PE is overtaken."""
+        """Note that `epoch` was activated; this PE is overtaken if its own epoch, `running`, is older."""
         if is_newer(epoch, running):
             self._overtake()
 
     def contradicted(self) -> None:
-        """Note that the manager runs another configuration under this PE's epoch number: this PE is overtaken."""
+        """Note that LEASE or ACTIVATE names this PE's epoch with another digest: this PE is overtaken."""
         self._overtake()
 
     def confirmed(self) -> None:
-        """Note that the last step was taken, or that LEASE names that step: this PE is not overtaken any more."""
+        """Note that this PE is not overtaken: it, or LEASE for its configuration, is at the step GO_ALL."""
         self._overtaken = False
 
     def _overtake(self) -> None:
@@ -175,4 +175,4 @@ class OutputAuthorization:
 
 
 def _withdraw_nothing() -> None:
-    """Do nothing; stands for `revoked` while the agent is being built, when no frame waits."""
+    """Do nothing: the value of `revoked` until the agent is built."""

@@ -1,7 +1,8 @@
-"""How a gateway with a key forwards WELCOMEs for other nodes, which it cannot verify, each with the TAG that follows.
+"""How a gateway with a key forwards WELCOMEs for other nodes: unverified, each with the TAG that follows it.
 
-A TAG names only the kind of its command. So the first TAG for a WELCOME that fits no command of this node belongs to
-the first WELCOME that was forwarded. A WELCOME whose TAG does not come within T_lease is dropped from the list.
+The gateway verifies only commands for itself. A TAG names only the kind of its command, and not the node. So a TAG for
+a WELCOME that is not for this gateway is taken as that of the WELCOME which was forwarded first and still lacks its
+TAG. A WELCOME whose TAG does not come within T_lease is no longer waited for.
 """
 
 from collections import deque
@@ -32,7 +33,7 @@ class PassingWelcomes:
         return bool(self._nodes)
 
     def tagged(self, tag: Frame) -> None:
-        """Forward a TAG toward the node of the first WELCOME in the list."""
+        """Forward a TAG toward the node of the oldest WELCOME that still lacks its TAG."""
         node, _ = self._nodes.popleft()
         self._turn.count("answer to another node", tag.can_id)
         self._turn.out += self._gateway.toward(node, tag)

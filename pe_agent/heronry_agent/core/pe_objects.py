@@ -3,8 +3,8 @@
 Only the two long texts, the EDS and the table, are kept once a client has read them; all other values are read anew
 each time. A client can write two numbers: the heartbeat time, and 0 to the number of errors, which empties the list. A
 client can also write a table. A PE that waits for a table (`table_waiting`) takes any table that fits. A PE that has a
-table accepts only the same table again. A configured PE accepts none, since so many bytes must not load its bus. With a
-key the lock must be open for any download, and a table must be sealed.
+table accepts only the same table again. A PE that runs a configuration accepts no table, since a table has many bytes,
+which would load the bus. With a key the lock must be open for any download, and a table must be sealed.
 """
 
 from collections.abc import Callable
@@ -54,11 +54,11 @@ _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """The parts of an agent from which `PeObjects` reads its values.
+    """What `PeObjects` and `CanopenNode` need of an agent.
 
-    facts: gives what the state frames report now.
-    take_table: accepts a table that differs from the present one, or gives an abort code; None: no other is accepted.
-    authenticity: has the lock on NMT and SDO writes, and opens sealed tables; None without a key.
+    facts: returns the present content of the state frames.
+    take_table: takes a table that differs from the present one, or returns an abort code; None: each is refused.
+    authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     """
 
     turn: Turn
@@ -73,7 +73,7 @@ class Parts:
 
 
 class PeObjects:
-    """Gives the values of the CANopen objects of one PE."""
+    """Reads and writes the values of the CANopen objects of one PE."""
 
     def __init__(self, parts: Parts, network: NetworkManagement, services: NodeServices) -> None:
         self._parts, self._network, self._services = parts, network, services
@@ -81,7 +81,7 @@ class PeObjects:
         self._entries = tuple(parts.index.modules.values())
 
     def dictionary(self) -> ObjectDictionary:
-        """Give the object dictionary of this PE."""
+        """Return the object dictionary of this PE, which calls the functions of this object."""
         return ObjectDictionary(
             self._parts.index.node,
             readers={
@@ -122,7 +122,7 @@ class PeObjects:
         )
 
     def _state(self, number: int) -> int:
-        """Give the value at a sub-index of object 2000h, the state of the PE."""
+        """Return the value at sub-index `number` of object 2000h, the state of the PE."""
         facts, running = self._parts.facts(), self._parts.reconfiguration.running
         return (
             facts.state,

@@ -1,8 +1,8 @@
-"""Which mission phase this PE requests: a module requests a phase, or a value satisfies the `when` rule of a phase.
+"""Which mission phase a PE requests: that of a module's request, or that whose `when` rule of the spec is satisfied.
 
-A rule is checked on the PE that runs a module which gives the rule's variable, at every value that this module gives.
-So a rule needs no frame on any bus, even if no other module reads the variable. And a rule cannot fire while no module
-that gives the variable runs.
+A `when` rule compares a variable with a threshold. The PE that runs the module which gives this variable checks the
+rule, at each value of the module. So the values need not be sent on a bus, and the rule cannot fire while no such
+module runs.
 
     armed     the value has not been beyond the threshold for `hold_ns` without a break
     fired     the value has been beyond the threshold for that time, and the phase was requested once. The rule is armed
@@ -10,23 +10,22 @@ that gives the variable runs.
 
 A break is a value on the other side of the threshold, or three periods without a value. A rule leads to its phase only
 from its *origins* (by default the phases before it in the spec); a module may request any phase. If several rules fire
-at one value, one phase is requested. Phases to which a rule leads from the present phase come first, and among these
-the last one in the spec's order.
+at one value, only one phase is requested: rules whose origins contain the present phase are preferred, and among these
+the phase that is last in the spec.
 
-The manager announces the phase (CONTROL, HOLDS). When an origin of a rule begins while the rule is fired and its values
-come, the rule fires again. A PE may not have heard the phase yet, or may have missed the last change. Then a rule may
-request a phase to which it does not lead: the manager checks the origins itself, acknowledges the request, and changes
-nothing.
+The manager announces the present phase (CONTROL, HOLDS). If the new phase is an origin of a fired rule whose values
+still come, the rule fires again. A PE may have missed the last announcement, and request a phase to which no rule leads
+from the present one: the manager checks the origins itself, acknowledges such a request, and changes nothing.
 
-A module that requests the same phase in every step makes one request. A request stands until its module requests
+A module that requests the same phase in every step makes one request. A request *stands* until its module requests
 another phase or stops. When a new term begins, the PE sends its last standing request again, since the new manager may
-not know it. It sends the request with the same number, so that a manager does not execute it twice, and only where a
-rule leads there. If some rule of the spec leads back, a rule that is armed again withdraws its acknowledged request,
-because the condition no longer holds.
+not know it. It keeps its number, so that no manager executes it twice, and carries FORWARD_ONLY: the manager ignores it
+unless a rule leads from the present phase to the requested one. If the spec has a rule that leads back to an earlier
+phase, an acknowledged request is withdrawn when its rule is armed again, because its condition no longer holds.
 
 `faults` and the manager handle lost, late, doubled and forged requests. A pause of the process is a break of the value.
-A module that starts here, because another PE has failed or this PE has restarted, begins with every rule armed: a rule
-whose condition holds fires again. This has an effect only in an origin of the rule.
+When a module starts on this PE, its rules are armed, even if they have fired on another PE before: a rule whose
+condition still holds fires again. The manager then changes the phase only if the present one is an origin of the rule.
 """
 
 from dataclasses import dataclass
@@ -43,7 +42,7 @@ _LONGEST_BREAK_PERIODS = 3
 
 @dataclass(slots=True)
 class _Watch:
-    """One rule, applied to the values of one module."""
+    """One rule, applied to the values that one module gives."""
 
     phase: int
     rule: PhaseEntry
@@ -53,7 +52,7 @@ class _Watch:
     seen_ns: int = 0
 
     def see(self, value: float, now_ns: int) -> bool:
-        """Take a value at time `now_ns`, and tell whether the rule fires."""
+        """Apply the rule to a value; tells whether the rule fires now."""
         if now_ns - self.seen_ns > self.longest_break_ns:
             self.since_ns = None
         self.seen_ns = now_ns
@@ -68,7 +67,7 @@ class _Watch:
         return not self.armed
 
     def holds(self, now_ns: int) -> bool:
-        """Tell whether the rule is fired, and values come without a break."""
+        """Tell whether the rule has fired and is not armed again, and its variable still gets values."""
         return not self.armed and now_ns - self.seen_ns <= self.longest_break_ns
 
     def _is_beyond(self, value: float) -> bool:
@@ -77,7 +76,7 @@ class _Watch:
 
 
 class PhaseRequests:
-    """The phase requests of the modules of one PE."""
+    """Makes the phase requests of one PE: those of its modules, and those of phase rules."""
 
     def __init__(self, index: TableIndex, faults: Faults) -> None:
         self._index, self._faults = index, faults
@@ -90,7 +89,7 @@ class PhaseRequests:
         self._phase: int | None = None  # the phase that the manager told last
 
     def started(self, module: int, mode: int) -> None:
-        """Note that a module starts, and watch those of its variables that phase rules name."""
+        """Begin to check the phase rules of the variables that a module gives in this mode."""
         entry = self._index.modules[module].modes[mode]
         longest_break_ns = _LONGEST_BREAK_PERIODS * NS_MHZ // entry.rate_mhz
         watches: dict[str, list[_Watch]] = {}
@@ -100,14 +99,14 @@ class PhaseRequests:
         self._watches[module] = watches
 
     def stopped(self, module: int) -> None:
-        """Note that a module stops, and withdraw its request."""
+        """Stop checking the rules of a module that stops, and withdraw its request."""
         self._watches.pop(module, None)
         self._requested.pop(module, None)
         if self._standing == module:
             self._withdraw()
 
     def gave(self, module: int, variable: str, value: Value, now_ns: int) -> list[Frame]:
-        """Check the rules of a variable against a value that a module has given; gives the frames to send now."""
+        """Apply the rules to a value that a module has given; returns the frames of a request, if a rule fires."""
         watches = self._watches[module].get(variable)
         if not watches or not isinstance(value, int | float):
             return []
@@ -118,7 +117,7 @@ class PhaseRequests:
         return self._fire(module, [watch for watch in fired if self._phase in watch.rule.origins] or fired, now_ns)
 
     def entered(self, phase: int, now_ns: int) -> list[Frame]:
-        """Note the phase that the manager announces; gives the frames to send now, of rules that fire again."""
+        """Note the phase that the manager announces; returns the frames of requests, if rules fire again."""
         if phase == self._phase:
             return []
         self._phase = phase
@@ -130,16 +129,16 @@ class PhaseRequests:
         return frames
 
     def requested(self, module: int, phase: int, now_ns: int) -> list[Frame]:
-        """Make the request of a module for a phase; gives the frames to send now."""
+        """Request a phase for a module; returns the frames, none if the module has requested it before."""
         if self._requested.get(module) == phase:
             return []
         self._requested[module] = phase
         return self._request(module, phase, now_ns, watch=None)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """Note a new term; gives the frames to send now: the last acknowledged request, with FORWARD_ONLY set.
+        """Return the frames that repeat the last request for the manager of a new term.
 
-        A request that is still pending is repeated by `Faults`, unchanged.
+        None are needed while the request is not acknowledged, since it is being repeated anyway.
         """
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 

@@ -1,14 +1,15 @@
 """Which priorities the modules of this PE request for functions.
 
-A module may request another priority of a function whose spec has a `priority_range`, or the priority of the spec. The
-same request in the next step has no effect. Of the requests of several modules for one function the last one counts. A
-request stands until another one for the function replaces it, or its module stops.
+If a function has a `priority_range` in the spec, a module may request another priority for it, and later the priority
+of the spec again. A module that repeats its request in the next step makes no new one. If several modules request a
+priority of one function, the last request counts. A request *stands* until another one for the function replaces it, or
+its module stops.
 
 `faults` repeats a request until the manager acknowledges it, so a lost, late or doubled frame has no effect. The
-manager acknowledges a change of priority no sooner than a second after the last one: until then the newest request
-waits here. A request outside the spec's range is sent too: the manager refuses it and says so. When a new term begins,
-the PE sends its standing requests again, each with the number that it had, so that no manager executes it twice. A
-restart of the PE forgets its requests; the manager keeps the priorities.
+manager changes the priority of a function, and acknowledges that, at most once a second; until then the newest request
+is pending here. A request outside the spec's range is sent too: the manager refuses it and says so. When a new term
+begins, the PE sends its standing requests again, each with the number that it had, so that no manager executes it
+twice. A restart of the PE forgets its requests; the manager keeps the priorities.
 """
 
 from heronry_agent.core.faults import Faults
@@ -16,7 +17,7 @@ from heronry_wire.frame import Frame
 
 
 class PriorityRequests:
-    """The priority requests of the modules of one PE."""
+    """Makes the priority requests of the modules of one PE."""
 
     def __init__(self, faults: Faults) -> None:
         self._faults = faults
@@ -24,7 +25,7 @@ class PriorityRequests:
         self._standing: dict[int, int] = {}  # by function: the module whose request is the last one
 
     def requested(self, module: int, function: int, priority: int, now_ns: int) -> list[Frame]:
-        """Make the request of a module; gives the frames to send now."""
+        """Request a priority for a module; returns the frames, none if the module has requested it before."""
         wanted = self._requested.setdefault(module, {})
         if wanted.get(function) == priority:
             return []
@@ -33,12 +34,15 @@ class PriorityRequests:
         return self._faults.request_priority(function, priority, now_ns)
 
     def stopped(self, module: int) -> None:
-        """Note that a module stops, and withdraw its requests."""
+        """Withdraw the requests of a module that stops."""
         self._requested.pop(module, None)
         for function in [function for function, owner in self._standing.items() if owner == module]:
             del self._standing[function]
             self._faults.withdraw_priority(function)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """Note a new term, and give the frames to send now: the standing requests that were acknowledged before."""
+        """Return the frames that repeat the requests of running modules for the manager of a new term.
+
+        None are needed for requests that are not acknowledged, since they are being repeated anyway.
+        """
         return [frame for function in self._standing for frame in self._faults.repeat_priority(function, now_ns)]

@@ -1,8 +1,8 @@
 """The data frames of this PE: outputs of its modules, and echoes of the values that it commanded its actuators to.
 
-Every identifier has its own message code, incremented with each frame that is sent. This file only makes frames: the
-slice decides which ones are sent, and protocol rule 6 may forbid them. The output echo shows on the bus, with a lower
-priority than all data, to what an actuator was commanded. Observers and simulated plants read it:
+Every identifier has its own message code, incremented with each frame that is sent. This file only makes frames; which
+of them are sent depends on the slice, and on protocol rule 6. The output echo shows on the bus, with a lower priority
+than all data, to what an actuator was commanded. Observers and simulated plants read it:
 
     byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
 
@@ -30,14 +30,17 @@ _VALID = {version: pack_status(Status(version, Validity.VALID)) for version in r
 
 
 class Publisher:
-    """Makes data and echo frames."""
+    """Makes the data frames and output echoes of one PE, with their message codes."""
 
     def __init__(self, index: TableIndex) -> None:
         self._index = index
         self._codes: defaultdict[int, int] = defaultdict(int)
 
     def datum(self, source: int, version: int, value: Value) -> Frame:
-        """Make the frame of a source, with the next message code; raises WireError for a value that does not fit."""
+        """Make the data frame of a source, with the source's next message code.
+
+        Raises WireError if the value does not fit the type of the variable.
+        """
         data_type = self._index.types[source]
         identifier = self._index.table.sources[source].identifier
         carried = None if data_type is DataType.NODATA else value
@@ -49,11 +52,11 @@ class Publisher:
         self._codes[frame.can_id] = (self._codes[frame.can_id] + 1) % 256
 
     def output_echo(self, module: int, mode: int) -> Frame:
-        """Make the echo of a step of an output module that does not command an actuator to a number."""
+        """Make the output echo that shows that an output module has computed a step in this mode."""
         return self._own_echo(DataType.ULONG, mode, module)
 
     def echo(self, device: str, value: object) -> Frame | None:
-        """Make the echo of a value written to a device; None where the value is not a number that fits a frame."""
+        """Make the output echo of the value to which a device was commanded; None if no frame can carry the value."""
         position = self._index.device_index.get(device)
         if position is None or position >= MOST_DEVICES or not isinstance(value, (int, float)):
             return None
@@ -70,10 +73,7 @@ class Publisher:
         return frame
 
     def heard(self, frame: Frame) -> tuple[str, float] | None:
-        """Decode another PE's echo into device and value.
-
-        None where the frame is not an echo of a device of that PE.
-        """
+        """Decode another PE's output echo into (device, value); None if it shows no device of the PE that sent it."""
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.data_type != DataType.FLOAT:
             return None

@@ -1,15 +1,16 @@
-"""A gateway's port to a radio, which sends the frames to that radio one at a time (protocol rule 9).
+"""A gateway's port to a radio, to which it sends one frame at a time (protocol rule 9).
 
-Frames wait in `radio_queue`. The next frame is handed to the controller only when the last one has left it (`Left`): so
-more urgent and newer frames can overtake until the last moment, and the time that a frame takes can be measured. From
-these times `link_meter` computes the usable bandwidth. The queue sends at that rate plus a tenth, so that a small error
-of the measurement does not starve data that the plan routes over the radio. The port also reports the usable bandwidth
-to the manager, once in a heartbeat period of the radio, and immediately when the radio is gone or back.
+Frames wait in `radio_queue`. The next frame is handed to the CAN controller only when the one before has left it
+(`Left`). So more urgent and newer frames can still overtake the others, and the time that a frame takes can be
+measured. From these times `link_meter` computes the usable bandwidth. The queue sends at the measured rate plus a
+tenth: if the measurement is a little too low, the data that the plan sends over the radio still pass. The port also
+reports the usable bandwidth to the manager, once in a heartbeat period of the radio, and immediately when the radio is
+gone or back.
 
 A frame that waits for more than T_lease is dropped, as on every bus; commands that have the same effect when they come
-late may wait for five periods of the radio. A frame that has not left the controller after a period is given up. If the
-`Left` of a frame is lost, in an overrun of a receive queue, that frame is given up too, and the port idles for that
-period.
+late may wait for five periods of the radio. If no `Left` has come for a frame after a period, the port stops waiting
+for it and sends the next one. This also happens if the frame has left but the event `Left` was lost in an overrun of a
+receive queue; then the port has idled for that period.
 """
 
 from heronry_agent.core.link_meter import LinkMeter
@@ -25,10 +26,10 @@ _PATIENCE_PERIODS = 5
 
 
 class RadioPort:
-    """One radio, away from the manager."""
+    """One port of a gateway that leads to a radio, on the side away from the manager."""
 
     def __init__(self, port: int, index: TableIndex, now_ns: int) -> None:
-        """port: number of the port, whose entry in the table has the identifier of the reports."""
+        """Measure and report from now on; `port` is the number of the port in the table."""
         entry = index.table.ports[port]
         self.next_ns = self._report_ns = now_ns + entry.heartbeat_ns
         self._port, self._entry, self._node, self._uplink = port, entry, index.node, index.uplink
@@ -40,30 +41,31 @@ class RadioPort:
         self._sequence = 0
 
     def heard(self, frame: Frame, now_ns: int) -> list[Send]:
-        """Note a frame from beyond the radio; if the radio was gone, give the report that it is back."""
+        """Note a frame that came from the radio; returns the report that the radio is back, if it was gone."""
         return self._report(now_ns) if self._meter.heard(frame, now_ns) else []
 
     def send(self, frame: Frame, until_ns: int | None, since_ns: int) -> None:
-        """Queue a frame that arrived or was made at `since_ns`.
+        """Queue a frame for the radio.
 
-        until_ns: when to drop it; None: after the usual time.
+        until_ns: when to drop the frame; None: T_lease (for some commands five periods) after `since_ns`.
+        since_ns: when the frame was made here, or arrived here to be forwarded.
         """
         patience_ns = _PATIENCE_PERIODS * self._entry.heartbeat_ns if is_patient(frame) else self._lease_ns
         self._queue.push(frame, since_ns + patience_ns if until_ns is None else until_ns)
         self._moved = True
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Withdraw the frames that wait under these identifiers."""
+        """Drop the unsent frames with these CAN identifiers."""
         self._queue.withdraw(identifiers)
 
     def left(self, took_ns: int) -> None:
-        """Note that the frame in the controller has left it."""
+        """Note that the frame in the controller has left it, `took_ns` after it was handed over; 0: time unknown."""
         if self._in_flight is not None:
             self._meter.left(self._in_flight[0], took_ns)
             self._in_flight, self._moved = None, True
 
     def step(self, now_ns: int) -> list[Send]:
-        """Give the frames to send now: a report that is due, and the next frame of the queue."""
+        """Return the frames to send now: the report to the manager, if it is due, and the radio's next frame."""
         if now_ns < self.next_ns and not self._moved:
             return []
         self._moved = False
@@ -77,7 +79,7 @@ class RadioPort:
         return out
 
     def _reports(self, now_ns: int) -> list[Send]:
-        """Give the reports that are due: one when the radio is gone, and one in each period."""
+        """Return the report to the manager if a period has ended, or the radio has just gone."""
         is_gone, is_due = now_ns >= self._meter.gone_ns, now_ns >= self._report_ns
         self._meter.gone = self._meter.gone or is_gone
         if is_due:
@@ -103,7 +105,7 @@ class RadioPort:
         return min(self._report_ns, self._meter.gone_ns, NEVER_NS if waits_ns is None else waits_ns)
 
     def _report(self, now_ns: int) -> list[Send]:
-        """Set the rate of the queue to the bandwidth that is usable now, and make the report to the manager."""
+        """Return the report to the manager, and make the queue send at the bandwidth that is usable now."""
         usable = 0 if self._meter.gone else self._meter.usable()
         pace = max(_LEAST_PACE, min(PER_MILLE, usable * _HEADROOM_PERCENT // 100))
         self._queue.pace(self._entry.bitrate * pace // PER_MILLE, now_ns)

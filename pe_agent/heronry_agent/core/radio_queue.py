@@ -6,12 +6,12 @@
     take      removes the most urgent frame for which its class has bandwidth. There are two classes, data and
               management, since data must leave management the share that the spec reserves
 
-The queue drops, and counts, the least urgent frame when it is full, and a frame that would leave too late. It drops a
-late frame before the frame's time is up, earlier by the duration of the frame under way. Otherwise the driver would
-drop the frame without a report, and the port would wait for its departure for a whole period.
+The queue drops a frame in two cases, and counts it: the least urgent one when the queue is full, and one that cannot
+leave before its time limit. A frame is late already when less time is left than one frame takes on the radio, because
+the driver would drop it silently, and the port would wait a whole period for its departure.
 
-Each class has a bucket of bits, which fills at the rate of its share and holds at most a burst. Each frame counts with
-its worst-case length, as in plans, so a plan that fits its bus fits this queue too.
+The bandwidth of each class is limited by a token bucket. Each frame counts with its worst-case length, as in plans, so
+a plan that fits its bus fits this queue too.
 """
 
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ class Bucket:
     _rest: int = 0  # the fraction of a bit beyond `bits`, in billionths
 
     def fill(self, now_ns: int) -> None:
-        """Add the bits gained up to now."""
+        """Add the bits gained since the last call."""
         gained = self.rate * (now_ns - self.filled_ns) + self._rest
         self.bits, self._rest = self.bits + gained // _NS_PER_S, gained % _NS_PER_S
         if self.bits >= self.burst:
@@ -62,7 +62,13 @@ class Bucket:
 
 @dataclass(slots=True)
 class Waiting:
-    """A frame in the queue; after `until_ns` it is dropped."""
+    """A frame in the queue, and what decides when it is sent or dropped.
+
+    key: a newer frame with the same key replaces this one.
+    order: of frames with one identifier, that with the lowest order is sent first.
+    until_ns: time in ns after which the frame is dropped.
+    bits: worst-case length of the frame.
+    """
 
     frame: Frame
     key: _Key
@@ -76,7 +82,11 @@ class RadioQueue:
     """Frames that wait for one radio."""
 
     def __init__(self, rate: int, data_per_mille: int, now_ns: int) -> None:
-        """rate: bandwidth of the radio in bit/s, of which data may take `data_per_mille` thousandths."""
+        """Begin with an empty queue and full buckets.
+
+        rate: bandwidth of the radio in bit/s.
+        data_per_mille: how many thousandths of it data may take.
+        """
         self.dropped = 0
         self._data_per_mille = data_per_mille
         self._under_way_ns = worst_bits(8) * _NS_PER_S // rate
@@ -90,14 +100,14 @@ class RadioQueue:
         return len(self._waiting)
 
     def pace(self, rate: int, now_ns: int) -> None:
-        """Change the bandwidth, in bit/s."""
+        """Set the bandwidth to `rate` bit/s."""
         for bucket in (self._data, self._management):
             bucket.fill(now_ns)
         self._data.rate = rate * self._data_per_mille // 1000
         self._management.rate = rate - self._data.rate
 
     def push(self, frame: Frame, until_ns: int) -> None:
-        """Queue a frame; it is dropped if it cannot start before `until_ns`."""
+        """Add a frame; it will be dropped if it cannot leave before `until_ns`."""
         use = classify(frame.can_id)
         key = _key(frame, use.use, use.command)
         older = self._waiting.get(key)
@@ -112,11 +122,11 @@ class RadioQueue:
             self.dropped += 1
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Withdraw the frames that wait under these identifiers."""
+        """Drop the waiting frames with these CAN identifiers."""
         self._waiting = {key: one for key, one in self._waiting.items() if one.frame.can_id not in identifiers}
 
     def take(self, now_ns: int) -> Waiting | None:
-        """Take the most urgent frame that may go now; None where none may."""
+        """Remove and return the most urgent frame that its bucket lets go now; None if there is no such frame."""
         self._expire(now_ns)
         for bucket in (self._data, self._management):
             bucket.fill(now_ns)
@@ -129,7 +139,7 @@ class RadioQueue:
         return first
 
     def next_ns(self) -> int | None:
-        """Time in ns at which the next frame may go, if nothing changes before; None where no frame waits."""
+        """Time in ns at which `take` returns a frame, if no frame is added before; None while the queue is empty."""
         return min((self._bucket(one).has_ns(one.bits) for one in self._waiting.values()), default=None)
 
     def _bucket(self, one: Waiting) -> Bucket:
@@ -143,7 +153,10 @@ class RadioQueue:
 
 
 def is_patient(frame: Frame) -> bool:
-    """Tell whether a frame has the same effect when it comes late, since it names its epoch or acknowledges a fault."""
+    """Tell whether a frame is a command that still has its effect when it comes late.
+
+    These are all commands but LEASE, ALIVE, PING and TAG.
+    """
     return classify(frame.can_id).command in _PATIENT_COMMANDS
 
 
@@ -152,7 +165,7 @@ def _rank(one: Waiting) -> tuple[int, int]:
 
 
 def _key(frame: Frame, use: Use, command: Command | None) -> _Key:
-    """Key of a frame's kind: a newer frame replaces a waiting one with the same key."""
+    """Key under which a frame waits: a newer frame with the same key replaces an older one."""
     if use in _LATEST_COUNTS or command in _LATEST_COMMANDS:
         return frame.can_id, b""
     if use is Use.STATE:

@@ -1,8 +1,8 @@
-"""The radios of a gateway: every frame to a radio is queued until its turn comes (protocol rule 9).
+"""The radios of a gateway: every frame to a radio is queued first (protocol rule 9).
 
-Each radio has its own queue and meter (`radio_port`). The meter sees every frame from a radio before any part of the
-agent takes it. When a call of the core ends, the frames to radios are taken out of its actions and queued, and the
-frames whose turn has come are put in.
+Each radio has its own queue and its own measurement of the bandwidth (`radio_port`), which uses every frame from the
+radio. When a call of the core ends, the frames to radios are taken out of its actions and queued, and frames from the
+queues that may be sent now are added to the actions.
 """
 
 from heronry_agent.core.radio_port import RadioPort
@@ -25,22 +25,23 @@ class Radios:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which `passed` has the next frame to send, if no event comes before."""
+        """Time in ns at which to call `passed`, if no event comes before."""
         due_ns = NEVER_NS
         for radio in self.ports.values():
             due_ns = min(due_ns, radio.next_ns)
         return due_ns
 
     def measure(self, event: Received) -> None:
-        """Measure a frame from a radio; if the radio was gone, report that it is back."""
+        """Use a frame from a radio to measure the bandwidth; if the radio was gone, report that it is back."""
         frame, radio = event.frame, self.ports.get(event.port)
         if radio is not None and not (frame.extended or frame.remote or frame.error):
             self._turn.out += radio.heard(frame, self._turn.now_ns)
 
     def passed(self, out: list[Action]) -> list[Action]:
-        """Queue the frames to radios among the actions; gives the other actions, and the frames whose turn has come.
+        """Take the frames to radios out of the actions and queue them; returns the actions that are to be executed now.
 
-        A forwarded frame keeps its age, so that no stale frame is sent by radio after a pause of this process.
+        Among these are the frames that the queues send now. The age of a forwarded frame counts, so that a frame which
+        waited during a pause of this process is not sent late.
         """
         now_ns, passed = self._turn.now_ns, []
         for action in out:

@@ -1,19 +1,21 @@
 """Which modules run on a PE, and how a new configuration replaces the old one: the PE's half of protocol rule 4.
 
     UNCONFIGURED  no step has been taken since the start
-    BROKEN        step BREAK: modules that the new slice lacks have stopped, and modules that stay are rewired. No new
+    BROKEN        step BREAK: modules that the new slice lacks have stopped, and the others are rewired. No new
                   module runs yet, and no data are sent that were not sent before
-    PARTIAL       step GO: the rest runs, except DEMUX branches that are new here; those are held
+    PARTIAL       step GO: all modules of the slice run, except DEMUX branches that are new here; those are *held*
     ACTIVE        step GO_ALL, or GO with nothing held
 
-A step contains the steps before it, so a PE that missed a step takes it together with the next one. A step already
-taken is not taken again, and the epoch never goes back: so lost, late and doubled commands do no harm, whether the
-manager repeats them as ACTIVATE or, each period, as LEASE. After a restart nothing runs.
+In this file a *step* is an activation step: BREAK, GO or GO_ALL. A step contains the steps before it, so a PE that
+missed a step takes it together with the next one. A step already taken is not taken again, and the epoch never goes
+back: so lost, late and doubled commands do no harm, whether the manager repeats them as ACTIVATE or, each period, as
+LEASE. After a restart of the PE nothing runs.
 
 A module whose mode changes is stopped at BREAK and started at GO, because its old mode may read variables that no PE
-sends any more. It is built anew, unless it can go on with its present state. With a single GO_ALL both happen together.
-A DEMUX branch that ran on this PE until BREAK is not held at GO, whatever its new mode. Either no other PE drives that
-DEMUX, or this PE is in doubt (`output_authorization`) and drives nothing.
+sends any more. It is built anew, unless it can go on with its present state. If GO_ALL is the first command that comes,
+the module is stopped and started at once. A DEMUX branch that ran on this PE until BREAK is not held at GO, whatever
+its new mode. It may go on, since no other PE drives that DEMUX, unless this PE is in doubt (`output_authorization`),
+and then it drives nothing.
 
 A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides. There is
 one exception (`forgive`). If the operator has cleared the fault, and another manager becomes active before such an
@@ -35,10 +37,13 @@ from heronry_wire.state_frames import PeState
 
 @dataclass(frozen=True, slots=True)
 class Moves:
-    """The changes that a step demands: modules to stop, then modules to start, with their modes.
+    """Which modules to stop and to start, by index in the table: first `drop` and `stop`, then `start`.
 
-    `rewire`: true if the epoch is new. `keep`: modules among `stop` that will start again in another mode. `drop`:
-    modules that were kept and are not needed now.
+    stop: modules that run and must stop.
+    keep: those of `stop` that will start again in another mode, and keep their state until then.
+    drop: modules that were kept before, and whose state is not needed any more.
+    start: (module, mode) of each module to start.
+    rewire: the epoch is new, so the inputs of all modules change.
     """
 
     stop: tuple[int, ...] = ()
@@ -50,7 +55,10 @@ class Moves:
 
 @dataclass
 class Reconfiguration:
-    """The running configuration of one PE; `live` holds the mode of each module that has started and not stopped."""
+    """The configuration that runs on one PE, and how far it is activated.
+
+    live: mode of each module that runs. held: DEMUX branches that wait for GO_ALL. failed: modules that stay stopped.
+    """
 
     index: TableIndex
     running: Configured = UNCONFIGURED
@@ -72,11 +80,14 @@ class Reconfiguration:
         return PeState.PARTIAL if self.held else PeState.ACTIVE
 
     def is_at(self, epoch: int, digest: int) -> bool:
-        """Tell whether the configuration with this epoch and digest runs here, at whatever step."""
+        """Tell whether this PE runs the configuration with this epoch and digest, after any activation step."""
         return (epoch, digest) == (self.running.epoch, self.running.digest) and epoch != NO_EPOCH
 
     def advance(self, target: Configured, step: Step) -> Moves | None:
-        """Take `step` of the running or staged configuration, and give the moves; None if the step was taken before."""
+        """Take an activation step of `target`; returns what to stop and to start, None if the step was taken before.
+
+        target: the running configuration, or the staged one.
+        """
         rewire = target is not self.running
         if not rewire and step <= self.step:
             return None
@@ -92,7 +103,7 @@ class Reconfiguration:
         return Moves(stop, keep, drop if rewire else (), start, rewire)
 
     def rest(self) -> Moves:
-        """Give the moves that stop the expendable modules that run."""
+        """Stop the expendable modules that run, because no manager is heard; returns them as `Moves`."""
         stop = tuple(sorted(self.expendable_live()))
         for module in stop:
             del self.live[module]
@@ -100,7 +111,7 @@ class Reconfiguration:
         return Moves(stop)
 
     def resume(self) -> Moves:
-        """Give the moves that start the resting modules again."""
+        """Start the modules again that `rest` has stopped; returns them as `Moves`."""
         start = tuple((module, self._wanted[module]) for module in sorted(self.resting))
         self.live.update(start)
         self.resting = frozenset()
@@ -112,16 +123,17 @@ class Reconfiguration:
         return expendable.intersection(self.live) if expendable else expendable
 
     def drop(self, module: int) -> bool:
-        """Note that a module has failed, and tell whether it ran."""
+        """Note that a module has failed and stays stopped; tells whether it ran until now."""
         if self.live.pop(module, None) is None:
             return False
         self.failed.add(module)
         return True
 
     def forgive(self, modules: Iterable[int]) -> Moves:
-        """Give the moves that start failed modules again, as far as the step allows.
+        """Forget that these modules have failed; returns those to start now.
 
-        Expendable ones rest while others rest.
+        A DEMUX branch that waits for GO_ALL still waits. While other expendable modules are stopped because no manager
+        is heard, an expendable module is not started.
         """
         forgiven = self.failed.intersection(modules)
         self.failed -= forgiven
@@ -132,16 +144,34 @@ class Reconfiguration:
         return Moves(start=start)
 
     def validate(self) -> None:
-        """Check that the parts agree; raises InvariantError."""
+        """Check that no module is in two states, such as running and failed; raises InvariantError."""
         live, held, failed, wanted = self.live, self.held, self.failed | self.resting, self._wanted
-        require(live.items() <= wanted.items(), "live {} goes beyond wanted {}", live, wanted)
-        require(held.isdisjoint(live) and failed.isdisjoint(live), "held {}, failed {}, live {}", held, failed, live)
+        require(live.items() <= wanted.items(), "modules {} run, but only {} are wanted", live, wanted)
+        require(
+            held.isdisjoint(live) and failed.isdisjoint(live),
+            "a held or failed module runs: held {}, failed {}, running {}",
+            held,
+            failed,
+            live,
+        )
         configured = self.running.epoch != NO_EPOCH
-        require(configured == (self.step is not Step.PREPARED), "epoch {} at {}", self.running.epoch, self.step)
+        require(
+            configured == (self.step is not Step.PREPARED),
+            "epoch {} does not fit activation step {}",
+            self.running.epoch,
+            self.step,
+        )
         accounted = (
             len(live) + len(held) + len(failed) == len(wanted) and held <= wanted.keys() and failed <= wanted.keys()
         )
-        require(accounted or self.step < Step.GO, "wanted {}, live {}, held {}, failed {}", wanted, live, held, failed)
+        require(
+            accounted or self.step < Step.GO,
+            "of the wanted modules {} some are missing: running {}, held {}, failed {}",
+            wanted,
+            live,
+            held,
+            failed,
+        )
 
     def _break(self, target: Configured) -> tuple[int, ...]:
         self._wanted = {module.module: module.mode for module in target.slice.modules}

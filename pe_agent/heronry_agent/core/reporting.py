@@ -1,13 +1,13 @@
 """How a PE reports its state to the manager and to other PEs: pages 0 and 1 of the state frames (protocol rule 1).
 
 A PE sends page 0 on every port once in the heartbeat period of that bus. Each node has its own time slot in the period,
-so that 34 PEs do not all start at once. Page 1 follows every tenth page 0. A change is reported immediately on every
-port: page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent's own loop sends
-these frames, so an agent that hangs falls silent.
+so that up to 34 PEs do not send at the same moment. Page 1 follows every tenth page 0. A change is reported immediately
+on every port: page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent's own loop
+sends these frames, so an agent that hangs falls silent.
 
 Each port numbers its own page 0 frames, so that a gap in the sequence shows a loss on that bus.
 
-After a pause of the process, missed heartbeats are not sent afterwards.
+Frames that were due during a pause of the process are not sent later.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Seal = Callable[[int | None, bytes, int], int]
 
 
 class Facts(NamedTuple):
-    """Content of the state frames without incarnation and sequence; the defaults describe a PE that runs nothing."""
+    """Content of the state frames, except incarnation and sequence; by default, that of a PE that runs nothing."""
 
     state: PeState = PeState.UNCONFIGURED
     flags: PeFlags = PeFlags(0)
@@ -39,12 +39,12 @@ class Facts(NamedTuple):
 
 
 class Reporting:
-    """Makes the state frames of one PE."""
+    """Makes the state frames of one PE, and decides when they are due."""
 
     def __init__(self, index: TableIndex, incarnation: int, now_ns: int, seal: Seal | None = None) -> None:
-        """seal: gives the tags of pages (protocol rule 11); None without a key.
+        """Plan the first frames for this node's next time slot.
 
-        The first frames are due at this node's time slot.
+        seal: returns the tag of a page (protocol rule 11); None without a key.
         """
         self._seal, self._uplink = seal, index.uplink
         self._ports = index.ports
@@ -58,7 +58,7 @@ class Reporting:
         self.next_ns = min(self._beat_ns)
 
     def tick(self, now_ns: int, facts: Facts) -> list[Send]:
-        """Give the state frames that are due."""
+        """Return the state frames that are due, with this content."""
         sends = []
         for port in self._ports:
             if now_ns >= self._beat_ns[port]:
@@ -71,7 +71,7 @@ class Reporting:
         return sends
 
     def immediate(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
-        """Give the requested pages for every port, to be sent now."""
+        """Return the requested pages, one frame for each port."""
         sends = []
         for port in self._ports:
             if page_0:
@@ -81,7 +81,7 @@ class Reporting:
         return sends
 
     def _next_beat(self, port: int, now_ns: int) -> int:
-        """First time in ns after now at this node's time slot in the period."""
+        """Time in ns of this node's next time slot on a port, after now."""
         period_ns, offset_ns = self._periods_ns[port], self._offsets_ns[port]
         return (now_ns - offset_ns) // period_ns * period_ns + period_ns + offset_ns
 
@@ -96,7 +96,7 @@ class Reporting:
         return self._said(port, None, page.encode())
 
     def _said(self, port: int, beat: int | None, data: bytes) -> Send:
-        """Make the frame of a page; with a key the page carries its tag on the uplink, and the tag 0 on other ports."""
+        """Make the frame of a page; with a key the digest is replaced by a tag (on the uplink) or by 0 (elsewhere)."""
         if self._seal is not None:
             said, digest = split_state(data)
             data = joined_state(said, self._seal(beat, said, digest) if port == self._uplink else 0)

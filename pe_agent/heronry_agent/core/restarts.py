@@ -7,9 +7,9 @@
                record is dropped: the manager has the report, and decides. If the module is started again, it has a new
                budget
 
-If a partition ends, the module that was computing counts as failed, unless it has been stopped since. If no module was
-computing, all modules in the partition count as failed. The modules that do not count as failed are restarted
-immediately. The caller gives the times; a restart of the agent drops all records.
+If a partition ends, the module that was computing counts as failed (not if it has been stopped since its step began).
+If no module was computing, all modules in the partition count as failed. Modules of the partition that do not count as
+failed are restarted immediately. A restart of the agent drops all records.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class _Record:
 
 
 class Restarts:
-    """The records of the failed modules of one PE."""
+    """Counts the failures of the modules of one PE, and schedules their restarts."""
 
     def __init__(self) -> None:
         self._records: dict[int, _Record] = {}
@@ -40,9 +40,9 @@ class Restarts:
         return frozenset(self._begin_ns)
 
     def failed(self, module: int, budget: int, now_ns: int) -> int | None:
-        """Record a failure of a module.
+        """Record a failure; returns how often the module has failed so far, None if it is given up.
 
-        Gives the number of its failures so far, or None where the module is given up.
+        budget: after this many failures a module is restarted; after one more it is given up.
         """
         record = self._records.get(module)
         known = 0 if record is None or now_ns - record.last_ns > FORGIVEN_NS else record.failures
@@ -54,22 +54,22 @@ class Restarts:
         return known + 1
 
     def begin_at(self, module: int, at_ns: int) -> None:
-        """Schedule the restart of a module for a time in ns."""
+        """Schedule the restart of a module for the time `at_ns`, without recording a failure."""
         self._begin_ns[module] = at_ns
         self._find_next()
 
     def forget(self, module: int) -> None:
-        """Drop the record of a module."""
+        """Drop the failures of a module, and do not restart it."""
         self._records.pop(module, None)
         self.cancel(module)
 
     def cancel(self, module: int) -> None:
-        """Cancel the restart of a waiting module."""
+        """Do not restart a module that waits for its restart."""
         self._begin_ns.pop(module, None)
         self._find_next()
 
     def due(self, now_ns: int) -> list[int]:
-        """Give the modules to restart now; they no longer count as waiting."""
+        """Return the modules whose restart is due, and forget these restarts."""
         if now_ns < self.next_ns:
             return []
         found = sorted(module for module, at_ns in self._begin_ns.items() if at_ns <= now_ns)

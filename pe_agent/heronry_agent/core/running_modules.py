@@ -1,28 +1,29 @@
-"""Runs the modules of one PE: steps them by the schedule, gives them their inputs, and sends their data and faults.
+"""Runs the modules of one PE: has them compute their steps on schedule, and sends their data and fault reports.
 
-A module exists from its StartModule to its StopModule. In between the schedule releases its steps. The outputs of a
-step go to the mailboxes of this PE and, where the slice says so, to the buses. A command to the module's device is
-executed, if it is authorized, and echoed. A report of a failed element becomes a fault.
+A *step* of a module is the computation of one period. A module exists from the action StartModule to the action
+StopModule; in between the schedule decides when it is stepped. The outputs of a step go to the mailboxes of this PE
+and, where the slice says so, to the buses. A command to the module's device is executed, if it is authorized, and
+echoed. A report of a failed element becomes a fault.
 
 A module *fails* when it raises an exception, gives or writes a value that cannot be carried, gives an output that none
 of its modes has, hangs, or its partition ends. The failure is reported, and the module is restarted as often as the
 table allows (`restarts`), then stopped: the manager has the report and decides. A module that cannot be built, or that
-takes too long in many steps in a row, is stopped immediately. A module whose code is not on this PE is reported once
-when the PE boots up, or when that turns out, and again to every new active manager. A partition in which a module hangs
+takes too long in many steps in a row, is stopped immediately. A module whose code is not on this PE is reported when
+the PE boots up (or when the import fails), and again to every new active manager. A partition in which a module hangs
 is ended by force; its other modules are restarted immediately, and other partitions are not affected.
 
-The output authorization (protocol rule 6) is checked at the last moment, in three places. A DEMUX branch without it is
-not stepped, since the branch may command its device itself. A command in the answer to a step is not executed without
-it, since this process may have been paused in between. And a module that may run elsewhere is stepped, and its outputs
-reach modules on this PE, but its frames are not sent without it.
+The output authorization (protocol rule 6) is checked at the last moment, in three places. Without authorization a DEMUX
+branch is not stepped, since the branch may command its device itself. Without authorization a command in the answer to
+a step is not executed: the authorization may have ended since the step began. A module that may run elsewhere is
+stepped even without authorization, and its outputs reach modules on this PE, but its data frames are not sent.
 
-An answer of a module that has been stopped since its step began is dropped. While this PE holds back its exclusive
-outputs, and for a second after that, reports of failed elements are not accepted: a surface that no PE drives does not
-follow its command, and its servo is not to blame. The module that made the report is restarted, so that it drops what
-it has observed.
+If a module has been stopped since its step began, the answer is dropped. While this PE holds back its exclusive
+outputs, and for a second after that, it accepts no report that an element has failed: a surface that no PE drives does
+not follow its command, although its servo is healthy. The module that made the report is restarted, so that it forgets
+what it has observed.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from heronry_agent.core.failure_texts import FailureTexts
@@ -57,6 +58,7 @@ from heronry_agent.core.vocabulary import (
 )
 from heronry_agent.module import DISAGREEMENT, Value
 from heronry_wire.configuration_slice import Slice
+from heronry_wire.failure_text import plain_reason
 from heronry_wire.frame import Frame, WireError
 from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import (
@@ -109,7 +111,7 @@ class RunningModules:
         self._lacking: set[int] = set()  # modules whose code is not on this PE
 
     def carry_out(self, moves: Moves, wanted: Slice | None) -> None:
-        """Stop, rewire and start modules as a step of a configuration demands; `wanted`: the new slice, or None."""
+        """Stop and start modules as `moves` says; `wanted` is the new slice, None if the slice stays the same."""
         for module in moves.stop:
             self._stop(module, keep=module in moves.keep)
         for module in moves.drop:
@@ -131,7 +133,7 @@ class RunningModules:
 
     @property
     def exclusive_sources(self) -> frozenset[int]:
-        """Sources that this PE publishes and that another PE might publish."""
+        """Sources that this PE publishes, and that another PE would publish if their module moved there."""
         return self._index.movable.intersection(self._publish)
 
     @property
@@ -140,13 +142,13 @@ class RunningModules:
         return min(self.schedule.next_ns, self.restarts.next_ns)
 
     def tick(self) -> None:
-        """Restart modules whose waiting time is over, and have overdue steps measured."""
+        """Restart the modules whose restart is due, and request a measurement of each step that takes too long."""
         for module in self.restarts.due(self._turn.now_ns):
             self._begin(module)
         self._turn.out += [MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)]
 
     def release(self) -> None:
-        """Step the modules that are due."""
+        """Begin the step of every module that is due."""
         now_ns = self._turn.now_ns
         for module in self.schedule.due(now_ns):
             until_ns = now_ns + self._index.lease_ns
@@ -160,7 +162,7 @@ class RunningModules:
             self._turn.out.append(StepModule(module, self.schedule.begin(module, now_ns), inputs, until_ns))
 
     def stepped(self, event: Stepped) -> None:
-        """Take the answer of a module that has computed one period."""
+        """Process the answer to a step: outputs, commands to the device, reports and requests."""
         if not self.schedule.end(event.module, event.release, event.spent_ns):
             self._turn.count("stale answer", event.module)
             return
@@ -185,7 +187,7 @@ class RunningModules:
                 self._give_up(event.module, Failure("it takes longer than its period"), FaultCode.MODULE_OVERRUN)
 
     def driven(self, event: Driven) -> None:
-        """Send the echo of a device that has moved."""
+        """Send the output echo of a device that has executed a command."""
         running = self._running.get(event.module)
         if running is None:
             return
@@ -193,7 +195,7 @@ class RunningModules:
         self._echo(echo or self._publisher.output_echo(event.module, running.mode))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
-        """Restart, or stop for good, the modules that a failure of a module or a partition concerns."""
+        """Process a failure: each module that it concerns is restarted or given up."""
         match event:
             case StepFailed(module, release, reason, traceback):
                 if self.schedule.end(module, release, 0):
@@ -208,20 +210,13 @@ class RunningModules:
                 words = f"partition {partition}{self._with_names(partition)} ended: {reason}"
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 
-    def cannot_run(self, image: str, reason: str) -> str:
-        """Record why the code of an image cannot be imported, as the failure of its modules; gives the plain reason."""
-        for entry in self._index.modules.values():
-            if entry.image == image:
-                reason = self.failures.found(entry.index, Failure(reason))
-        return reason
-
     def not_ready(self, event: NotReady) -> None:
-        """Make a module due now whose step was not computed (NotReady): its next step gets present inputs."""
+        """Make a module due now, because its last step was not computed (NotReady)."""
         if not self.schedule.again(event.module, event.release, self._turn.now_ns):
             self._turn.count("stale answer", event.module)
 
     def measured(self, event: StepMeasured) -> None:
-        """Take the time that an unfinished step has spent; if its module hangs, end the partition."""
+        """Process how long an unfinished step has taken; if its module hangs, end the partition."""
         if not self.schedule.hangs(event.module, event.release, event.spent_ns, self._turn.now_ns):
             return
         partition = self._index.modules[event.module].partition
@@ -231,7 +226,7 @@ class RunningModules:
         )
 
     def _failed(self, module: int, failure: Failure, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
-        """Restart a failed module, or give it up."""
+        """Restart a module after a failure; after too many failures, give it up and report `code`."""
         running = self._running.get(module)
         if running is None or module in self.restarts.waiting:
             return
@@ -242,12 +237,12 @@ class RunningModules:
         reason = self.failures.found(module, failure)
         self._halt(module)
         self._turn.note(
-            "restart", f"module {running.entry.name} begins again, {times} of {running.entry.restarts}: {reason}"
+            "restart", f"module {running.entry.name} is restarted, {times} of {running.entry.restarts}: {reason}"
         )
         self._found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, module, times)
 
     def _give_up(self, module: int, failure: Failure, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
-        """Stop a module that cannot go on, and report it."""
+        """Stop a module for good, and report the failure to the manager."""
         if not self._reconfiguration.drop(module):
             return
         name, reason = self._running[module].entry.name, self.failures.found(module, failure)
@@ -258,21 +253,28 @@ class RunningModules:
         self._found(code, ElementKind.MODULE, module, 0)
 
     def repeat_faults(self) -> None:
-        """Send the pending EMCYs that are due again."""
+        """Send the reports again that are due and not acknowledged."""
         self._tell(self.faults.tick(self._turn.now_ns))
 
-    def lack(self, images: Collection[str]) -> None:
-        """Report the modules whose code is one of these images: they cannot run on this PE."""
+    def lack(self, images: Mapping[str, str]) -> None:
+        """Report every module with one of these images to the manager, as a module whose code is not on this PE.
+
+        images: each with the reason, which a reader can ask for.
+        """
+        for image, reason in sorted(images.items()):
+            self._turn.note("image", f"{image} cannot be run here: {plain_reason(reason)}")
         for module, entry in sorted(self._index.modules.items()):
-            if entry.image in images and module not in self._lacking:
-                self._lacking.add(module)
-                self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, module, 0)
+            if entry.image in images:
+                self.failures.found(module, Failure(images[entry.image]))
+                if module not in self._lacking:
+                    self._lacking.add(module)
+                    self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, module, 0)
 
     def cleared(self, a: int, index: int) -> None:
-        """Clear the faults of an element, as the operator commanded; a module may be cleared on another PE alone.
+        """Clear the faults of an element, as the operator commanded (CLEAR).
 
-        a, index: the fields of CLEAR; a CLEAR of a changed priority has no effect here. A module whose code is not on
-        this PE is reported again at once.
+        a: kind of the element, and the PE on which it is cleared (`kind_and_place`). index: index of the element.
+        A module whose code is not on this PE is reported again at once.
         """
         kind, place = kind_and_place(a)
         if kind == ElementKind.PRIORITY or place not in (EVERYWHERE, self._index.node):
@@ -282,13 +284,13 @@ class RunningModules:
             self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, index, 0)
 
     def entered(self, phase: int) -> None:
-        """Note the mission phase that the manager announces: rules of other phases may fire again."""
+        """Note the mission phase that the manager announces; phase rules that start from it may fire again."""
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
-        """Send the requests and the faults again at the beginning of a term, because its manager may not know them.
+        """Send requests and uncleared faults again, because the manager of a new term may not know them.
 
-        A failed module starts again if its fault was cleared and the module has not been started since.
+        A module that has failed starts again if its fault was cleared.
         """
         now_ns = self._turn.now_ns
         self._tell(self.phase_requests.new_mastership(now_ns))
@@ -305,17 +307,17 @@ class RunningModules:
             self.carry_out(self._reconfiguration.forgive(cleared), None)
 
     def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
-        """Decode another PE's echo into device and value; None where it is no echo."""
+        """Decode another PE's output echo into (device, value); None if the frame is no such echo."""
         return self._publisher.heard(frame)
 
     def validate(self) -> None:
-        """Check that what runs here is what the reconfiguration says; raises InvariantError."""
+        """Check that exactly the modules run that the reconfiguration wants; raises InvariantError."""
         modes = {module: running.mode for module, running in self._running.items()}
         live = self._reconfiguration.live
-        require(modes == live, "modules {} run, and {} should", modes, live)
+        require(modes == live, "modules {} run, but the reconfiguration wants {}", modes, live)
         scheduled = self.schedule.modules
         require(
-            scheduled.isdisjoint(self.restarts.waiting), "scheduled {}, waiting {}", scheduled, self.restarts.waiting
+            scheduled.isdisjoint(self.restarts.waiting), "scheduled {} and waiting {}", scheduled, self.restarts.waiting
         )
         require(scheduled | self.restarts.waiting == modes.keys(), "scheduled {}, running {}", scheduled, modes)
 
@@ -326,7 +328,7 @@ class RunningModules:
         self._begin(module)
 
     def _begin(self, module: int) -> None:
-        """Have a module built, or carried over into a new mode, and schedule its steps."""
+        """Have a module built, or continued in a new mode; its first step is due now."""
         running = self._running[module]
         entry, mode = running.entry, running.mode
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
@@ -340,16 +342,16 @@ class RunningModules:
         self._halt(module, keep=keep)
 
     def _halt(self, module: int, *, keep: bool = False) -> None:
-        """Stop the steps of a module; keep: it will start again in another mode."""
+        """Stop stepping a module, and drop its object; with `keep`, keep the object for another mode."""
         self.schedule.stop(module)
         self.phase_requests.stopped(module)
         self._priority_requests.stopped(module)
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """Handle the end of a partition.
+        """Restart the modules of a partition that has ended.
 
-        The module `culprit` has failed, or without a culprit every module of the partition; the others restart.
+        The module `culprit` (None: every module) counts as failed, and is given up after too many failures.
         """
         for module in self._lived(partition):
             if culprit in (None, module):
@@ -362,13 +364,13 @@ class RunningModules:
         return [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
 
     def _with_names(self, partition: str) -> str:
-        """Name the modules that run in a partition: a reader of the reason does not know what ended with it."""
+        """Name the first few modules of a partition, as a part of a sentence: ", with A, B and 2 more,"."""
         names = [self._index.modules[module].name for module in self._lived(partition)]
         more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
         return f", with {', '.join(names[:_MOST_NAMES])}{more}," if names else ""
 
     def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
-        """Give for each module the modules on this PE whose outputs it reads."""
+        """Return, for each module, the modules on this PE whose outputs it reads."""
         here = {self._index.modules[module.module].name: module.module for module in wanted.modules}
         chains = {}
         for module in wanted.modules:
@@ -379,7 +381,7 @@ class RunningModules:
         return chains
 
     def _drive(self, running: _Running, writes: tuple[Value, ...]) -> None:
-        """Execute the commands of a module to its device, if they are still authorized."""
+        """Execute the commands of a module to its device, if this output is authorized now."""
         if writes and running.entry.demux and not self._output_authorization.allows(self._turn.now_ns):
             self._turn.count("write held", running.entry.index)
             self._held_ns = self._turn.now_ns
@@ -387,7 +389,7 @@ class RunningModules:
         self._turn.out += [Drive(running.entry.index, value) for value in writes]
 
     def _take_stock(self) -> None:
-        """Compute anew what depends on the set of running modules."""
+        """Recompute the load, and whether this PE has exclusive outputs, after a change of the running modules."""
         self.has_exclusive_output = any(
             r.entry.demux or (r.entry.movable and any(source in self._publish for source, _ in r.gives.values()))
             for r in self._running.values()
@@ -396,10 +398,9 @@ class RunningModules:
         self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
 
     def _give(self, running: _Running, variable: str, value: Value) -> None:
-        """Handle a value of a variable that a module has given: publish it, and check it against phase rules.
+        """Publish an output of a module, and apply the phase rules of its variable.
 
-        Raises WireError for a value that cannot be carried. An output that the mode does not have is left out: code may
-        compute more than a spec takes from it.
+        Raises WireError for a value that no frame can carry. An output that is not in the mode is ignored and counted.
         """
         if variable not in running.gives:
             self._turn.count("output that the mode does not give", running.entry.index)
@@ -409,7 +410,7 @@ class RunningModules:
         self._tell(self.phase_requests.gave(running.entry.index, variable, value, self._turn.now_ns))
 
     def _put_out(self, source: int, frame: Frame, running: _Running) -> None:
-        """Hand a datum to its readers on this PE, and send it on the buses that the slice names."""
+        """Store a datum in the mailbox of its source, and send it on the buses that the slice names."""
         box = self.mailboxes.boxes.get(source)
         if box is not None:
             box.put(frame.data, self._turn.now_ns)
@@ -430,7 +431,7 @@ class RunningModules:
         self._turn.out.append(Send(self._index.uplink, frame))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
-        """Report something that is no fault, once a second at most and without acknowledgement.
+        """Report to the manager something that is no fault, unless it was reported within a second.
 
         Tells whether it was sent.
         """
@@ -492,5 +493,4 @@ class RunningModules:
         return bool(frames)
 
     def _tell(self, frames: list[Frame]) -> None:
-        """Send frames on the uplink."""
         self._turn.out += [Send(self._index.uplink, frame) for frame in frames]

@@ -1,19 +1,20 @@
 """When each module is stepped: at exact multiples of its period, without bursts, and with a limit for every step.
 
-The k-th release of a module is k periods after its start, computed from k and not from the release before: so a rate of
-30 Hz, whose period is not a whole number of nanoseconds, does not drift. If several releases have passed while the PE
-was busy or paused, the module is stepped once, and the other releases are skipped and counted (`overruns`).
+A *release* is the moment at which a step of a module is due. The k-th release is k periods after the start of the
+module, computed from k and not from the release before: so a rate of 30 Hz, whose period is not a whole number of
+nanoseconds, does not drift. If several releases have passed while the PE was busy or paused, the module is stepped
+once, and the other releases are skipped and counted (`overruns`).
 
 Modules that are due at the same instant begin in the order of the spec. A partition receives all of its steps together
 and computes them one by one; partitions compute side by side. A partition receives no further steps before it has
-answered all. A chain of modules on one PE is to pass a value on within one instant. So a module waits for the modules
-whose outputs it reads on this PE, and that were due just before it. It waits until they have answered, but at most a
-quarter of its own period. If a module hangs or is late, its readers go on without its value, and only the other modules
-of its partition have to wait.
+answered all. A chain of modules on one PE should use each other's newest values. So a module waits for the modules on
+this PE whose outputs it reads and that were due just before it: until they have answered, but at most a quarter of its
+own period. If a module hangs or is late, the modules that read its outputs go on without its new value, and only the
+other modules of its partition have to wait.
 
 The time that a step has *spent* is its duration without the time in which it waited for a processor: so no module is
-reported because the computer was overloaded or paused. The driver measures this time. This file decides when it is
-measured, and what the result means:
+reported because the computer was overloaded or paused. The driver of the core measures this time. This file decides
+when the driver measures it, and what the result means:
 
     overruns    OVERRUNS_IN_A_ROW steps in a row have each spent more than a period: the module cannot keep up
     hangs       one step has spent at least HUNG_NS, and at least FRESH_PERIODS periods, after which its output is not
@@ -37,7 +38,7 @@ _PATIENCE = 4  # a module waits for its producers for one part in so many of its
 
 
 def hung_ns(rate_mhz: int) -> int:
-    """Time in ns that a step may spend before its module, which runs at `rate_mhz`, counts as hanging."""
+    """Time in ns that a step may spend; after that the module, which runs at `rate_mhz`, counts as hanging."""
     return max(HUNG_NS, FRESH_PERIODS * NS_MHZ // rate_mhz)
 
 
@@ -59,7 +60,7 @@ class _Grid:
         self.hung_ns = hung_ns(self.rate_mhz)
 
     def release(self, now_ns: int) -> int:
-        """Move on to the first release after now; gives the number of releases that were skipped."""
+        """Set the next release to the first one after now; returns how many were skipped."""
         following = self.index + 1
         index = max(following, (now_ns - self.started_ns) * self.rate_mhz // NS_MHZ)
         while self.started_ns + index * NS_MHZ // self.rate_mhz <= now_ns:
@@ -70,7 +71,7 @@ class _Grid:
 
 @dataclass(slots=True)
 class _Step:
-    """A step that has not been answered."""
+    """A step that has begun and has not been answered."""
 
     module: int
     release: int
@@ -79,7 +80,7 @@ class _Step:
 
 
 class Schedule:
-    """Releases of the modules of one PE."""
+    """Decides when each module of one PE is stepped, and which steps take too long."""
 
     def __init__(self) -> None:
         self._grids: dict[int, _Grid] = {}
@@ -92,7 +93,7 @@ class Schedule:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which a module is due, or a step is to be measured."""
+        """Time in ns at which the next module is due, or the next step is to be measured."""
         if self._next_ns is None:
             self._next_ns = self._find_next()
         return self._next_ns
@@ -103,27 +104,27 @@ class Schedule:
         return self._grids.keys()
 
     def start(self, module: int, rate_mhz: int, now_ns: int, partition: str = "") -> None:
-        """Schedule a module; its first release is now."""
+        """Schedule a module; its first step is due now."""
         self.stop(module)
         self._grids[module] = _Grid(module, partition, rate_mhz, now_ns)
         self._next_ns = None
 
     def stop(self, module: int) -> None:
-        """Stop scheduling a module; an answer that is still to come will not be recognised."""
+        """Remove a module from the schedule; an answer that comes later is not accepted by `end`."""
         grid = self._grids.pop(module, None)
         if grid is not None:
             self._forget(grid)
         self._next_ns = None
 
     def chain(self, producers: Mapping[int, frozenset[int]]) -> None:
-        """Set for each module the modules on this PE whose outputs it reads."""
+        """Set, for each module, the modules on this PE whose outputs it reads, and for which it waits."""
         self._producers = producers
         self._next_ns = None
 
     def due(self, now_ns: int) -> Iterator[int]:
-        """Give the modules to step now: the earliest due first, and among equals in the order of the spec.
+        """Yield the modules that are due now: the earliest first, and at the same time in the order of the spec.
 
-        For each module the caller calls `begin`, or skips the step, before it takes the next module.
+        For each of them the caller calls `begin`, or skips its step, before it takes the next one.
         """
         if now_ns < self.next_ns:
             return
@@ -141,7 +142,7 @@ class Schedule:
                 yield grid.module
 
     def begin(self, module: int, now_ns: int) -> int:
-        """Note that a module is being stepped; gives the number of this release, which the answer repeats."""
+        """Note that a step of a module begins; returns the number of the step, which the answer has to repeat."""
         self._releases += 1
         grid = self._grids[module]
         step = _Step(module, self._releases, self._due_ns.pop(module, now_ns), now_ns + grid.hung_ns)
@@ -150,10 +151,7 @@ class Schedule:
         return self._releases
 
     def end(self, module: int, release: int, spent_ns: int) -> bool:
-        """Take the answer to a step.
-
-        False where no such step is under way, as when the module has been stopped since.
-        """
+        """Note the answer to a step; False if no such step has begun, or its module has been stopped since."""
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -164,7 +162,7 @@ class Schedule:
         return True
 
     def again(self, module: int, release: int, now_ns: int) -> bool:
-        """Make a module due now whose step came back without being computed; False as in `end`."""
+        """Make a module due now, because its step was not computed; False if `end` would return False."""
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -175,11 +173,11 @@ class Schedule:
         return True
 
     def overruns_now(self, module: int) -> bool:
-        """Tell whether a module has overrun its period in too many steps in a row."""
+        """Tell whether OVERRUNS_IN_A_ROW steps of a module have each spent more than a period."""
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
 
     def overdue(self, now_ns: int) -> list[tuple[int, int]]:
-        """Give module and release of each step that is to be measured now."""
+        """Return (module, release) of each unanswered step whose duration is to be measured now."""
         found = [step for steps in self._steps.values() for step in steps.values() if step.look_ns <= now_ns]
         for step in found:
             step.look_ns = now_ns + self._grids[step.module].hung_ns
@@ -188,7 +186,7 @@ class Schedule:
         return [(step.module, step.release) for step in found]
 
     def hangs(self, module: int, release: int, spent_ns: int, now_ns: int) -> bool:
-        """Take the time in ns that a step has spent so far; tells whether the module hangs."""
+        """Tell whether a step that has spent `spent_ns` so far hangs; if not, plan its next measurement."""
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -197,8 +195,8 @@ class Schedule:
         self._next_ns = None
         return left_ns <= 0
 
-    def _find_next(self) -> int:
-        """Compute `next_ns`. This runs for each step, so modules that cannot be the first are skipped early."""
+    def _find_next(self) -> int:  # runs for each step, so modules that cannot be the first are skipped early
+        """Compute `next_ns`."""
         next_ns = NEVER_NS
         for grid in self._grids.values():
             if grid.due_ns < next_ns and grid.partition not in self._steps:
@@ -209,24 +207,24 @@ class Schedule:
         return next_ns
 
     def _awaiting(self, module: int, release: int) -> _Grid | None:
-        """Grid of a module if this release has begun and has not been answered, else None."""
+        """Return the entry of a module if it has to answer this release; otherwise None."""
         grid = self._grids.get(module)
         step = None if grid is None else self._steps.get(grid.partition, {}).get(module)
         return grid if step is not None and step.release == release else None
 
     def _forget(self, grid: _Grid) -> None:
-        """Drop a module's step that has not been answered."""
+        """Forget the unanswered step of a module."""
         steps = self._steps.get(grid.partition, {})
         if steps.pop(grid.module, None) is not None and not steps:
             del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """Time in ns at which a module of an idle partition may be released, if no answer comes."""
+        """Time in ns at which a module is stepped if no module that it waits for answers before."""
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 
     def _waits(self, grid: _Grid, producers: frozenset[int]) -> bool:
-        """Tell whether a module has to wait: a producer was due just before it, and has not answered."""
+        """Tell whether a module waits for one of the modules whose outputs it reads."""
         earliest_ns = grid.due_ns - grid.patience_ns
         for module in producers:
             producer = self._grids.get(module)

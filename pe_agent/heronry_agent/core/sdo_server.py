@@ -3,8 +3,8 @@
 A client reads (uploads) or writes (downloads) one value of the object dictionary per transfer, in one of three ways:
 
     expedited   up to four bytes, in the request or the answer itself
-    segmented   seven bytes in each request, each answered; a toggle bit distinguishes a doubled request from the next
-    block       up to 127 segments in a row, then one answer that says how many have come in order; the other segments
+    segmented   seven bytes in each request (or answer); a toggle bit distinguishes a doubled request from the next
+    block       up to 127 segments in a row, then one answer that says how many have come in order; the missing ones
                 are sent again. The end carries a checksum over all data
 
 The server is in one of these states:
@@ -17,16 +17,15 @@ The server is in one of these states:
     _BlockUpload    OPENED until the client sends start; SENDING segments; WAITING for the answer to a block; CLOSING:
                     the end was sent, and the server awaits the client's answer
 
-There is one transfer at a time. The requests of two clients have the same identifier, so the server cannot distinguish
-them: a new initiate replaces the transfer under way, and the next request of the other client does not fit and is
-aborted. (Within a block download every frame is a segment; there the second client has to wait for the end or for the
-time-out.)
+The requests of all clients have the same identifier, so the server cannot distinguish two clients: an initiate request
+replaces the transfer under way, and the next request of the first client does not fit the new transfer and aborts it.
+(Within a block download every frame is a segment; there the second client has to wait for the end or for the time-out.)
 
 A written value reaches its object at the end of the transfer, complete and checked, or not at all.
 
 A lost request or answer ends an expedited or segmented transfer: the client gives up, and so does this server after
 TIME_OUT_NS, with an abort. A lost segment of a block is sent again: the server drops the segments after a gap, and its
-answer names the last segment in order. If the last segment of a block is lost, that answer is sent after
+answer names the last segment in order. If the last segment of a block is lost, the server sends its answer after
 BLOCK_PAUSE_NS. A forged request has the effect of a true one. Garbage is answered with an abort, or not at all; no
 request raises an exception. After a restart the server knows of no transfer, and aborts one that a client continues.
 
@@ -101,16 +100,16 @@ class Objects(Protocol):
     """The object dictionary that the server serves."""
 
     def read(self, index: int, sub_index: int) -> bytes | Abort:
-        """Give the bytes of an object's value, or the reason why it cannot be read."""
+        """Return the bytes of an object's value, or the reason why it cannot be read."""
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Give how many bytes may be written to an object, before the first byte comes.
+        """Return how many bytes may be written to an object, or the reason why it cannot be written.
 
-        `length`: as announced, or None.
+        length: the length that the client has announced, or None.
         """
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
-        """Write the value of an object; gives None, or why the value is refused."""
+        """Write the value of an object; returns None, or the reason why the value is refused."""
 
 
 class _Phase(Enum):
@@ -181,7 +180,7 @@ class SdoServer:
     """The SDO server of one node; `next_ns` is the latest time at which to call `tick`."""
 
     def __init__(self, objects: Objects, segment_ns: int) -> None:
-        """segment_ns: time from one segment of a block upload to the next; it may be changed at any time."""
+        """Begin without a transfer; a block upload sends a segment every `segment_ns`, which may be changed later."""
         self._objects = objects
         self.segment_ns = segment_ns
         self._transfer: _Transfer | None = None
@@ -197,12 +196,12 @@ class SdoServer:
         }
 
     def reset(self) -> None:
-        """Drop the transfer under way, without an abort."""
+        """End the transfer under way, and send no abort."""
         self._transfer = None
         self.next_ns = self._limit_ns = NEVER_NS
 
     def request(self, message: bytes, now_ns: int) -> bytes | None:
-        """Take a request that came at `now_ns`; gives the answer, or None."""
+        """Process a request of a client; returns the answer, None if there is none."""
         if len(message) != MESSAGE_BYTES:
             return None
         if command_of(message) == ABORT:
@@ -218,7 +217,7 @@ class SdoServer:
         return answer
 
     def tick(self, now_ns: int) -> bytes | None:
-        """Give the frame that is due: a segment of an upload, the answer to an interrupted block, or an abort."""
+        """Return the frame that is due: a segment of an upload, the answer to an interrupted block, or an abort."""
         transfer = self._transfer
         if transfer is None or now_ns < self.next_ns:
             return None
@@ -231,7 +230,7 @@ class SdoServer:
         return self._acknowledge(transfer)
 
     def _await(self, now_ns: int, wake_ns: int = NEVER_NS) -> None:
-        """Restart the time-out; wake_ns: when `tick` is due, if that is before the time-out."""
+        """Restart the time-out of the transfer; `wake_ns` is when `tick` is due, if that is before the time-out."""
         self._limit_ns = now_ns + TIME_OUT_NS
         self.next_ns = min(self._limit_ns, wake_ns)
 
@@ -240,7 +239,7 @@ class SdoServer:
         return abort_message(index, sub_index, reason)
 
     def _unknown(self, message: bytes, _now_ns: int) -> bytes:
-        """Abort a request that does not exist or does not fit the transfer, and end the transfer."""
+        """Abort the transfer, because a request is unknown or does not fit the transfer."""
         transfer = self._transfer
         index, sub_index = read_head(message)[:2] if transfer is None else (transfer.index, transfer.sub_index)
         return self._abort(index, sub_index, Abort.COMMAND)
@@ -262,7 +261,10 @@ class SdoServer:
         return with_data(DOWNLOAD_ANSWER, index, sub_index)
 
     def _write(self, index: int, sub_index: int, data: bytes, answer: int) -> bytes:
-        """Write a complete value to its object, end the transfer, and give the answer or an abort."""
+        """Write a complete value to its object, and end the transfer.
+
+        Returns the command byte `answer` as a message, or an abort.
+        """
         refusal = self._objects.write(index, sub_index, data)
         if refusal is not None:
             return self._abort(index, sub_index, refusal)
@@ -343,7 +345,7 @@ class SdoServer:
         return None
 
     def _acknowledge(self, transfer: _BlockDownload) -> bytes:
-        """Acknowledge the segments received in order; the next segment of the client has number 1 again."""
+        """Return the answer to a block: how many segments have come in order; the next segment has number 1 again."""
         received, transfer.sequence = transfer.sequence, 0
         return segment(BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, bytes((received, SEGMENTS_PER_BLOCK)))
 
@@ -403,9 +405,9 @@ class SdoServer:
         return segment(command, part)
 
     def _acknowledged(self, transfer: _BlockUpload, received: int, size: int, now_ns: int) -> bytes:
-        """Continue after the client has received `received` segments of the block in order.
+        """Continue a block upload after the client has confirmed `received` segments of the last block.
 
-        `size`: of the next block.
+        size: how many segments the next block has.
         """
         if received > transfer.sent:
             return self._abort(transfer.index, transfer.sub_index, Abort.SEQUENCE)
@@ -422,7 +424,7 @@ class SdoServer:
 
 
 def _fits(transfer: _Download | _BlockDownload, *, is_last: bool) -> bool:
-    """Tell whether the length of the received data is the announced one, or one that the object allows."""
+    """Tell whether the received data are not too long and, with the last segment, not too short."""
     length = len(transfer.data)
     if transfer.length is None:
         return length <= transfer.room

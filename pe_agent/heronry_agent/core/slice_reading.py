@@ -1,11 +1,12 @@
 """Decodes the bytes of a slice into a slice that this PE can run, or gives the reason why it cannot.
 
-Everything is checked before the slice is staged, so that no step can fail half way. Every index is in the table. Every
-wired leaf reads its own variable, from a module of this slice or from a named node. Every published source is given by
-a module of this slice. Every mask names only ports of this PE. Every image can be loaded here.
+Everything is checked before the slice is staged, so that its activation cannot fail half way. Every index is in the
+table. Every wired leaf reads its own variable, from a module of this slice or from a named node. Every published source
+is an output of a module of this slice. Every bit mask names only ports of this PE. The code of every module is on this
+PE.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from heronry_agent.core.table_index import TableIndex
 from heronry_wire.configuration_slice import ModuleSlice, Slice, SliceError, decode_slice, slice_digest
@@ -14,25 +15,25 @@ from heronry_wire.state_frames import Reason
 
 
 class SliceReader:
-    """Reads the slices of one PE."""
+    """Decodes and checks slices for one PE."""
 
-    def __init__(self, index: TableIndex, missing_images: frozenset[str]) -> None:
-        """missing_images: images of the table that cannot be loaded on this PE."""
+    def __init__(self, index: TableIndex, missing_images: Mapping[str, str]) -> None:
+        """missing_images: images of the table that cannot be loaded on this PE, each with the reason."""
         self._index = index
-        self.missing_images = missing_images
+        self.missing_images = dict(missing_images)
 
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
-        """Give the slice of contingency `number` with its digest.
+        """Return the slice of contingency `number` as bytes, and the digest of these bytes.
 
-        None if the contingency is not on board, or is not the configuration with this digest.
+        None if the contingency is not on board, or `digest` is not that of its configuration.
         """
         body = self._index.on_board(number, digest)
         return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))
 
     def read(self, body: bytes, digest: int) -> Slice | Reason:
-        """Decode and check the bytes of a slice; `digest` was announced for them.
+        """Decode the bytes of a slice, and check it; returns the slice, or the reason why it is refused.
 
-        Gives the slice, or the reason for refusal.
+        digest: the one that the manager has announced for these bytes.
         """
         if slice_digest(self._index.table.spec_digest, body) != digest:
             return Reason.DIGEST
@@ -43,7 +44,7 @@ class SliceReader:
         if not self._is_coherent(wanted):
             return Reason.UNKNOWN_INDEX
         images = {self._index.modules[module.module].image for module in wanted.modules}
-        return Reason.IMAGE if images & self.missing_images else wanted
+        return Reason.IMAGE if images & self.missing_images.keys() else wanted
 
     def _is_coherent(self, wanted: Slice) -> bool:
         given = {source for m in wanted.modules for source in self._index.gives(m.module, m.mode)}

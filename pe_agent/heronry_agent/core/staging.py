@@ -6,16 +6,16 @@
                  board the PE requests the slice (NOT_ON_BOARD)
     staged       the slice is complete, has its digest, and this PE can run it
 
-A newer epoch, or one from a higher term, replaces what was collected or staged. A repeated command for a staged epoch
-is answered again and changes nothing. A head that announces the slice which already runs here stages it at once. For
-any other slice the body must follow: if frames are missing and none has come for half a heartbeat period, the PE
-answers INCOMPLETE. That also happens if the manager wrongly believes that the slice already runs here, and sends no
-body.
+The *head* of a slice gives its length and its digest; its *body* is the slice itself, in frames of five bytes. A newer
+epoch, or one from a higher term, replaces what was collected or staged. A repeated command for a staged epoch is
+answered again and changes nothing. If the head announces the slice that already runs on this PE, this slice is staged
+at once, without a body. Otherwise the body must follow: if frames are missing and none has come for half a heartbeat
+period, the PE answers INCOMPLETE.
 
-An answer is a page 1 of the state; the methods that take commands tell whether an answer is due now. Page 1 names the
-epoch of the last PREPARE, so the manager knows which command is answered. Page 1 also gives the digest once the epoch
-is staged, and a reason until then. A late PREPARE, of an older epoch than the one collected, is answered with
-STALE_EPOCH. After a pause the frames that waited are taken in their order; repetitions by the manager change nothing.
+The PE answers by page 1 of its state; the methods that take commands return whether an answer is due now. Page 1 names
+the epoch of the last PREPARE, so that the manager knows which command is answered. If the epoch is staged, page 1 gives
+its digest, and otherwise the reason why it is not staged. A late PREPARE, of an older epoch than the one collected, is
+answered with STALE_EPOCH. After a pause of the process, the frames that have come meanwhile are handled in their order.
 After a restart the PE is unconfigured, and the manager begins anew.
 """
 
@@ -33,7 +33,9 @@ from heronry_wire.state_frames import Reason
 class Configured:
     """One PE's part of a configuration.
 
-    `digest` is that of the whole configuration, `slice_digest` that of the slice.
+    epoch: number of the configuration.
+    digest: digest of the whole configuration.
+    slice_digest, length: digest of the PE's slice, and its length in bytes.
     """
 
     epoch: int
@@ -48,20 +50,20 @@ UNCONFIGURED = Configured(NO_EPOCH, 0, Slice(), 0, 0)
 
 @dataclass(slots=True)
 class _Collection:
-    """An epoch that is being collected."""
+    """What has come of the slice of a new epoch: its PREPARE, its head, and frames of its body by their number."""
 
     prepare: Prepare
     head: SliceHead | None = None
     bodies: dict[int, bytes] | None = None
 
     def missing(self) -> bool:
-        """Tell whether a part of the body has not come; the head must have."""
+        """Tell whether any frame of the body has not come; call this only when the head has come."""
         assert self.head is not None
         held = self.bodies or {}
         return any(index not in held for index in range(1, _frames(self.head.length) + 1))
 
     def body(self) -> bytes:
-        """Give the bytes of the slice; nothing may be missing."""
+        """Join the frames of the body to the bytes of the slice; call this only when all have come."""
         assert self.head is not None
         held = self.bodies or {}
         joined = b"".join(held[index] for index in range(1, _frames(self.head.length) + 1))
@@ -73,10 +75,10 @@ def _frames(length: int) -> int:
 
 
 class Staging:
-    """Collects and stages the slices of one PE. The methods that take commands tell whether page 1 is due now."""
+    """Collects and stages the slices of one PE; methods that return bool tell whether page 1 is to be sent now."""
 
     def __init__(self, reader: SliceReader, quiet_ns: int) -> None:
-        """quiet_ns: how long no frame of an incomplete body may come before the PE reports INCOMPLETE."""
+        """Begin unconfigured; INCOMPLETE is reported if no frame of an incomplete body has come for `quiet_ns`."""
         self.reader = reader
         self._quiet_ns = quiet_ns
         self._collection: _Collection | None = None
@@ -86,7 +88,10 @@ class Staging:
         self.ask_ns = NEVER_NS  # when to report INCOMPLETE
 
     def prepare(self, command: Prepare, running: Configured) -> bool:
-        """Take a PREPARE of the active manager; `running` is the configuration that runs."""
+        """Begin to collect the slice of the epoch that a PREPARE names.
+
+        running: the configuration that runs here; it cannot be replaced by an older epoch.
+        """
         epoch = command.epoch
         if (epoch, command.digest) in ((self.staged.epoch, self.staged.digest), (running.epoch, running.digest)):
             self.reason = Reason.NONE
@@ -104,7 +109,7 @@ class Staging:
         return command.contingency != 0 and self._take_from_board(command)
 
     def _take_from_board(self, command: Prepare) -> bool:
-        """Stage the contingency that a PREPARE names, or refuse it with NOT_ON_BOARD."""
+        """Stage the slice of the contingency that a PREPARE names, or report NOT_ON_BOARD."""
         collection, found = self._collection, self.reader.on_board(command.contingency, command.digest)
         assert collection is not None
         if found is None:
@@ -115,7 +120,10 @@ class Staging:
         return self._stage(read) if isinstance(read, Slice) else self.refuse(read)
 
     def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
-        """Take the head of this PE's slice, from the active manager."""
+        """Take the head of this PE's slice.
+
+        running: the configuration that runs here; if the head announces its slice, that is staged at once.
+        """
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
             return self._is_about(command.epoch_low, self.staged.epoch)
@@ -129,7 +137,7 @@ class Staging:
         return self._check(now_ns)
 
     def body(self, command: SliceBody, now_ns: int) -> bool:
-        """Take five bytes of this PE's slice, from the active manager."""
+        """Take one frame of the body of this PE's slice."""
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
             return False
@@ -146,13 +154,13 @@ class Staging:
         return self.refuse(Reason.INCOMPLETE)
 
     def refuse(self, reason: Reason) -> bool:
-        """Record why a command was refused, for page 1, which is due now."""
+        """Set the reason that page 1 gives for a refused command; returns True, since page 1 is due."""
         self.reason = reason
         return True
 
     @property
     def told(self) -> tuple[int, int]:
-        """Epoch and digest for page 1: those of the staged epoch, or the epoch being collected with digest 0."""
+        """Epoch and digest for page 1; the digest is 0 while the slice of this epoch is being collected."""
         if self._collection is not None:
             return self._collection.prepare.epoch, 0
         return self.staged.epoch, self.staged.digest
@@ -165,18 +173,18 @@ class Staging:
         return epoch != NO_EPOCH and epoch_low == epoch & 0xFF
 
     def _newest(self) -> Prepare | Configured | None:
-        """The last PREPARE that was not refused as stale, or the configuration staged from it."""
+        """Return the last accepted PREPARE, or the configuration that was staged from it; None before the first one."""
         if self._collection is not None:
             return self._collection.prepare
         return self.staged if self.staged.epoch != NO_EPOCH else None
 
     def _is_superseded(self, command: Prepare) -> bool:
-        """Tell whether a later PREPARE of the same term was already accepted, so that this one must be refused."""
+        """Tell whether a PREPARE of the same term with the same epoch or a newer one was accepted before."""
         newest = self._newest()
         return newest is not None and command.term == self._term and not is_newer(command.epoch, newest.epoch)
 
     def _check(self, now_ns: int) -> bool:
-        """Stage the slice if it is complete and legal; otherwise wait, or refuse it."""
+        """Stage the collected slice, or refuse it if this PE cannot run it, or wait for the frames that it lacks."""
         collection = self._collection
         assert collection is not None
         assert collection.head is not None

@@ -1,10 +1,10 @@
 """How a PE with a key authenticates its states to its manager: sessions, and the tag of each page (protocol rule 11).
 
-A manager that has welcomed this PE has a session with it, under the number of the WELCOME; a manager uses no number
-twice. A further WELCOME in the same term changes no session: a PE that was made to ask once more, by frames that prove
-nothing, goes on in the session that its manager knows. RENEW ends a session. Only the session with the active manager
-is used; without one, pages carry the tag 0. Pages 0 are numbered within a session. The page shows only the lowest byte
-of its number, so the number at the begin of a session is rounded down to a multiple of 256.
+A manager that has welcomed this PE (`authenticity`) has a session with it, identified by the number of the WELCOME,
+which the manager uses only once. A further WELCOME in the same term does not begin another session, since forged frames
+can cause a PE to request one. RENEW ends a session. Only the session with the active manager is used; without a
+session, pages carry the tag 0. Pages 0 are numbered within a session. The page shows only the lowest byte of its
+number. So that both sides count alike, a session's first number is rounded down to a multiple of 256.
 
 The tag of a page 0 also covers one EMCY that waits to be acknowledged; if there are several, the pages cover them in
 turn.
@@ -17,22 +17,22 @@ from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, PAGE_1_BEAT, Ke
 
 
 class StateSeal:
-    """Tags the pages of one PE."""
+    """Knows the sessions of one PE, and computes the tags of its state pages."""
 
     def __init__(self, node: int, key: Key, mastership: Mastership, pending: Callable[[], Sequence[bytes]]) -> None:
-        """pending: gives every EMCY that waits to be acknowledged."""
+        """Begin without a session; `pending` returns every EMCY that the manager has not acknowledged yet."""
         self._node, self._key, self._mastership, self._pending = node, key, mastership, pending
         self._sessions: dict[int, Session] = {}  # by manager
         self._first_beat: int | None = None
 
     @property
     def session(self) -> Session | None:
-        """Session with the active manager, or None."""
+        """The session with the active manager; None if there is none in its term."""
         session = self._sessions.get(self._mastership.manager)
         return session if session is not None and session.term == self._mastership.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
-        """Begin a session with a manager, unless there is one in this term."""
+        """Begin a session, unless this manager has one in this term; `counter` is the number of its WELCOME."""
         session = self._sessions.get(manager)
         if session is not None and session.term == term:
             return
@@ -44,9 +44,9 @@ class StateSeal:
         self._sessions.pop(self._mastership.manager, None)
 
     def tag(self, beat: int | None, said: bytes, digest: int) -> int:
-        """Give the tag of a page on the uplink, 0 without a session.
+        """Return the tag of a page on the uplink; 0 without a session.
 
-        `beat` is the number of a page 0, None for a page 1.
+        beat: number of a page 0; None for a page 1. said: the bytes of the page before the digest.
         """
         session = self.session
         if session is None:

@@ -1,4 +1,4 @@
-"""Quick look-ups in a PE's table, which is checked once for contradictions that would stop the agent later.
+"""Quick look-ups in a PE's table, which is checked first, so that no contradiction in it stops the agent later.
 
 The constructor raises TableError for a table with a contradiction. Afterwards every look-up of a name or index of the
 table succeeds.
@@ -18,10 +18,10 @@ _REMEDY = "write the table anew with 'heronry table'"
 
 
 class TableIndex:
-    """Look-ups in a table by the indices and names that slices, modules and frames use."""
+    """Finds entries of a table by the indices and names that slices, modules and frames use."""
 
     def __init__(self, table: PeTable) -> None:
-        """Index a table; raises TableError where it contradicts itself."""
+        """Index a table; raises TableError if the table contradicts itself."""
         self.table = table
         self.node = table.node_id
         self.ports = range(len(table.ports))
@@ -45,7 +45,10 @@ class TableIndex:
         self._check_preloaded()
 
     def on_board(self, number: int, digest: int) -> bytes | None:
-        """Slice of contingency `number`; None if it is not on board, or is not the configuration with this digest."""
+        """Return the slice of contingency `number` as bytes.
+
+        None if the contingency is not on board, or `digest` is not that of its configuration.
+        """
         if not 0 < number <= len(self._preloaded):
             return None
         found = self._preloaded[number - 1]
@@ -59,23 +62,23 @@ class TableIndex:
                 raise TableError(f"a contingency in the table is not a slice of this PE ({error}); {_REMEDY}") from None
 
     def leaf_variables(self, module: int, mode: int) -> tuple[str, ...]:
-        """Variable of each leaf of a mode, in the order of a slice."""
+        """Return the variable of each leaf of a mode, in the order that slices use."""
         return tuple(leaf.variable for leaf in self.modules[module].modes[mode].leaves)
 
     def identifiers(self, sources: Iterable[int]) -> frozenset[int]:
-        """Identifiers under which sources are sent."""
+        """Return the CAN identifiers under which these sources are sent."""
         return frozenset(self.table.sources[source].identifier for source in sources)
 
     def gives(self, module: int, mode: int) -> dict[int, int]:
-        """Sources that a module gives in a mode, with their versions."""
+        """Return the sources that a module gives in a mode, each with its version."""
         entry = self.modules[module]
         return {self.source_of[entry.name, variable]: v for variable, v in entry.modes[mode].gives.items()}
 
 
 def _stand_back_ns(port: Port) -> int:
-    """Time in ns for which data are held back.
+    """Time in ns that PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take on the bus.
 
-    PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take that time on the bus.
+    For so long data are held back after a PREPARE.
     """
     frames = 4 + 3 * (1 + len(port.nodes))
     return frames * WORST_BLOCKING_BITS * 1_000_000_000 // port.bitrate

@@ -1,8 +1,8 @@
-"""The present call of the core: its time, and the actions and state pages requested so far.
+"""The present call of the core: its time, and the actions and state pages that the parts have requested so far.
 
-All parts of the agent share the turn, so that no time and no list has to be passed through every call. A part requests
-a page when it has changed something that the state frames report; the core sends each page once, when the call ends.
-Only the time and the counts are kept from one call to the next.
+All parts of the agent share this object, so that the time and the list of actions need not be passed through every
+call. A part that has changed something which the state frames report requests a state page; the core sends each
+requested page once, when the call ends. The next call keeps only the time and the counts.
 """
 
 from collections import Counter
@@ -14,7 +14,7 @@ from heronry_wire.standstill import Standstills
 
 
 class Turn:
-    """The present call of the core."""
+    """What all parts of the agent share during one call of the core."""
 
     __slots__ = (
         *("arrived_ns", "counts", "held_until_ns", "now_ns", "out", "rewired", "standstills"),
@@ -22,7 +22,7 @@ class Turn:
     )
 
     def __init__(self, now_ns: int, period_ns: int = USUAL_HEARTBEAT_NS) -> None:
-        """period_ns: heartbeat period of the uplink."""
+        """Begin at `now_ns`; `period_ns` is the heartbeat period of the uplink."""
         self.now_ns = now_ns
         self.arrived_ns = now_ns  # arrival of the present frame: before now_ns if the process was paused
         self.held_until_ns = now_ns - 1  # end of the last pause: a frame from before it may be outdated by a later one
@@ -32,7 +32,7 @@ class Turn:
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
 
     def begin(self, now_ns: int) -> list[Action]:
-        """Begin the next call; raises ValueError when time goes back."""
+        """Begin a call of the core, and return its empty list of actions; raises ValueError if time goes back."""
         if now_ns < self.now_ns:
             raise ValueError(f"time went back from {self.now_ns} to {now_ns}: give the agent a monotonic clock")
         self.now_ns = self.arrived_ns = now_ns
@@ -41,20 +41,23 @@ class Turn:
         return self.out
 
     def arrived(self, age_ns: int, late_ns: int) -> None:
-        """Note the age of the present frame; an age above `late_ns` shows that this process was paused."""
+        """Set the age of the frame that this call handles; more than `late_ns` shows that this process was paused."""
         self.arrived_ns = self.now_ns - age_ns
         if age_ns > late_ns:
             self.held_until_ns = self.now_ns
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Have the driver withdraw the frames that wait under these identifiers; no effect without identifiers."""
+        """Have the driver drop unsent frames with these CAN identifiers."""
         if identifiers:
             self.out.append(Withdraw(identifiers))
 
     def note(self, kind: str, text: str) -> None:
-        """Add a line for the log; `kind` is a word to filter by."""
+        """Add a line to the log; `kind` is one word, by which lines can be filtered."""
         self.out.append(Note(kind, text))
 
     def count(self, what: str, identifier: int) -> None:
-        """Count a malformed or refused frame or answer, by cause and identifier (or module)."""
+        """Count one more malformed or refused frame or answer; `what` is the cause.
+
+        identifier: CAN identifier of the frame, or index of the module that answered.
+        """
         self.counts[what, identifier] += 1

@@ -1,9 +1,9 @@
-"""Finds misspelt outputs: a step gives a name that is like an output of the module's mode, and lacks that output.
+"""Finds misspelt outputs: a step gives no value for an output of its mode, but one under a similar name.
 
-The agent cannot publish such a value. The module counts as running, and its function as served, while its readers never
-get the datum. So the agent tells its manager once a second (a notice, no fault), and its log names what was meant. Code
-may compute more than a spec takes from it, and need not give every output in every step; so nothing is told of a name
-that is like no output that is lacking.
+The agent cannot publish such a value. The module counts as running, and its function as served, although the modules
+that read the output never get it. So the agent informs its manager once a second (this is no fault), and its log names
+the output that was probably meant. A module may compute more values than its mode has outputs, and may leave outputs
+out; so other unknown names are not reported.
 """
 
 from collections.abc import Collection
@@ -15,9 +15,9 @@ _LIKENESS = 0.8
 
 
 def misspelt_output(entry: ModuleEntry, of_mode: Collection[str], given: Collection[str]) -> tuple[str, str] | None:
-    """Give a misspelt variable of a step, and the output of its mode that was meant; None if no variable is misspelt.
+    """Return a misspelt name and the output that was probably meant; None if no name is misspelt.
 
-    of_mode: the outputs of the present mode. given: what the step gives.
+    of_mode: names of the outputs of the present mode. given: names under which the step gives values.
     """
     lacking = [name for name in of_mode if name not in given]
     if not lacking:

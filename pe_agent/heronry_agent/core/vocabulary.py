@@ -1,9 +1,10 @@
-"""The events and actions of the agent core, beside frames and time (`heronry_wire.sansio`).
+"""The events and actions of the agent core, except those for frames and time (`heronry_wire.sansio`).
 
-The answer to a StepModule is one `Stepped`, `StepFailed` or `NotReady`, or the `PartitionEnded` of its partition, or
-none. The answer repeats the `release` of the StepModule, a number that is used once, so the core recognizes and drops
-an answer that comes after the module was stopped. StartModule is answered only if it failed; MeasureStep by
-`StepMeasured`; Drive by `Driven` if the device moved, or `DriveFailed` if it could not. No other action has an answer.
+The driver answers a StepModule by `Stepped`, `StepFailed` or `NotReady`, or by the `PartitionEnded` of the module's
+partition; if the module is stopped, perhaps not at all. The answer repeats the `release` of the StepModule, a number
+that is used only once. So the core recognizes, and drops, an answer that comes after the module was stopped.
+StartModule is answered only if it failed; MeasureStep by `StepMeasured`; Drive by `Driven` if the device moved, or
+`DriveFailed` if it could not. No other action has an answer.
 """
 
 from collections.abc import Mapping
@@ -17,13 +18,13 @@ from heronry_wire.standstill import StoodStill
 
 
 class Stepped(NamedTuple):
-    """A module has computed one period.
+    """A module has computed one step.
 
     outputs: value by variable; a variable left out is not published.
     writes: commands of the module to its device, in order; none has been executed yet.
     reports: (element, detail) of each element that the module reports failed, as `device:NAME` or `module:NAME`.
-    phases: mission phases that the module requested, in their order.
-    priorities: (function, priority) of each priority that the module requested; SPECS_PRIORITY: that of the spec.
+    phases: mission phases that the module requested, in order.
+    priorities: (function, priority) for each request; the priority SPECS_PRIORITY stands for that of the spec.
     spent_ns: duration of the step, without the time in which it waited for a processor.
     """
 
@@ -38,7 +39,7 @@ class Stepped(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """How the code of a module has failed: `reason` is one line; `traceback` is empty if no exception was raised."""
+    """A failure of a module's code: `reason` is one line; `traceback` is empty if no exception was raised."""
 
     reason: str
     traceback: str = ""
@@ -46,7 +47,7 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StepFailed:
-    """A module raised an exception in its step; the texts are those of a `Failure`."""
+    """A module raised an exception in its step; `reason` is one line, `traceback` the whole text."""
 
     module: int
     release: int
@@ -56,7 +57,7 @@ class StepFailed:
 
 @dataclass(frozen=True, slots=True)
 class StartFailed:
-    """A module could not be built; the texts are those of a `Failure`."""
+    """A module could not be built; `reason` is one line, `traceback` may be empty."""
 
     module: int
     reason: str
@@ -65,7 +66,7 @@ class StartFailed:
 
 @dataclass(frozen=True, slots=True)
 class NotReady:
-    """A step was not computed, since the partition was still loading; now the partition has loaded."""
+    """A step was not computed because its partition was still loading code; the partition is ready now."""
 
     module: int
     release: int
@@ -73,7 +74,7 @@ class NotReady:
 
 @dataclass(frozen=True, slots=True)
 class StepMeasured:
-    """Time in ns that an unfinished step has spent so far, as in `Stepped`."""
+    """An unfinished step has spent `spent_ns` so far, without the time in which it waited for a processor."""
 
     module: int
     release: int
@@ -82,7 +83,7 @@ class StepMeasured:
 
 @dataclass(frozen=True, slots=True)
 class PartitionEnded:
-    """A partition and all its modules have ended; `computing` is the module whose step was under way, if any."""
+    """A partition has ended, and its modules with it; `computing` is the module whose step was unfinished, or None."""
 
     partition: str
     reason: str
@@ -91,14 +92,14 @@ class PartitionEnded:
 
 @dataclass(frozen=True, slots=True)
 class ImagesMissing:
-    """The images that cannot be loaded on this PE, each with the reason in one line."""
+    """Some images cannot be loaded on this PE; `images` gives the reason for each, in one line."""
 
     images: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """The device of a module has moved, to this value."""
+    """The device of a module has executed a command, and has moved to `value`."""
 
     module: int
     value: Value
@@ -106,7 +107,7 @@ class Driven:
 
 @dataclass(frozen=True, slots=True)
 class DriveFailed:
-    """The device of a module cannot execute a command of the module; `reason` is one line."""
+    """The device of a module could not execute a command; `reason` is one line."""
 
     module: int
     reason: str
@@ -114,7 +115,7 @@ class DriveFailed:
 
 @dataclass(frozen=True, slots=True)
 class StartModule:
-    """Let a module run in a mode (an index into `entry.modes`); a kept module goes on with its state, if it can."""
+    """Build a module and let it run in a mode (an index into `entry.modes`), or continue it if StopModule kept it."""
 
     module: int
     entry: ModuleEntry
@@ -123,17 +124,18 @@ class StartModule:
 
 @dataclass(frozen=True, slots=True)
 class StopModule:
-    """Stop stepping a module: drop it, or keep it for the StartModule that follows in another mode."""
+    """Stop stepping a module, and drop it; with `keep`, keep its state for a StartModule in another mode."""
 
     module: int
     keep: bool = False
 
 
 class StepModule(NamedTuple):
-    """Let a module compute one period.
+    """Let a module compute one step.
 
-    inputs: (variable, datum) by leaf path; only fresh data.
-    until_ns: when the module's output authorization ends, unless a later step extends it.
+    release: number of the step, which the answer repeats.
+    inputs: (variable, datum) by path of the leaf; only fresh data.
+    until_ns: time in ns after which the module must not drive its outputs (if no later step extends it).
     """
 
     module: int
@@ -144,7 +146,7 @@ class StepModule(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MeasureStep:
-    """Measure the time that a step has spent, because it should have ended by now."""
+    """Measure how much time an unfinished step has spent; `StepMeasured` answers."""
 
     module: int
     release: int
@@ -167,7 +169,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Hand the plant the value of another PE's actuator, from an output echo of that PE."""
+    """Hand a value from another PE's output echo to the plant: the actuator `device` was commanded to `value`."""
 
     device: str
     value: float
@@ -175,24 +177,21 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A line for the log; `kind` is a word to filter by."""
+    """A line for the log; `kind` is one word, by which lines can be filtered."""
 
     kind: str
     text: str
 
 
 class Left(NamedTuple):
-    """A frame has left the controller of a port, `took_ns` after it was handed over.
-
-    0: the driver does not know the time.
-    """
+    """A frame has left the CAN controller of a port, `took_ns` after it was handed over; 0: the time is unknown."""
 
     port: int
     took_ns: int
 
 
 class ChannelsLost(NamedTuple):
-    """The lost channels of a port's bus, numbered from 1; sent when they change."""
+    """The lost channels of a port's replicated bus, numbered from 1, have changed to this set."""
 
     port: int
     channels: frozenset[int]

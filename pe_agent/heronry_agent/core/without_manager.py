@@ -5,9 +5,8 @@
                stopped; the others go on, wired, published and forwarded as before
 
 With the policy `keep` no module rests. An expendable module serves nothing critical, and no module that goes on reads
-from it. So a resting PE does not affect other PEs: no PE starts a module in its place, and no PE has to agree. The
-state frames still report the same state, epoch and digest, since the PE still has the same configuration, of which only
-a part runs; only the load in page 1 falls.
+from it. So a PE can stop its expendable modules by itself: no other PE starts a module in their place. The state frames
+still report the same state, epoch and digest, since the PE keeps its configuration; only the load in page 1 falls.
 
 A LEASE that names the configuration which runs here starts the stopped modules again: it shows that no other
 configuration has been activated. A new configuration starts its modules in any case. A LEASE that names another
@@ -27,7 +26,7 @@ from heronry_wire.sansio import NEVER_NS
 
 
 class WithoutManager:
-    """Lets the expendable modules of one PE rest while no manager is heard."""
+    """Stops the expendable modules of one PE while no manager is heard, and starts them again."""
 
     def __init__(
         self, turn: Turn, mastership: Mastership, reconfiguration: Reconfiguration, modules: RunningModules
@@ -37,15 +36,15 @@ class WithoutManager:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which to call `tick`, if no LEASE comes before."""
+        """Time in ns at which to call `tick`: the end of the lease, if no LEASE comes before."""
         return self._mastership.lease_ends_ns if self._reconfiguration.expendable_live() else NEVER_NS
 
     def tick(self) -> None:
-        """Stop the expendable modules, since the lease has run out."""
+        """Stop the expendable modules; the caller has found that the lease has ended."""
         self._move(self._reconfiguration.rest())
 
     def named(self) -> None:
-        """Start the resting modules, since a LEASE names the configuration that runs here."""
+        """Start the stopped modules again; call this when a LEASE names the configuration that runs here."""
         if self._reconfiguration.resting:
             self._move(self._reconfiguration.resume())
 

@@ -1,6 +1,6 @@
 """Fail-over and N-version: modules that choose one value out of several of different quality.
 
-FailOver   gives the first of `sources` that is present. A source that comes back is used again only after it was
+FailOver   gives the first of `sources` that is present. A source that was absent is used again only after it was
            present for `patience_ns`, so that an intermittent source does not make the output jump
 NVersion   compares programs that were written independently, and give one variable in one version each. It gives the
            best version that is not outvoted. With three or more versions, a version is outvoted if it is not within
@@ -20,7 +20,7 @@ _BLAMING = 3  # versions that must be present for a report
 
 
 class FailOver(Module):
-    """Gives the value of the best source that is present; a subclass sets the attributes."""
+    """Gives the first of several sources that is present; a subclass sets the attributes."""
 
     sources: ClassVar[tuple[str, ...]]  # variables, the best first
     output: ClassVar[str]
@@ -33,7 +33,7 @@ class FailOver(Module):
         self._enough = max(1, -(-self.patience_ns // ctx.period_ns))
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Give the value of the source in use; no value while no source is present."""
+        """Return the value of the source in use; no value if no source is present."""
         heard = {source: value for source in self.sources if (value := number(inputs, source)) is not None}
         self._present = {source: self._present[source] + 1 if source in heard else 0 for source in self.sources}
         if self._taken not in heard:
@@ -44,7 +44,7 @@ class FailOver(Module):
 
 
 class NVersion(Module):
-    """Gives the best version that is not outvoted; a subclass sets the attributes."""
+    """Gives the best version of a variable that the other versions do not outvote; a subclass sets the attributes."""
 
     variable: ClassVar[str]
     authors: ClassVar[Mapping[int, str]]  # version -> the element that gives it
@@ -57,7 +57,7 @@ class NVersion(Module):
         self._odd = {version: Lasting(self.patience_ns, ctx.period_ns) for version in self.authors}
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare the versions and give the best one that is not outvoted; no value while there is none."""
+        """Return the best version that is not outvoted, the median if all are; no value if no version is present."""
         heard = {d.version: d.number() for d in inputs.every(self.variable) if d.valid and is_finite(d.value)}
         if not heard:
             return {}

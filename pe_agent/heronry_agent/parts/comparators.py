@@ -1,17 +1,17 @@
-"""Comparators: modules that compare two versions of one datum, which programs with different images give.
+"""Comparators: modules that compare two versions of one variable, computed by two different programs.
 
 With two versions that differ, either may be right, so no element is reported as failed (a voter does that, from three
-versions on). A difference beyond `limit` that has lasted for `patience_ns` is a *disagreement*. The comparator reports
-it as such, again and again while it lasts, and the subclass chooses the output. The disagreement ends when the versions
-have agreed for as long.
+versions on). A difference beyond `limit` that has lasted for `patience_ns` is a *disagreement*. While it lasts, the
+comparator reports it repeatedly, and its subclass chooses the output. The disagreement ends when the versions have
+agreed for `patience_ns`.
 
     ComparatorBetter    gives the better version, and only reports the disagreement
     ComparatorSafer     gives the value nearer to `safe`
     ComparatorNone      gives no value, and the spec decides what its readers do without one
 
-While the versions agree, or only one of them is present, the better one is given: with one there is nothing to compare.
-Two versions of the same image would share its mistakes. So give the two modules different images, and put them on
-different PEs (`separate`). The manager reports a disagreement to the operator and changes no plan.
+While the versions agree, the better one is the output; if only one is present, that one. Two modules with the same
+image would make the same mistakes. So give the two modules different images, and put them on different PEs (`separate`
+in the spec). The manager reports a disagreement to the operator and changes no plan.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ _MOST_DETAIL = 0xFFFF
 
 
 class Comparator(Module):
-    """Base of the three comparators; a subclass of one of them sets the attributes."""
+    """Base class of the three comparators, not to be used directly."""
 
     variable: ClassVar[str]
     output: ClassVar[str]
@@ -39,11 +39,17 @@ class Comparator(Module):
         self.disagree = False
 
     def goes_on(self, better: float, worse: float) -> float | None:
-        """Choose the output while the versions disagree; None: no value."""
+        """Return the output while the versions disagree; None: no output.
+
+        better, worse: values of the two versions; version 1 is the best.
+        """
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare the two best versions; no value while none is present, or where a disagreement stops it."""
+        """Compare the two best versions, and return the output.
+
+        No value if no version is present, or if `goes_on` returns None.
+        """
         heard = [datum.number() for datum in inputs.every(self.variable) if datum.valid and is_finite(datum.value)]
         if len(heard) < 2:
             self._differs.is_due(False)
@@ -63,7 +69,7 @@ class ComparatorBetter(Comparator):
     """Gives the better version, also while the two disagree; a subclass sets the attributes."""
 
     def goes_on(self, better: float, worse: float) -> float:  # noqa: ARG002 - the other one is not wanted
-        """Choose the better version."""
+        """Return the value of the better version."""
         return better
 
 
@@ -73,7 +79,7 @@ class ComparatorSafer(Comparator):
     safe: ClassVar[float] = 0.0
 
     def goes_on(self, better: float, worse: float) -> float:
-        """Choose the value that is nearer to the safe one."""
+        """Return the value that is nearer to `safe`."""
         return min(better, worse, key=lambda value: abs(value - self.safe))
 
 
@@ -81,4 +87,4 @@ class ComparatorNone(Comparator):
     """Gives no value while the two disagree; a subclass sets the attributes."""
 
     def goes_on(self, better: float, worse: float) -> None:
-        """Choose none."""
+        """Return None."""

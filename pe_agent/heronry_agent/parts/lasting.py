@@ -4,22 +4,22 @@ _FEWEST = 3
 
 
 def steps_of(patience_ns: int, period_ns: int) -> int:
-    """Number of steps in `patience_ns`; never less than three."""
+    """Number of steps of a module in `patience_ns`, rounded up; at least three."""
     return max(_FEWEST, -(-patience_ns // period_ns))
 
 
 class Lasting:
-    """Counts for how many steps a condition has held without a break."""
+    """Tells when a condition has held for `patience_ns` without a break."""
 
     def __init__(self, patience_ns: int, period_ns: int) -> None:
-        """patience_ns: how long the condition has to hold; period_ns: time between two steps."""
+        """Begin to count; `period_ns` is the time between two calls of `is_due`, which is the period of the module."""
         self._enough = steps_of(patience_ns, period_ns)
         self._held = 0
 
     def is_due(self, holds: bool) -> bool:
-        """Count one step; True when the condition has held for `patience_ns`, and after each further `patience_ns`.
+        """Note whether the condition holds in this step; True once after each `patience_ns` for which it has held.
 
-        The repetition matters because the operator may have cleared the first report.
+        It is True repeatedly because the operator may have cleared the first report.
         """
         self._held = self._held + 1 if holds else 0
         return holds and self._held % self._enough == 0

@@ -1,7 +1,7 @@
 """A rate limiter: a module whose output follows its input, but changes by at most `most_per_s` per second.
 
-The first output equals the input. While the input is missing the module gives no value, and its readers handle a
-missing datum. Afterwards the output goes on from its last value, so that a gap does not bypass the limit.
+The first output equals the input. While the input is missing the module gives no output. Afterwards the output
+continues from its last value, so that a gap in the input cannot cause a jump.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ class RateLimiter(Module):
         self._last: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Give the output: the last one, moved towards the input by at most the change that one period allows."""
+        """Return the last output, moved towards the input by no more than the limit allows in one period."""
         wanted = number(inputs, self.source)
         if wanted is None:
             return {}

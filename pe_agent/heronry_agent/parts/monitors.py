@@ -5,9 +5,10 @@
     ActuatorMonitor     reports an actuator whose position is further than `tolerance` from that of a healthy actuator,
                         for `patience_ns`. A healthy actuator follows its command with the lag `lag_s`. An actuator that
                         is stuck at its command is not detected. A wrong position sensor looks like a failed actuator;
-                        with a second actuator, `images.servo_monitor` distinguishes the two
+                        with a second actuator, `images.servo_monitor` can tell which of the two has failed
 
-Both give the health of the element: 0 well, 1 reported as failed. While a datum is missing they do not compare.
+Both give the health of the element as an output: 0 healthy, 1 reported as failed. While an input is missing they do not
+compare.
 """
 
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class Monitor(Module):
-    """Base of the two monitors; a subclass of one of them sets the attributes."""
+    """Base class of the two monitors, not to be used directly."""
 
     element: ClassVar[str]  # the element to report failed
     output: ClassVar[str]
@@ -33,11 +34,11 @@ class Monitor(Module):
         self._health = 0
 
     def is_wrong(self, inputs: Inputs) -> bool:
-        """Tell whether the inputs of this step look like a fault."""
+        """Tell whether the inputs of this step show a fault of the element."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare, report the element if the fault has lasted for `patience_ns`, and give its health."""
+        """Report the element if `is_wrong` has been True for `patience_ns`; returns the health of the element."""
         if self._wrong.is_due(self.is_wrong(inputs)):
             self._health = 1
             self.ctx.report_failed(self.element)

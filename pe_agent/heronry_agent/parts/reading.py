@@ -10,7 +10,7 @@ from heronry_agent.module import Inputs, Value
 
 
 def number(inputs: Inputs, variable: str) -> float | None:
-    """Value of a variable as a finite float, or None."""
+    """Return the value of a variable as a finite float, or None."""
     datum = inputs.get(variable)
     if datum is None or not datum.valid or not isinstance(datum.value, (int, float)):
         return None
@@ -18,13 +18,13 @@ def number(inputs: Inputs, variable: str) -> float | None:
 
 
 def whole(inputs: Inputs, variable: str) -> int | None:
-    """Value of a variable as an integer, or None; used for states, counts and commands."""
+    """Return the value of a variable, truncated to an integer, or None."""
     value = number(inputs, variable)
     return None if value is None else int(value)
 
 
 def numbers(inputs: Inputs, variable: str, count: int) -> tuple[int, ...] | None:
-    """Value of a variable that is a tuple of `count` integers, or None."""
+    """Return the value of a variable that is a tuple of `count` integers, or None."""
     datum = inputs.get(variable)
     if datum is None or not datum.valid or not isinstance(datum.value, tuple) or len(datum.value) != count:
         return None
@@ -37,5 +37,5 @@ def is_finite(value: Value) -> bool:
 
 
 def held(value: float, limit: float) -> float:
-    """Limit a value to -limit..limit."""
+    """Limit a value to the range -limit..limit, and return it."""
     return min(max(value, -limit), limit)

@@ -1,12 +1,13 @@
-"""Voters: modules that give one value out of several that should be equal, and report a channel that differs.
+"""Voters: modules that compute one value from several that should be equal, and report the one that differs.
 
     median    gives the median of the channels that are present, so that a single wrong channel does not decide. Of two
               channels that differ it gives the one nearer to the last output
     majority  gives the mean of the largest group of channels that agree, if that is more than half of all channels;
-              else no value, and the spec decides what its readers do without one
+              otherwise no value, and the spec decides what the modules that read it do without one
 
-A channel is reported if it is further than `tolerance` from the output while more than two channels are present. With
-two channels that differ, either may be right, and none is reported.
+A *channel* is one of the variables that should be equal. A channel is reported if it is further than `tolerance` from
+the output while more than two channels are present. With two channels that differ, either may be right, and none is
+reported.
 """
 
 import statistics
@@ -21,7 +22,7 @@ _BLAMING = 3  # channels that must be present for a report
 
 
 class Voter(Module):
-    """Base of the two voters; a subclass of one of them sets the attributes."""
+    """Base class of the two voters, not to be used directly."""
 
     channels: ClassVar[Mapping[str, str]]  # variable -> the element to report for it
     output: ClassVar[str]
@@ -34,11 +35,11 @@ class Voter(Module):
         self.last: float | None = None
 
     def choose(self, heard: list[float]) -> float | None:
-        """Choose the output from one or more values; None where they do not agree."""
+        """Return the output, from the values of the channels that are present; None if they do not agree."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Vote, and give the output; no value while no channel is present, or the channels do not agree."""
+        """Vote, and return the output; no value if no channel is present, or the channels do not agree."""
         heard = {channel: value for channel in self.channels if (value := number(inputs, channel)) is not None}
         chosen = self.choose(list(heard.values())) if heard else None
         for channel, odd in self._odd.items():
@@ -50,10 +51,10 @@ class Voter(Module):
 
 
 class MedianVoter(Voter):
-    """Gives the median of the channels; a subclass sets the attributes."""
+    """Gives the median of its input channels; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float:
-        """Give the median; of two values that differ, the one nearer to the last output."""
+        """Return the median; of two values that differ, the one nearer to the last output."""
         last = self.last
         if len(heard) != 2 or last is None or abs(heard[0] - heard[1]) <= self.tolerance:
             return statistics.median(heard)
@@ -61,10 +62,10 @@ class MedianVoter(Voter):
 
 
 class MajorityVoter(Voter):
-    """Gives the value on which more than half of all channels agree; a subclass sets the attributes."""
+    """Gives the value on which more than half of its input channels agree; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float | None:
-        """Give the mean of the largest group of values within `tolerance` of one of them, if it is a majority."""
+        """Return the mean of the largest group of values that agree within `tolerance`; None if it is no majority."""
         groups = ([other for other in heard if abs(other - one) <= self.tolerance] for one in heard)
         largest = max(groups, key=len)
         return statistics.fmean(largest) if 2 * len(largest) > len(self.channels) else None

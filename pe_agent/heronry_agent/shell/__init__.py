@@ -1,1 +1,1 @@
-"""The parts of the agent with input and output: the loop, partitions, devices, files, the command line."""
+"""The part of the agent that has input and output: the loop, partitions, devices, files, the command line."""

@@ -1,7 +1,7 @@
 """The command `pe-agent`: runs the agent of one PE on its buses, from the PE's table.
 
-Exit codes: 0 stopped in order, 1 another node has the node-ID, 2 an argument (a flag, a table, a bus) cannot be used.
-The reason for exit code 1 or 2 is one sentence on standard error.
+Exit codes: 0 stopped in order, 1 another node has the node-ID, 2 a flag, the table or a bus cannot be used. The reason
+for exit code 1 or 2 is one sentence on standard error.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.devices import PLANT, Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
-from heronry_agent.shell.image_catalogues import is_here
+from heronry_agent.shell.image_catalogues import why_not_here
 from heronry_agent.shell.incarnation import BootCount
 from heronry_agent.shell.partition_groups import open_groups
 from heronry_agent.shell.partition_host import PartitionHost
@@ -64,7 +64,7 @@ class _IdTakenError(HeronryError):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run `pe-agent`, with `argv` or the arguments of this process; returns the exit code."""
     arguments = _parser().parse_args(argv)
     try:
         return _run(arguments)
@@ -85,14 +85,17 @@ def _parser() -> argparse.ArgumentParser:
     table = parser.add_mutually_exclusive_group(required=True)
     table.add_argument("--table", type=Path, metavar="FILE", help="the table of this PE, written by 'heronry table'")
     table.add_argument(
-        "--node", type=_node, metavar="ID", help="wait as this node (92 to 125) for a table from 'heronry send-table'"
+        "--node",
+        type=_node,
+        metavar="ID",
+        help="start without a table, as this node (92 to 125), and wait for the one from 'heronry send-table'",
     )
     parser.add_argument(
         "--bus",
         action="append",
         default=[],
         metavar="NAME=[INTERFACE:]CHANNEL",
-        help="a bus of the table on this channel; once for each bus of a gateway",
+        help="the channel of one bus in the table; repeat it for each bus of a gateway",
     )
     parser.add_argument(
         "--state-dir",
@@ -139,7 +142,8 @@ def _run(arguments: argparse.Namespace) -> int:
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     devices = Devices(table, open_drivers(table, origin_ns, arguments.devices))
     followed = devices.followed()
-    missing = frozenset(module.image for module in table.modules if not is_here(module.image))
+    reasons = {module.image: why_not_here(module.image) for module in table.modules}
+    missing = {image: reason for image, reason in reasons.items() if reason is not None}
     with ExitStack() as undo:
         links: list[AnyLink] = []
         for port, config in zip(table.ports, configs, strict=True):
@@ -174,7 +178,7 @@ def _secret(key: Key | None) -> Secret | None:
 
 
 def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
-    """Run as a node without a table until a table comes, and give it; None if the program was stopped before that."""
+    """Wait until this node receives its table, and return it; None if the program is stopped before."""
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))

@@ -1,12 +1,12 @@
-"""The devices of one PE: read before each step of their module, and driven if the core authorizes a command.
+"""The devices of one PE: each is read before every step of its module, and executes commands that the core authorizes.
 
-The agent's process does both, not the partition of the module: so an output is checked at the last moment (protocol
-rule 6), and a module that was stopped, or hangs, moves nothing. Only the driver of a device knows its hardware
-(`heronry_agent.device`).
+The agent's process reads and commands the devices, not the partition of the module: so the authorization is checked at
+the last moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. The device drivers
+(`heronry_agent.device`) know the hardware.
 
-Each device has one driver. A PE may have several drivers, and loads only those that its modules' devices need. A spec
-cannot name a driver yet, so all devices of a PE have the one that `pe-agent --devices` names, which is the plant where
-it names none; only `open_drivers` depends on that.
+Each device has one driver. A PE may have several drivers, and loads only those that the devices of its modules need. A
+spec cannot name a driver yet, so all devices of a PE have the driver that `pe-agent --devices` names, by default the
+plant; only `open_drivers` depends on this.
 
 A driver is foreign code in the agent's process. Its exceptions do not end the agent: after an exception a reading
 counts as missing, and a command as failed (`DriveFailed`). A driver that blocks also blocks the agent's loop; nothing
@@ -33,7 +33,10 @@ class DeviceDriverError(HeronryError):
 
 
 def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
-    """Find an installed driver by name: the callable of `heronry_agent.device`; raises DeviceDriverError."""
+    """Find an installed driver by its name; raises DeviceDriverError.
+
+    Returns a callable that takes the take-off time of the simulated flight in ns, and returns the DeviceDriver.
+    """
     offered = entry_points(group=_GROUP)
     if name not in offered.names:
         known = ", ".join(sorted(offered.names)) or "none"
@@ -48,10 +51,9 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
 
 
 def open_drivers(table: PeTable, origin_ns: int, name: str = PLANT) -> dict[str, DeviceDriver]:
-    """Start the drivers that the modules of a table need, and give them by device; raises DeviceDriverError.
+    """Start the device driver `name`, and return it for each device of the table's modules; raises DeviceDriverError.
 
-    origin_ns: take-off time of the simulated flight, on the monotonic clock. name: the device driver to use for every
-    device.
+    origin_ns: take-off time of the simulated flight, in ns of the monotonic clock.
     """
     names = {module.device: name for module in table.modules if module.device is not None}
     made = {name: _started(name, origin_ns) for name in sorted(set(names.values()))}
@@ -67,12 +69,12 @@ def _started(name: str, origin_ns: int) -> DeviceDriver:
 
 
 class Devices:
-    """The opened devices of the modules of a table."""
+    """The devices of a table's modules, opened."""
 
     def __init__(self, table: PeTable, drivers: Mapping[str, DeviceDriver]) -> None:
-        """Open the devices of all modules; `drivers` has the driver of each device, by name of the device.
+        """Open the devices of all modules of a table; raises DeviceDriverError.
 
-        Raises DeviceDriverError where a driver cannot open a device.
+        drivers: the driver of each device, by name of the device.
         """
         self._drivers = drivers
         self._every_driver = tuple({id(driver): driver for driver in drivers.values()}.values())
@@ -90,17 +92,14 @@ class Devices:
         return self._opened[name]
 
     def followed(self) -> frozenset[str]:
-        """Names of the actuators of other PEs whose echoes the drivers need."""
+        """Return the names of other PEs' actuators whose output echoes the drivers need."""
         followed: frozenset[str] = frozenset()
         for driver in self._every_driver:
             followed |= driver.follows(name for name, its_driver in self._drivers.items() if its_driver is driver)
         return followed
 
     def read(self, module: int, now_ns: int) -> Value | None:
-        """Read a module's device.
-
-        None if the module has none, the device does not answer, or the reading is invalid.
-        """
+        """Read the device of a module; None if it has none, or there is no valid reading."""
         device = self._bolted_to[module]
         if device is None:
             return None
@@ -111,7 +110,7 @@ class Devices:
         return value if valid else None
 
     def drive(self, order: Drive, now_ns: int) -> Driven | DriveFailed | None:
-        """Execute a command to a module's device; None when the device did not move."""
+        """Command the device of a module; None if the device did not move."""
         device = self._bolted_to[order.module]
         if device is None:
             return DriveFailed(order.module, "the module has no device to drive")
@@ -135,13 +134,13 @@ class Devices:
             _make_safe(device, now_ns)
 
     def heard(self, echo: Heard, now_ns: int) -> None:
-        """Hand the value in another PE's output echo to the drivers."""
+        """Hand the value in another PE's output echo to every driver."""
         for driver in self._every_driver:
             with suppress(Exception):  # foreign code; the next echo repeats the value
                 driver.heard(echo.device, echo.value, now_ns)
 
 
 def _make_safe(device: Device, now_ns: int) -> None:
-    """Take a safe action; an exception of the driver is ignored, since the agent has no other way."""
+    """Take the safe action of a device; an exception of its driver is ignored, since nothing else can be done."""
     with suppress(Exception):
         device.make_safe(now_ns)

@@ -3,26 +3,28 @@
 A turn of the loop:
 
 1. Wait until a frame has come, a deadline is due, or the program that started the agent has ended.
-2. Hand over every frame that has come, with its age, before any deadline: after a pause of this process old frames must
-   not count as new (protocol rule 6).
-3. Hand over the results of the partitions, and then the deadline if it is due. Modules whose steps become due compute
-   in their partitions while the loop goes on.
+2. Hand every frame that has come to the core, with its age, before any deadline: after a pause of this process old
+   frames must not count as new (protocol rule 6).
+3. Hand the results of the partitions to the core, and then the deadline if it is due. Modules whose steps become due
+   compute in their partitions while the loop goes on.
 
-The kernel (or the hub) filters out frames that the PE does not take now: on a full bus that is most of the traffic.
+The kernel (or the hub of the software bus) filters out frames that the PE does not need at present: on a full bus, most
+of them.
 
-A frame that could not leave within T_lease is dropped, because its authorization (protocol rule 6) was for that time.
+A frame that could not leave within T_lease is dropped, because its authorization (protocol rule 6) does not last
+longer.
 
-This loop waits only in its select. No thread and no other process sends the state frames: if this loop hangs, the PE
-falls silent.
+This loop waits only in its select. Only this loop sends the state frames: if it hangs, the PE falls silent, and the
+manager notices.
 
-A lost bus does not end the agent (`heronry_wire.link` reopens it). Meanwhile the core goes on, its frames are dropped,
-and protocol rule 6 ends the authorization of its exclusive outputs. If the bus toward the manager comes back after more
-than T_lease, other PEs may have taken over the modules of this PE. So the driver stops all modules, listens for another
-node with this node-ID, and then starts unconfigured, as a new incarnation. While it hears another node with the
-node-ID, the PE stays silent and goes on listening.
+A lost bus does not end the agent (`heronry_wire.link` reopens it). Meanwhile the core continues and its frames are
+dropped; after T_lease its exclusive outputs are no longer authorized (protocol rule 6). If the bus toward the manager
+comes back after more than T_lease, other PEs may have taken over the modules of this PE. So the driver stops all
+modules, listens for another node with this node-ID, and then starts unconfigured, as a new incarnation. While it hears
+another node with the node-ID, the PE stays silent and goes on listening.
 
-Frames are read in bounded bursts, larger than the buffer of a socket: a flood delays heartbeats, but does not stop
-them.
+In one turn a limited number of frames is read, more than the buffer of a socket holds: a flood of frames delays the
+state frames, but does not stop them.
 
 The loop ends when `stop` is called (by a signal), and with `until_eof` when standard input ends.
 """
@@ -52,7 +54,7 @@ _LISTEN_PERIODS = 2  # heartbeat periods of a node that runs
 
 
 def hears_own_id(links: Sequence[AnyLink], node: int, listen_ns: int) -> bool:
-    """Listen for `listen_ns` before this node sends, and tell whether another node already has the node-ID."""
+    """Listen for `listen_ns`, and tell whether another node sends with this node-ID; call it before this node sends."""
     own = (state_id(node), heartbeat_id(node))
     end_ns = time.monotonic_ns() + listen_ns
     while (left_ns := end_ns - time.monotonic_ns()) > 0:
@@ -68,12 +70,12 @@ def _is_plain(frame: Frame) -> bool:
 
 
 def id_is_taken(links: Sequence[AnyLink], table: PeTable) -> bool:
-    """Listen for the longest silence of a running PE, and tell whether one has the node-ID of this table."""
+    """Listen for two heartbeat periods, and tell whether a running PE has the node-ID of this table."""
     return hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns)
 
 
 class AgentDriver:
-    """Runs a core on its links, one per port."""
+    """Runs an agent core on its buses, partitions and devices."""
 
     def __init__(
         self,
@@ -85,7 +87,12 @@ class AgentDriver:
         tell: Callable[[Note], None],
         service: ServiceManager,
     ) -> None:
-        """new_core: makes the core of the next incarnation. tell: called with every note when it is made."""
+        """Make the first core.
+
+        new_core: makes the core of a new incarnation.
+        links: one for each port of the table, in the same order.
+        tell: called with every line for the log, at once.
+        """
         self.core = new_core()
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
         self._service, self._own_state = service, state_id(table.node_id)
@@ -97,11 +104,11 @@ class AgentDriver:
         self._stopping = False
 
     def stop(self) -> None:
-        """End the loop at its next turn; safe in a signal handler."""
+        """End the loop soon; may be called in a signal handler."""
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> None:
-        """Run until `stop` is called, or with `until_eof` until standard input ends."""
+        """Run until `stop` is called; with `until_eof`, also until standard input ends."""
         self._until_eof = until_eof
         period_ns = self._table.ports[self._table.uplink].heartbeat_ns
         self._meter = LatenessMeter(period_ns, time.monotonic_ns(), time.thread_time_ns())
@@ -134,11 +141,11 @@ class AgentDriver:
             self._step(now_ns, stood_still)
 
     def _is_abandoned(self) -> bool:
-        """Tell whether standard input has ended, which shows that the program that started the agent has ended."""
+        """Tell whether standard input has ended, which means that the program that started the agent has ended."""
         return bool(select.select([sys.stdin], [], [], 0)[0]) and not os.read(sys.stdin.fileno(), 4096)
 
     def _look_at_links(self, now_ns: int) -> None:
-        """Log the link status events, and begin anew after an outage in which this PE may have been replaced."""
+        """Log what has happened to the buses; after a long outage of the uplink begin as a new incarnation."""
         for port, link in enumerate(self._links):
             for sentence in link.take_link_events():
                 self._tell(Note("bus", sentence))
@@ -155,7 +162,7 @@ class AgentDriver:
             self._step(time.monotonic_ns(), ChannelsLost(port, lost))
 
     def _begin_anew(self) -> None:
-        """Stop all modules, wait while another node has the node-ID, and start as a new incarnation."""
+        """Stop all modules, wait while another node has the node-ID, and begin as a new incarnation."""
         self._host.abandon()
         is_told = False
         while id_is_taken(self._links, self._table):
@@ -191,14 +198,14 @@ class AgentDriver:
                 return
 
     def _take_departures(self) -> None:
-        """Report to the core which frames have left for a radio, and how long they were in the controller."""
+        """Tell the core of each frame to a radio that has left the CAN controller, and how long it was there."""
         for port in self.core.radio_ports:
             while departures := self._links[port].departures_ns():
                 for took_ns in departures:
                     self._step(time.monotonic_ns(), Left(port, took_ns))
 
     def _arrivals(self, links: Sequence[tuple[int, AnyLink]]) -> list[tuple[Arrival, int]]:
-        """Read the frames that have arrived on some ports; gives them with their ports, in the order of arrival."""
+        """Return the frames that have arrived, each with its port, in the order of their arrival."""
         found = []
         for port, link in links:
             found += [(arrival, port) for arrival in link.receive(time.monotonic_ns())]

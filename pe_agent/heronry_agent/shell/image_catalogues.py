@@ -3,7 +3,7 @@
 `package.module:Class` is imported directly, so that a user's own code needs no entry in a catalogue. A bare name is
 looked up in the catalogues that installed packages offer under the entry point `heronry.images`: each is a mapping of
 names to `package.module:Class`. An image is imported when it is first needed, so a PE loads only the code that it runs.
-A catalogue that cannot be loaded does not affect the others, and is mentioned in the message about an unknown name.
+A catalogue that cannot be loaded does not affect the others; the message about an unknown image names it.
 """
 
 import importlib
@@ -27,10 +27,10 @@ class UnknownImageError(HeronryError, LookupError):
 
 
 def find_image(name: str) -> type[Module]:
-    """Give the class of an image, importing it where needed.
+    """Return the class of an image, and import its code if necessary.
 
-    Raises UnknownImageError for a name that is neither in a catalogue nor an importable `package.module:Class` that
-    is a `Module`.
+    Raises UnknownImageError if the name is in no catalogue and is not `package.module:Class`, or if its code cannot be
+    imported or has no such subclass of `Module`.
     """
     target = name if ":" in name else _catalogues().images.get(name, name)
     module_name, _, class_name = target.partition(":")
@@ -49,10 +49,21 @@ def find_image(name: str) -> type[Module]:
     return found
 
 
-def is_here(name: str) -> bool:
-    """Tell whether the file of an image's code is installed; nothing is imported, so the code may still be broken."""
+def why_not_here(name: str) -> str | None:
+    """Give the reason why the file of an image's code is not installed; None where it is.
+
+    Nothing is imported, so the code may still be broken.
+    """
     target = name if ":" in name else _catalogues().images.get(name, "")
     module, _, _ = target.partition(":")
+    if not module:
+        return _not_in_catalogue(name)
+    return (
+        None if _is_installed(module) else f"image '{name}': there is no {module} here; install it, or set PYTHONPATH"
+    )
+
+
+def _is_installed(module: str) -> bool:
     path: Sequence[str] | None = None
     parts = module.split(".")
     for number in range(1, len(parts) + 1):
@@ -66,7 +77,7 @@ def is_here(name: str) -> bool:
 
 
 def _spec_of(module: str, path: Sequence[str] | None) -> ModuleSpec | None:
-    """Find a module as an import would; what no finder understands does not exist."""
+    """Find a Python module as `import` would; None if no finder knows it."""
     for finder in sys.meta_path:
         with suppress(Exception):  # a finder is foreign code
             spec = finder.find_spec(module, path)
@@ -76,7 +87,7 @@ def _spec_of(module: str, path: Sequence[str] | None) -> ModuleSpec | None:
 
 
 class _Catalogues(NamedTuple):
-    """All catalogues of this installation as one mapping, and a sentence for each that cannot be loaded."""
+    """All installed catalogues, merged into one mapping, and a sentence for each that cannot be loaded."""
 
     images: Mapping[str, str]
     broken: tuple[str, ...]
@@ -84,7 +95,7 @@ class _Catalogues(NamedTuple):
 
 @cache
 def _catalogues() -> _Catalogues:
-    """Load every catalogue; if two have the same image name, the one whose entry point comes first by name counts."""
+    """Load every catalogue; if two have the same image name, the entry point whose name sorts first wins."""
     images: dict[str, str] = {}
     broken: list[str] = []
     for offered in sorted(entry_points(group=_GROUP), key=lambda one: one.name, reverse=True):

@@ -1,12 +1,12 @@
-"""The boot count of a PE, 0..255, which shows other nodes a restart, even within one heartbeat period.
+"""The boot count of a PE, 0..255, by which other nodes notice every restart, even one within a heartbeat period.
 
-A folder keeps a *reserve*: the last count that may have been used. The reserve is written ahead, `RESERVE` counts at a
-time. So the agent takes a count of the reserve at its start, and when it begins anew after an outage of the bus, and
-needs the disk only when the reserve is used up. No flight waits for the disk: a thread writes, and tries again every
+A PE needs a new count at its start, and whenever it begins anew after an outage of the bus. A file keeps a *reserve*: a
+number up to `RESERVE` counts ahead of the present count, so that the agent may use the counts up to it without writing
+the disk each time. The agent never waits for the disk in flight: a thread writes the reserve, and tries again every
 `RETRY_S`. How the agent knows that a count is new:
 
     in one process       the count before is in memory: each count is the one before plus one
-    from start to start  by the reserve on the disk: a process begins one above it, and writes its own before it sends
+    from start to start  a process begins one above the reserve on the disk, and writes its own before it sends a frame
     no disk              it does not know. The count is drawn at random, but differs from the count that the disk has,
                          and one restart in 256 is not recognized. This is so without a folder, with a full or read-only
                          disk at the start, and with a disk that takes longer than `LONGEST_START_S` at the start
@@ -30,10 +30,13 @@ _MOST_BYTES = 8  # a count has three digits
 
 
 class BootCount:
-    """The boot counts of one node."""
+    """Gives the boot counts of one PE."""
 
     def __init__(self, folder: Path | None, node: int, tell: Callable[[str], None]) -> None:
-        """tell: called with a sentence when the disk fails, and when it works again; perhaps by another thread."""
+        """Keep the counts in a file of `folder`; None: there is no file, and the first count is random.
+
+        tell: called with a sentence when the disk fails, and when it works again; perhaps by another thread.
+        """
         self._file = None if folder is None else folder / f"pe-{node}.incarnation"
         self._tell = tell
         self._count: int | None = None  # the last one given
@@ -43,7 +46,7 @@ class BootCount:
         self._tried, self._ended = threading.Event(), threading.Event()
 
     def next(self) -> int:
-        """Give the boot count for a start, or for beginning anew after an outage."""
+        """Return the next boot count; the first call may wait for the disk, at most for LONGEST_START_S."""
         if self._count is None:
             self._count = self._first()
         else:
@@ -53,7 +56,7 @@ class BootCount:
         return self._count
 
     def close(self) -> None:
-        """Stop trying to write the reserve."""
+        """Stop the thread that writes the file."""
         self._ended.set()
 
     def _first(self) -> int:
@@ -71,7 +74,7 @@ class BootCount:
         return (count + randbelow(_COUNTS - 1)) % _COUNTS  # not the one that the disk has
 
     def _left(self) -> int:
-        """Number of counts of the reserve that are not used yet; 0 where no reserve is on the disk."""
+        """How many counts may be used before the file must be written again; 0 if it could not be written."""
         assert self._count is not None
         left = 0 if self._reserved is None else (self._reserved - self._count) % _COUNTS
         return left if left <= RESERVE else 0
@@ -92,7 +95,7 @@ class BootCount:
             self._writer.start()
 
     def _keep_writing(self) -> None:
-        """Write the reserve until it is ahead of the counts that were given meanwhile; if a write fails, try again."""
+        """Write the file, again and again until it covers enough counts beyond those in use."""
         while self._left() <= RESERVE // 2:
             is_put = self._put()
             self._tried.set()

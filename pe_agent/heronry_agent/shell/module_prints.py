@@ -1,8 +1,8 @@
 """The output that modules print, line by line, each line with the time of day and the name of the module.
 
 The modules of a partition share its standard output, and all partitions of a PE share one log. Without a name a reader
-of the log could not tell which module has printed a line. A line is written when its end comes, or when it has become
-long. Output that does not pass through Python (of a library in C) is not changed.
+of the log could not tell which module has printed a line. A line is written when the module ends it, or when it is
+longer than 4096 characters. Output of C libraries does not pass through Python, and is not changed.
 """
 
 from collections.abc import Callable
@@ -15,22 +15,22 @@ _LONGEST_LINE = 4096  # characters
 
 
 class ModulePrints(TextIOBase):
-    """Replaces `sys.stdout` and `sys.stderr`."""
+    """Stands in for `sys.stdout` and `sys.stderr`, and writes each line with time and module name."""
 
     def __init__(self, under: TextIO, clock: Callable[[], str] = time_of_day) -> None:
-        """under: the stream that gets the lines. clock: gives the time of day as a text, for the head of a line."""
+        """Write to the stream `under`; `clock` returns the time of day as the text that begins a line."""
         self._under, self._clock = under, clock
         self._begun = ""  # a line whose end has not come
         self._name = ""
 
     def of(self, name: str) -> None:
-        """Set the module that computes from now on; a line that another module has begun ends here."""
+        """Set the name for the lines that follow; an unfinished line of another module is ended first."""
         if name != self._name:
             self._end_line()
             self._name = name
 
     def write(self, text: str, /) -> int:
-        """Write the lines that are complete."""
+        """Write the lines that are complete, and keep the unfinished one; returns the number of characters taken."""
         *lines, self._begun = (self._begun + text).split("\n")
         for line in lines:
             self._under.write(f"{self._clock()} module {self._name}: {line}\n")
@@ -39,15 +39,15 @@ class ModulePrints(TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Flush the lines that are complete."""
+        """Flush the stream below; an unfinished line is still kept."""
         self._under.flush()
 
     def writable(self) -> bool:
-        """Tell that this stream can be written to."""
+        """Return True, as a stream for output must."""
         return True
 
     def fileno(self) -> int:
-        """Give the descriptor of the stream below."""
+        """Return the file descriptor of the stream below."""
         return self._under.fileno()
 
     def _end_line(self) -> None:

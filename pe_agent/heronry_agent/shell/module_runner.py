@@ -1,7 +1,7 @@
-"""Builds modules as objects, steps them, carries them over into another mode, and drops them.
+"""Makes the objects of modules, calls their steps, keeps them while their mode changes, and drops them.
 
-The same code runs modules in a partition of a node and in the process of the simulator. It uses no bus, no table and no
-other process, and turns an exception of a module into a `Failure`. A module is
+This code runs modules both in a partition of a node and in the process of the simulator. It uses no bus, no table and
+no other process, and turns an exception of a module into a `Failure`. A module is
 
     built    by `start`, from its image. If the module was kept, `mode_changed` is called first, and the module goes on
              as it is if that returns True
@@ -10,8 +10,9 @@ other process, and turns an exception of a module into a `Failure`. A module is
 
 A second `start` of a module that runs builds it anew.
 
-A failure names the exception, its message, and file and line. If the traceback has a frame in the module's own file,
-the line is that of this frame: when a library raises an exception, the author first looks for the call of the library.
+A failure names the exception, its message, a file and a line. If the traceback has a frame in the module's own file, it
+is that frame's line, even if a library raised the exception: the author of the module needs the place where the library
+was called.
 """
 
 import sys
@@ -31,7 +32,7 @@ _HERE = (__file__, find_image.__code__.co_filename)
 
 
 class Orders(NamedTuple):
-    """Name, image, mode and period (ns) with which a module is to run, and whether it has a device."""
+    """What is needed to build a module: the names of module, image and mode, and its period in ns."""
 
     name: str
     image: str
@@ -42,7 +43,7 @@ class Orders(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Result of one step of a module."""
+    """What one step of a module has given; the fields are those of `vocabulary.Stepped`."""
 
     outputs: Mapping[str, Value]
     writes: tuple[Value, ...] = ()
@@ -53,7 +54,7 @@ class Result:
 
 @dataclass(slots=True)
 class _Context:
-    """The host interface of one module (`module.Context`)."""
+    """The `heronry_agent.module.Context` of one module; collects what the module commands, reports and requests."""
 
     clock: Callable[[], int]
     module: str
@@ -69,38 +70,30 @@ class _Context:
     priorities: list[tuple[str, int]] = field(default_factory=list)
 
     def read(self) -> Value | None:
-        """Reading of the device when this step began; None when the device did not answer."""
         self._require_device()
         return self.reading
 
     def write(self, value: Value) -> None:
-        """Command the device when this step has ended."""
         self._require_device()
         self.writes.append(value)
 
     def may_drive(self) -> bool:
-        """Tell whether outputs may be set now."""
         return self.clock() <= self.until_ns
 
     def report_failed(self, element: str, detail: int = 0) -> None:
-        """Report to the manager that an element has failed."""
         self.reports.append((str(element), min(max(int(detail), 0), _MOST_DETAIL)))
 
     def report_disagreement(self, detail: int = 0) -> None:
-        """Tell the manager that two inputs differ."""
         self.report_failed(DISAGREEMENT, detail)
 
     def request_phase(self, phase: str) -> None:
-        """Request a mission phase from the manager."""
         self.phases.append(str(phase))
 
     def request_priority(self, function: str, priority: int | None) -> None:
-        """Request another priority of a function from the manager; None: that of the spec."""
         wanted = SPECS_PRIORITY if priority is None else min(max(int(priority), 0), MOST_PRIORITY)
         self.priorities.append((str(function), wanted))
 
     def forget(self) -> None:
-        """Drop all commands, reports and requests of the last step."""
         self.writes, self.reports, self.phases, self.priorities = [], [], [], []
 
     def _require_device(self) -> None:
@@ -112,14 +105,14 @@ class ModuleRunner:
     """Builds and steps the modules of one process."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
-        """clock: gives the present time in ns, also while a module computes."""
+        """Begin without modules; `clock` returns the present time in ns, and is called while modules compute."""
         self._clock = clock
         self._classes: dict[str, type[Module]] = {}
         self._running: dict[int, tuple[Module, _Context, str]] = {}
         self._kept: dict[int, tuple[Module, _Context, str]] = {}
 
     def load(self, image: str) -> Failure | None:
-        """Import the code of an image; gives None, or the failure."""
+        """Import the code of an image; returns None, or why that failed."""
         if image in self._classes:
             return None
         try:
@@ -130,7 +123,7 @@ class ModuleRunner:
         return None
 
     def start(self, module: int, orders: Orders, now_ns: int) -> Failure | None:
-        """Build a module, or carry it over; gives None, or the failure."""
+        """Build a module, or continue one that `stop` has kept in its new mode; returns None, or why that failed."""
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
             return None
@@ -146,21 +139,24 @@ class ModuleRunner:
         return None
 
     def stop(self, module: int, *, keep: bool = False) -> None:
-        """Drop a module, or keep it for the next `start`; no effect if it does not exist."""
+        """Drop the object of a module; with `keep`, keep it, so that the next `start` can continue it."""
         self._kept.pop(module, None)
         held = self._running.pop(module, None)
         if keep and held is not None:
             self._kept[module] = held
 
     def code(self, module: int) -> Module | None:
-        """Give the object of a module that runs, for an observer that does not change it."""
+        """Return the object of a module that runs, None if it does not; the caller must not change the object."""
         held = self._running.get(module)
         return None if held is None else held[0]
 
     def step(
         self, module: int, now_ns: int, until_ns: int, reading: Value | None, inputs: Mapping[str, tuple[str, Datum]]
     ) -> Result | Failure:
-        """Let a module compute one period; gives the result, or the failure."""
+        """Call the step of a module; returns its result, or how it failed.
+
+        until_ns: time until which `Context.may_drive` returns True. reading: the reading of the module's device.
+        """
         held = self._running.get(module)
         if held is None:
             return Failure("the module was never built")
@@ -178,7 +174,7 @@ class ModuleRunner:
         return Result(dict(outputs), tuple(context.writes), *said)
 
     def _carried_over(self, module: int, held: tuple[Module, _Context, str], orders: Orders, now_ns: int) -> bool:
-        """Carry a kept module over into its new mode, and tell whether it goes on there."""
+        """Call `mode_changed` of a module that `stop` has kept; tells whether its object continues in the new mode."""
         code, context, _ = held
         context.mode, context.period_ns, context.now_ns = orders.mode, orders.period_ns, now_ns
         try:
@@ -191,13 +187,13 @@ class ModuleRunner:
 
 
 def one_line(error: BaseException) -> str:
-    """Name and first line of an exception."""
+    """Describe an exception by its type and the first line of its message."""
     words = str(error).strip().splitlines()
     return f"{type(error).__name__}: {words[0]}" if words else type(error).__name__
 
 
 def failure_of(error: Exception, file: str | None = None) -> Failure:
-    """Describe an exception of a module or driver; `file` is the file of the module's class, if that is known."""
+    """Describe an exception that a module or driver has raised; `file` is that of its class, None if unknown."""
     try:
         line = str(error) if isinstance(error, UnknownImageError) else one_line(error)
         if len(line) > _LONGEST_MESSAGE:
@@ -209,7 +205,7 @@ def failure_of(error: Exception, file: str | None = None) -> Failure:
 
 
 def _place(error: BaseException, file: str | None) -> str | None:
-    """Give file and line of the innermost frame in the module's own file, or else outside heronry."""
+    """Return "FILE:LINE" of the innermost frame in `file`, or else in any code that is not heronry's; or None."""
     if isinstance(error, UnknownImageError) and error.__cause__ is not None:
         error = error.__cause__
     frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
@@ -219,7 +215,7 @@ def _place(error: BaseException, file: str | None) -> str | None:
 
 
 def _traceback(error: Exception) -> str:
-    """Format an exception without the frames from which the module was called or imported, which are not its own."""
+    """Format an exception without the frames of heronry and of Python's import."""
     told: traceback.TracebackException | None = traceback.TracebackException.from_exception(error)
     whole = told
     while told is not None:
@@ -229,7 +225,7 @@ def _traceback(error: Exception) -> str:
 
 
 def is_foreign(file: str) -> bool:
-    """Tell whether a frame of this file belongs to the code that was imported or called."""
+    """Tell whether a frame in this file belongs to a module or library, and not to the code that calls modules."""
     return file not in _HERE and not file.startswith("<frozen ") and not file.endswith("/importlib/__init__.py")
 
 

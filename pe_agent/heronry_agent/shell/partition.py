@@ -3,11 +3,11 @@
     python -m heronry_agent.shell.partition AGENT_PID NAME     started by the agent; the socket is file descriptor 3
 
 The partition has no bus, no table and no key. It executes the orders that come on the socket one after the other, and
-answers each step immediately (`partition_messages`), so that the agent knows which module was computing if the process
-ends. An exception of a module becomes an answer, and its traceback is printed.
+sends the answer to each step before it begins the next (`partition_messages`): if the process ends, the agent knows
+which module was computing. An exception of a module becomes an answer, and its traceback is printed.
 
-What modules print, and these tracebacks, goes line by line to the standard error of the agent, with time and name
-(`module_prints`): to the journal of its service on a node, to the agent's log in a demo.
+What modules print, and these tracebacks, goes line by line to the standard error of the agent, each line with time and
+module name (`module_prints`). On a node that is the journal of the agent's service, in a demo the agent's log.
 
 No partition outlives its agent: the kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
 of a step, and a closed socket ends it. If the agent hangs it sends no orders, so no module computes; a step that was
@@ -52,16 +52,16 @@ _DESCRIPTORS = 65_536
 
 
 class Partition:
-    """Executes the agent's orders in this process."""
+    """Executes the orders of the agent in this process."""
 
     def __init__(self, runner: ModuleRunner, computes: Callable[[str], None] = lambda _: None) -> None:
-        """computes: called with the name of the module that is built or stepped next."""
+        """Begin without modules; `computes` is called with the name of each module before it is built or stepped."""
         self._runner, self._computes = runner, computes
         self._names: dict[int, str] = {}
         self._leaves: dict[int, tuple[tuple[str, str], ...]] = {}
 
     def accept(self, packet: bytes) -> Iterator[bytes]:
-        """Execute the orders in a packet one by one, and give the answers."""
+        """Execute the orders in a packet one by one, and yield the packet of each answer."""
         for order in decode_orders(packet):
             answer = self._accept(order)
             if answer is not None:
@@ -108,20 +108,23 @@ class Partition:
 
 
 def _print(failure: Failure) -> None:
-    """Print a traceback; the reader may have ended, and there may be no memory left for it."""
-    with suppress(OSError, ValueError, MemoryError):
+    """Print the traceback of a failure, if that is possible."""
+    with suppress(OSError, ValueError, MemoryError):  # the reader may have ended, and memory may have run out
         print(failure.traceback, end="", file=sys.stderr, flush=True)
 
 
 def die_with(agent: int) -> None:
-    """Have the kernel kill this process when its agent dies; ends the process if the agent is gone already."""
+    """Have the kernel kill this process when the process `agent` ends; exit if it has ended already."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != agent:
         sys.exit(1)
 
 
 def main(arguments: list[str]) -> int:
-    """Serve the agent until it is gone; gives the exit code."""
+    """Execute orders until the agent closes the socket; returns the exit code.
+
+    arguments: process number of the agent, and name of the partition.
+    """
     die_with(int(arguments[0]))
     os.closerange(SOCKET + 1, _DESCRIPTORS)  # descriptors that the agent has inherited
     os.set_inheritable(SOCKET, False)  # else a program started by a module would hide the end of this process

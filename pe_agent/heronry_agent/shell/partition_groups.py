@@ -1,16 +1,16 @@
 """Limits the memory of a partition, with its child processes and shared memory, by control groups (cgroup v2).
 
 RLIMIT_DATA (`partition_process`) limits each process by itself, and counts neither shared memory nor the child
-processes of a module. The control group of a partition counts them, and can end them all. Groups are used if the agent
-was started in a group that it may divide, marked with the attribute `user.delegate`, as systemd does for `Delegate=`;
-no other group is changed. Processes may be only in leaf groups (cgroups(7)), so the agent first moves to a leaf:
+processes of a module. The control group of a partition counts both, and can end all its processes. Groups are used only
+if the agent was started in a group that it may divide: systemd marks such a group with the attribute `user.delegate`
+(`Delegate=` in the unit). Processes may be only in leaf groups (cgroups(7)), so the agent first moves to a leaf:
 
     heronry-agent@nav.service     delegated
         agent                     the agent
         partition.4711            a partition, named by its process number, until all its processes have ended
 
-A group is *unlimited* while its partition loads, then *limited*. The kernel kills a partition that exceeds the limit,
-with all of its processes. If a function of this file fails, this second limit is missing, and nothing else is affected.
+A group has no limit while its partition loads its code. Afterwards the kernel kills all processes of a partition that
+exceeds the limit. If control groups cannot be used, only RLIMIT_DATA limits the partition.
 """
 # ruff: noqa: PTH103, PTH106, PTH112, PTH123 - without pathlib, like all of the agent's own files
 
@@ -33,7 +33,7 @@ class PartitionGroup:
         self._folder = folder
 
     def limit(self, more: int) -> None:
-        """Limit the memory of the group to `more` bytes beyond what it holds now."""
+        """Limit the memory of the group to what it uses now plus `more` bytes."""
         with suppress(OSError, ValueError):
             _write(self._folder, "memory.max", int(_read(self._folder, "memory.current")) + more)
             _write(self._folder, "memory.swap.max", 0)
@@ -44,30 +44,30 @@ class PartitionGroup:
             _write(self._folder, "cgroup.kill", 1)
 
     def ran_out(self) -> bool:
-        """Tell whether the kernel has killed a process of the group because of its memory limit."""
+        """Tell whether the kernel has killed a process of the group because the memory limit was exceeded."""
         with suppress(OSError):
             return "oom_kill 0" not in _read(self._folder, "memory.events").splitlines()
         return False
 
     def remove(self) -> bool:
-        """Try to remove the group, and tell whether it is gone."""
+        """Remove the group if it has no process left; tells whether it is gone."""
         with suppress(OSError):
             os.rmdir(self._folder)
         return not os.path.isdir(self._folder)
 
 
 class PartitionGroups:
-    """The delegated group of the agent, divided into one group per partition."""
+    """Divides the control group of the agent into one group per partition."""
 
     def __init__(self, folder: str) -> None:
-        """Move this process into a leaf group, and have the kernel count memory in the leaves; raises OSError."""
+        """Move this process into a leaf of the group `folder`, and have memory counted per leaf; raises OSError."""
         self._folder = folder
         self._ended: list[PartitionGroup] = []
         _enter(f"{folder}/{_AGENT}", os.getpid())
         _write(folder, "cgroup.subtree_control", "+memory")
 
     def enclose(self, pid: int) -> PartitionGroup | None:
-        """Put a new process into a group of its own; None where that is not possible."""
+        """Put a new process into a group of its own; None if that fails."""
         self._ended = [group for group in self._ended if not group.remove()]
         folder = f"{self._folder}/partition.{pid}"
         try:
@@ -78,7 +78,7 @@ class PartitionGroups:
         return PartitionGroup(folder)
 
     def retire(self, group: PartitionGroup) -> bool:
-        """Remove the group of a partition that has ended; tells whether the kernel killed it for its memory."""
+        """Remove the group of an ended partition; tells whether the kernel killed the partition for its memory."""
         ran_out = group.ran_out()
         if not group.remove():  # child processes of the partition may take a moment longer to end
             self._ended.append(group)
@@ -86,7 +86,10 @@ class PartitionGroups:
 
 
 def open_groups(tell: Callable[[Note], None]) -> PartitionGroups | None:
-    """Divide the group of this process if it was delegated; None, and a note with the reason, if that fails."""
+    """Prepare the control group of this process for partitions; None if it is not delegated, or cannot be used.
+
+    If it is delegated and cannot be used, `tell` is called with the reason.
+    """
     folder = _own_folder()
     if folder is None or not _is_delegated(folder):
         return None
@@ -101,7 +104,7 @@ def open_groups(tell: Callable[[Note], None]) -> PartitionGroups | None:
 
 
 def _own_folder() -> str | None:
-    """Folder of the group of this process; None without cgroup v2."""
+    """Path of this process's control group; None without cgroup v2."""
     try:
         with open("/proc/self/cgroup", encoding="utf-8") as groups:
             own = next(line[len(_OWN_HIERARCHY) :].rstrip("\n") for line in groups if line.startswith(_OWN_HIERARCHY))

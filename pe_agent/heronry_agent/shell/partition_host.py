@@ -1,7 +1,7 @@
-"""Runs the modules of a node in partitions, without ever making the agent's loop wait.
+"""Runs the modules of a node in partitions; the agent's loop never waits for them.
 
-The host takes the actions of the core and gives events in answer. The simulator has another host for the same actions
-and events, in one process (`heronry_tools.sim.world.module_host`). A partition is
+The host executes the core's actions on modules, and answers them by events. (The simulator has another host, which runs
+modules in its own process: `heronry_tools.sim.world.module_host`.) A partition is
 
     absent    until one of its modules is started, or until the host starts its process in advance: one partition per
               second once the PE runs modules, so that starting a process delays no reconfiguration in flight
@@ -11,11 +11,11 @@ and events, in one process (`heronry_tools.sim.world.module_host`). A partition 
     running   its process executes orders, one after the other
     ending    its process is killed and not reaped yet; a new process for the same partition may start meanwhile
 
-The host ends a partition that sends an answer without an order, a packet that cannot be read, or one that is too long;
-so a flood ends after one packet. The host only reports that a partition has ended, and why; the core decides which
-module counts as failed. The core also decides when a step hangs, but it does not wait for the step of a module that has
-been stopped since. If such a step hangs, the orders behind it would wait for ever. So the host itself ends the
-partition when the step has spent the time after which a module counts as hanging.
+The host ends a partition that sends an answer without an order, a packet that cannot be read, or a packet that is too
+long. It reports to the core that a partition has ended, and why; the core decides which module counts as failed. The
+core also decides when a step hangs, except the step of a module that has been stopped since: the core no longer waits
+for that one, although it delays all later orders. So the host itself ends the partition when such a step has spent the
+time after which a module counts as hanging.
 """
 
 import time
@@ -68,13 +68,13 @@ _REAP_NS = 2_000_000
 
 
 class PartitionHost:
-    """The partitions of one PE."""
+    """Runs the partitions of one PE, and has its devices read and commanded."""
 
     def __init__(self, table: PeTable, devices: Devices, groups: PartitionGroups | None = None) -> None:
-        """Start no process yet.
+        """Begin without partitions.
 
-        devices: the devices of the modules of the table.
-        groups: the control groups for the partitions, None if there are none.
+        devices: the devices of the table's modules.
+        groups: control groups for the partitions; None: none are used.
         """
         self._devices = devices
         self._groups = groups
@@ -90,20 +90,17 @@ class PartitionHost:
         self._warm_ns = NEVER_NS
 
     def readers(self) -> list[PartitionProcess]:
-        """Partitions to select on now."""
+        """Return the partitions for which `select` is to wait now."""
         return [process for process in self._processes.values() if not process.gathers]
 
     def next_deadline_ns(self) -> int:
-        """Time in ns at which to call `take`, if no answer comes before."""
+        """Time in ns at which to call `take`, if `select` reports no partition before."""
         looks = (process.look_ns for process in self._processes.values() if process.gathers)
         look_ns, loaded_ns = min(looks, default=NEVER_NS), min(self._load_by_ns.values(), default=self._warm_ns)
         return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Carry out an action on modules or devices.
-
-        Gives the event for the core, if the action has one immediately.
-        """
+        """Execute an action of the core on a module or a device; returns its answer, None if none is known yet."""
         match action:
             case StepModule():
                 self._step(action, now_ns)
@@ -126,12 +123,15 @@ class PartitionHost:
         return None
 
     def flush(self, now_ns: int) -> None:
-        """Send the orders that `carry_out` has collected; the driver calls this once at the end of a turn."""
+        """Send the orders that `carry_out` has collected; call this at the end of each turn of the loop."""
         for process in self._processes.values():
             process.flush(now_ns)
 
     def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:
-        """Give the events from answers and time limits of partitions; `ready`: the partitions that select has named."""
+        """Read the answers of the `ready` partitions, and check time limits; returns the events for the core.
+
+        ready: what `select` has reported as readable.
+        """
         events: list[ModuleEvent] = []
         for process in list(self._processes.values()):
             if process in ready or (process.gathers and now_ns >= process.look_ns):
@@ -148,14 +148,14 @@ class PartitionHost:
         return events
 
     def abandon(self) -> None:
-        """End all partitions without events, and make every device safe; modules may then start in new partitions."""
+        """End all partitions without reporting it, and make every device safe; new partitions may start afterwards."""
         self._ending = [(process, False) for process, _ in self._ending]
         for name in list(self._processes):
             self._end(name, tell=False)
         self._devices.make_all_safe(time.monotonic_ns())
 
     def close(self) -> None:
-        """End all partitions as `abandon` does, and wait until every process has ended."""
+        """End all partitions, make every device safe, and wait until every process has ended."""
         self.abandon()
         while self._ending:
             self._reap()
@@ -296,7 +296,7 @@ class PartitionHost:
             self._spawn(name, now_ns)
 
     def _look_at_loading(self, process: PartitionProcess, now_ns: int) -> None:
-        """End a partition that has spent too much time on loading its code."""
+        """End a partition that has spent more than LOADING_NS on loading its code."""
         left_ns = LOADING_NS - process.loading_ns(now_ns)
         if left_ns <= 0:
             process.broken = "it does not finish loading its code"

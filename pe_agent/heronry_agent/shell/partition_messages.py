@@ -7,14 +7,15 @@
     STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, requests
                                   STEP_FAILED  release, reason, traceback
 
-A partition trusts its agent: orders are plain values in the format of Python's `marshal`, whose version is the same at
-both ends. The agent does not trust a partition: `decode_answer` accepts any packet, and gives `Garbled` for a packet
-that is no answer. A value of a module that is not plain cannot be sent; then the module has failed (`Uncarriable`).
+A partition trusts its agent: orders are plain values in the format of Python's `marshal`, which is the same at both
+ends. The agent does not trust a partition: `decode_answer` accepts any bytes, and returns `Garbled` if they are no
+answer. Values of a module are int, float, str, bytes or a tuple of int; a module that gives another value has failed
+(`Uncarriable`).
 
 START names the leaves (the single inputs) of a module's mode; later messages refer to a leaf by its number. In an
-answer numbers are little-endian, and two bytes before a text give its length. The outputs of a module usually have the
-same names and types in every step. STEPPED begins with these names and types. Each end decodes them once and then
-recognizes them by their bytes. The values follow.
+answer numbers are little-endian, and two bytes before a text give its length. STEPPED begins with the names and types
+of the values; the values follow. Names and types are usually the same in every step of a module, so each end decodes
+them once and then recognizes them by their bytes.
 """
 
 import marshal
@@ -45,7 +46,7 @@ _T = TypeVar("_T")
 
 
 class Uncarriable(ValueError):  # noqa: N818 - the name describes a value
-    """A module gave a value that is not plain, or too large; the message says which."""
+    """A module gave a value that cannot be sent, because of its type or its size; the message says which."""
 
 
 class _Kind(IntEnum):
@@ -56,13 +57,16 @@ class _Kind(IntEnum):
 
 
 class Load(NamedTuple):
-    """Import the code of these images."""
+    """Order: import the code of these images."""
 
     images: tuple[str, ...]
 
 
 class Start(NamedTuple):
-    """Let a module run; `leaves` has (path, variable) of each leaf, in the order of the numbers in STEP."""
+    """Order: build a module, or continue the object that STOP has kept.
+
+    leaves: (path, variable) of each leaf; an input in STEP names its leaf by the position in this tuple.
+    """
 
     module: int
     orders: Orders
@@ -70,14 +74,21 @@ class Start(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """Stop stepping a module: drop it, or keep it for the next START."""
+    """Order: drop the object of a module, or keep it for the next START."""
 
     module: int
     keep: bool
 
 
 class Step(NamedTuple):
-    """Let a module compute one step, from the reading of its device and its inputs, unless `until_ns` has passed."""
+    """Order: compute one step, unless the time `until_ns` has passed.
+
+    release: number of the step, which the answer repeats.
+    now_ns: time of the step on the monotonic clock.
+    until_ns: time in ns after which the module must not drive its outputs.
+    reading: the reading of the module's device; None: there is none.
+    inputs: the fresh data, each with the number of its leaf.
+    """
 
     module: int
     release: int
@@ -89,14 +100,14 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """The code of all images has been imported, except `missing`."""
+    """Answer: the code of all images has been imported, except that of the `missing` ones."""
 
     missing: Mapping[str, str]  # image -> reason why it cannot be loaded
 
 
 @dataclass(frozen=True, slots=True)
 class StartRefused:
-    """A module could not be built; the texts are those of a `Failure`."""
+    """Answer: a module could not be built; `reason` is one line, `traceback` may be empty."""
 
     module: int
     reason: str
@@ -104,7 +115,7 @@ class StartRefused:
 
 
 class Done(NamedTuple):
-    """A step has ended, at `ended_ns` of the monotonic clock."""
+    """Answer: a step has been computed; it ended at `ended_ns` of the monotonic clock."""
 
     module: int
     release: int
@@ -114,7 +125,7 @@ class Done(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """A step has failed; the texts are those of a `Failure`."""
+    """Answer: a step has failed; `reason` is one line, `traceback` may be empty."""
 
     module: int
     release: int
@@ -124,7 +135,7 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class Garbled:
-    """A packet from a partition is no answer, for `reason`."""
+    """Stands for a packet that is no answer; `reason` says why not."""
 
     reason: str
 
@@ -135,10 +146,7 @@ Answer = Loaded | StartRefused | Done | Failed | Garbled
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Names and types of the values in the answer to a step.
-
-    They rarely change, so both ends keep the layouts that they have seen.
-    """
+    """Names and types of the values in the answer to a step."""
 
     outputs: tuple[str, ...]
     types: tuple[str, ...]  # of the outputs, then of the writes: a letter, with a length where the type has one
@@ -158,7 +166,7 @@ _ORDERS: tuple[type[Order], ...] = (Load, Start, Stop, Step)
 
 
 def encode_orders(orders: Iterable[Order]) -> bytes:
-    """Encode orders as one packet."""
+    """Encode orders as one packet for a partition."""
     return marshal.dumps([(_ORDERS.index(type(order)), *map(_plain, order)) for order in orders])
 
 
@@ -174,7 +182,7 @@ def decode_orders(packet: bytes) -> Iterator[Order]:
 
 
 def encode_answer(answer: Loaded | StartRefused | Done | Failed) -> bytes:
-    """Encode an answer as a packet; raises Uncarriable."""
+    """Encode an answer as a packet for the agent; raises Uncarriable if a value cannot be sent."""
     packet = _stepped(answer) if isinstance(answer, Done) else _other(answer)
     if len(packet) > ANSWER_BYTES:
         raise Uncarriable(f"a step gives {len(packet)} bytes, more than {ANSWER_BYTES}")
@@ -196,7 +204,7 @@ def _stepped(answer: Done) -> bytes:
 
 
 def _type(value: object) -> str:
-    """Type of a value as a letter, with its length where the type has one."""
+    """Return the letter for the type of a value, followed by the length of a text, bytes or a tuple."""
     match value:
         case float():
             return "f"
@@ -212,7 +220,7 @@ def _type(value: object) -> str:
 
 
 def _flat(values: Iterable[Value]) -> Iterator[Value]:
-    """Give the values in the form that `struct` packs."""
+    """Yield the values as arguments of `Struct.pack`: tuples item by item, texts as bytes."""
     for value in values:
         if isinstance(value, tuple):
             yield from value
@@ -222,7 +230,7 @@ def _flat(values: Iterable[Value]) -> Iterator[Value]:
 
 @lru_cache(_LAYOUTS)
 def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
-    """Encode the names and types in the answer to a step; gives the bytes, and the layout."""
+    """Encode names and types for the head of STEPPED; returns the bytes, and the layout."""
     head = b"".join([_list(names, _text) for names in shape])
     if len(head) > _LIST:
         raise Uncarriable(f"a step gives {len(head)} bytes of names, too many for one answer")
@@ -267,7 +275,7 @@ def _told(answer: StartRefused | Failed) -> bytes:
 
 
 def decode_answer(packet: bytes) -> Answer:
-    """Decode a packet of a partition; `Garbled` for any packet that is no answer."""
+    """Decode a packet of a partition; returns `Garbled` if it is no answer."""
     if len(packet) > ANSWER_BYTES:
         return Garbled("a packet is too long")
     try:
@@ -294,7 +302,7 @@ def _done(packet: bytes) -> Done:
 
 
 def _values(types: Iterable[str], numbers: Iterator[Any]) -> Iterator[Value]:
-    """Give the values, from the numbers and bytes that `struct` has unpacked."""
+    """Yield the values of a module from what `Struct.unpack` has returned."""
     for kind in types:
         match kind[0]:
             case "s":
@@ -343,7 +351,7 @@ class _Reader:
         self.packet, self.at = packet, 0
 
     def take(self, layout: struct.Struct) -> tuple[int, ...]:
-        """Read the numbers that a struct describes."""
+        """Read the numbers that `layout` describes."""
         found = layout.unpack_from(self.packet, self.at)
         self.at += layout.size
         return found
@@ -357,9 +365,9 @@ class _Reader:
         return found
 
     def text(self) -> str:
-        """Read a text, which follows its length."""
+        """Read a text, whose length comes first."""
         return self.bytes(self.take(_COUNT)[0]).decode()
 
     def list(self, read: Callable[[], _T]) -> list[_T]:
-        """Read a list, which follows its length; `read` reads one item."""
+        """Read a list, whose length comes first; `read` reads one item."""
         return [read() for _ in range(self.take(_COUNT)[0])]

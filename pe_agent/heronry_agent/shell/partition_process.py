@@ -1,25 +1,22 @@
 """A partition as its agent sees it: a process with one socket, a memory limit, and a measure of the time it spends.
 
-No method ever waits. A packet is sent immediately; if the partition does not read, it is given up. A process is reaped
-when the kernel reports its end. The process is started by exec, not by fork: so it inherits no bus, no key and no
-table, and is smaller. Its environment has only what Python needs. It has a lower priority than its agent, so that
-heartbeats go first.
+No method ever waits. If a partition does not read its packets, it is ended (`broken`). The process is started by exec,
+not by fork: so it inherits no bus, no key and no table, and is smaller. Its environment has only what Python needs. It
+has a lower priority than its agent, so that heartbeats go first.
 
-The orders of one turn of the agent form one packet. For GATHER_NS after the packet the answers do not wake the agent.
-So the steps of several modules, and of several partitions, wake the agent once and not once each.
+The orders of one turn of the agent's loop form one packet. For GATHER_NS after such a packet the agent is not woken by
+answers, and then reads them together.
 
-The time that a step has *spent* does not include waiting for a processor. For a finished step the kernel has counted
-that wait (schedstat). For an unfinished step the present wait is not counted yet: if the process is ready to run, only
-its processor time counts. If the kernel does not count waiting, only processor time is known. The waiting time before a
-step is read once in SAMPLE_NS, and again after a late step. The waits in the steps since the last reading are
-subtracted as well, which favours the module. The agent too may have to wait for a processor. So a step begins when its
-order was sent, and ends when its answer has arrived, whether the agent has read it or not.
+The time that a step has *spent* is measured from the sending of its order to the arrival of its answer, less the time
+for which the partition waited for a processor. The kernel counts this waiting time (schedstat), but a wait that still
+lasts is not counted yet: while the process waits, its processor time is taken instead, as it is on a kernel that does
+not count waiting. The count before a step is read only once in SAMPLE_NS, and after a late step. So waiting in earlier
+steps may also be subtracted: the error favours the module.
 
-When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds, plus the RAM
-that the spec gives its modules, plus SLACK_BYTES for the interpreter, which spec authors do not count. A module that
-exceeds the limit gets a MemoryError in its own step, or the process ends in C code. If the agent has control groups
-(`partition_groups`), the same limit holds for the partition with its child processes and shared memory; the kernel
-kills a partition that exceeds it.
+When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds then, plus the
+RAM that the spec gives its modules, plus SLACK_BYTES for the interpreter. If a module exceeds the limit, Python raises
+MemoryError in its step, or C code ends the process. If the agent has control groups (`partition_groups`), the same
+limit holds for the partition with its child processes and shared memory; the kernel kills a partition that exceeds it.
 """
 
 import os
@@ -48,7 +45,7 @@ _STANDS_BACK = 5  # steps of "niceness"
 
 @dataclass(slots=True)
 class _PendingStep:
-    """A step that has not been answered."""
+    """A step that has been ordered and not answered."""
 
     module: int
     release: int
@@ -58,10 +55,14 @@ class _PendingStep:
 
 
 class PartitionProcess:
-    """The process of a partition, from its exec to its end."""
+    """One partition as the agent sees it: a process, and the socket to it."""
 
     def __init__(self, name: str, ram: int, groups: PartitionGroups | None = None) -> None:
-        """Start the process; `ram` is the RAM in bytes that the spec gives its modules. Raises OSError."""
+        """Start the process; raises OSError.
+
+        ram: RAM in bytes that the spec gives the modules of the partition.
+        groups: control groups for partitions; None: none are used.
+        """
         self.name, self._ram, self._groups = name, ram, groups
         self.loading = True
         self.broken: str | None = None  # why the partition cannot be used any more
@@ -87,12 +88,12 @@ class PartitionProcess:
 
     @property
     def owes(self) -> bool:
-        """Tell whether the partition has not answered an order yet."""
+        """Tell whether an answer of the partition is still to come."""
         return self.loading or bool(self._pending)
 
     @property
     def computing(self) -> int | None:
-        """Module whose step the partition computes; None when there is no step to answer."""
+        """Module whose step is being computed; None if the partition has answered all steps."""
         return self._pending[0].module if self._pending else None
 
     def send(self, order: Order) -> None:
@@ -100,7 +101,7 @@ class PartitionProcess:
         self._orders.append(order)
 
     def flush(self, now_ns: int) -> None:
-        """Send the queued orders as one packet; a partition that cannot take it is broken."""
+        """Send the queued orders as one packet; if the partition does not take it, `broken` is set."""
         if not self._orders:
             return
         orders, self._orders = self._orders, []
@@ -119,15 +120,17 @@ class PartitionProcess:
                 pending.since_ns, pending.cpu_ns = told_ns, cpu_ns
 
     def expect(self, module: int, release: int, now_ns: int) -> None:
-        """Note that a step has been ordered."""
+        """Note that a step is ordered; call this before `send`."""
         if not self._pending and now_ns >= self._sample_ns:
             self._waited_before_ns, self._sample_ns = self._waited_ns(), now_ns + SAMPLE_NS
         self._pending.append(_PendingStep(module, release))
 
     def answered(self, module: int, release: int, ended_ns: int, period_ns: int) -> int | None:
-        """Take the answer to a step.
+        """Note the answer to a step; returns the time in ns that the step has spent.
 
-        Gives the time in ns that the step has spent, or None if no such step was ordered.
+        Returns None if this is not the step that the partition has to answer next.
+        ended_ns: when the step ended.
+        period_ns: period of the module; for a shorter step the waiting for a processor is not subtracted.
         """
         if not self._pending or (self._pending[0].module, self._pending[0].release) != (module, release):
             return None
@@ -144,19 +147,19 @@ class PartitionProcess:
         return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
 
     def disown(self, module: int) -> None:
-        """Mark the steps of a module that has been stopped: their answers are not wanted."""
+        """Note that a module has been stopped, so that answers to its steps are not wanted any more."""
         for pending in self._pending:
             pending.is_wanted = pending.is_wanted and pending.module != module
 
     def unwanted(self, now_ns: int) -> tuple[int, int] | None:
-        """Give a stopped module that still computes, and the ns that its step has spent; None if there is none."""
+        """Return (module, spent time in ns) if the step of a stopped module is still being computed; otherwise None."""
         if not self._pending or self._pending[0].is_wanted:
             return None
         first = self._pending[0]
         return first.module, self.spent_ns(first.module, first.release, now_ns)
 
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
-        """Time in ns that an unfinished step has spent; 0 if it has not begun, or its answer has arrived."""
+        """Time in ns that this step has spent so far; 0 if it is not being computed now."""
         if (
             self.loading
             or not self._pending
@@ -171,13 +174,13 @@ class PartitionProcess:
         return max(0, now_ns - pending.since_ns - (self._waited_ns() - self._waited_before_ns))
 
     def loading_ns(self, now_ns: int) -> int:
-        """Time in ns that the process has spent since its start, without waiting for a processor."""
+        """Time in ns since the start of the process, less the time for which it waited for a processor."""
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
             return self._cpu_ns()
         return now_ns - self._begun_ns - self._waited_ns()
 
     def _has_spoken(self) -> bool:
-        """Tell whether there is an answer to read, or the process has ended."""
+        """Tell whether an answer can be read, or the process has ended."""
         try:
             self._socket.recv(1, socket.MSG_PEEK)
         except BlockingIOError:
@@ -187,7 +190,7 @@ class PartitionProcess:
         return True
 
     def receive(self) -> bytes | None:
-        """Read the next packet; None if there is none, or the process has ended (`broken` is set then)."""
+        """Read the next packet; None if there is none, or if the process has ended, which sets `broken`."""
         try:
             packet = self._socket.recv(ANSWER_BYTES + 1)
         except BlockingIOError:
@@ -212,7 +215,7 @@ class PartitionProcess:
             self._group.limit(self._ram + SLACK_BYTES)
 
     def kill(self) -> None:
-        """Kill the process; `reap` tells when it is gone."""
+        """Kill the process; it still has to be reaped (`reap`)."""
         self._socket.close()
         if self._schedstat is not None:
             os.close(self._schedstat)
@@ -223,7 +226,7 @@ class PartitionProcess:
             os.kill(self.pid, signal.SIGKILL)
 
     def reap(self) -> str | None:
-        """Say how the process ended; None while it has not ended."""
+        """Return in words how the process has ended; None if it has not ended yet."""
         pid, status = os.waitpid(self.pid, os.WNOHANG)
         if not pid:
             return None
@@ -233,7 +236,7 @@ class PartitionProcess:
         return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
     def _waited_ns(self) -> int:
-        """Time in ns that the process has waited for a processor, without its present wait."""
+        """Time in ns for which the process has waited for a processor; a wait that still lasts is not counted."""
         if self._schedstat is None:
             return 0
         try:
@@ -271,7 +274,7 @@ def _open(path: str) -> int | None:
 
 
 def _state(pid: int) -> str:
-    """State letter of a process as in ps(1); S when the process is gone."""
+    """Return the state of a process as the letter that ps(1) shows; S if the process is gone."""
     try:
         with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as stat:  # noqa: PTH123
             return stat.read().rpartition(") ")[2][:1]

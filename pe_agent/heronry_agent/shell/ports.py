@@ -1,10 +1,10 @@
-"""Finds out from the command line which python-can bus each port of a PE uses.
+"""Finds out from the command line which CAN interface and channel each port of a PE uses.
 
-python-can's own flags (and can.conf, and CAN_*) name the uplink, the bus toward the manager. `--bus
-NAME=[INTERFACE:]CHANNEL` names any bus of the table; without INTERFACE the interface is that of the flags. The table
-gives the bit rate, unless a flag gives another one for the uplink. The bit rate of a radio is that of its air link, and
-is not passed to the adapter (an slcan modem takes only the rates of CAN controllers). For a replicated bus both
-channels must be named.
+The flags of python-can (or can.conf, or variables CAN_*) name the channel of the uplink. `--bus
+NAME=[INTERFACE:]CHANNEL` names that of any bus in the table; without INTERFACE the interface is that of the flags. The
+bit rate comes from the table, unless a flag gives another one for the uplink. The table's bit rate of a radio is that
+of its radio link, and is not passed to the adapter (an slcan modem takes only the rates of CAN controllers). For a
+replicated bus both channels must be named.
 """
 
 import argparse
@@ -16,7 +16,10 @@ from heronry_wire.pe_table import PeTable
 
 
 def bus_configs(table: PeTable, arguments: argparse.Namespace, named: Sequence[str]) -> list[list[dict[str, Any]]]:
-    """Keyword arguments of `can.Bus` by port and channel; `named`: the values of `--bus`. Raises BusArgumentError."""
+    """Return the keyword arguments of `can.Bus` for each channel of each port; raises BusArgumentError.
+
+    named: the values of `--bus`.
+    """
     flags = flagged_bus(arguments)
     places = named_buses(named, table.name, [port.bus for port in table.ports])
     configs = []

@@ -5,15 +5,15 @@
     given     object 2020h was written with a table that can be used and has this node-ID. The node still sends the
               answer; then the agent starts as if the table had come from a file
 
-With a key the node requests a WELCOME from a manager that it hears, as every PE does (`authenticity`), and executes
-only LEASE and UNLOCK. It accepts a table only while it is unlocked, from any sender, but only if the table is sealed
-with the key.
+With a key the node requests a WELCOME from a manager that it hears, as every PE does (`authenticity`). It executes only
+the commands LEASE and UNLOCK. It accepts a table only while it is unlocked, and only if the table is sealed with the
+key; any node may send it.
 
 `sdo_server` handles lost, late and doubled frames: a table arrives complete and checked, or not at all. A table that
 cannot be used is refused with 0609 0030h, and the reason is logged. Without a key, any sender of a table decides which
-of the code installed on this node will run. So a PE waits for a table only if it was started with that option, which is
-meant for a bus whose nodes are all trusted; and a PE that has its table accepts no other. After a restart the PE waits
-again.
+of the code installed on this node will run. So a PE waits for a table only if it was started with `--node`; without a
+key this option is meant for a bus whose nodes are all trusted. A PE that has its table accepts no other. After a
+restart the PE waits again.
 """
 
 import os
@@ -51,13 +51,14 @@ _LONGEST_WAIT_S = 0.1  # so that the loop soon notices a signal
 
 
 class WaitingCore:
-    """The core of a node that waits for its table; `table` is the table that it has received, or None."""
+    """The core of a node that waits for its table; `table` is None until it has come."""
 
     def __init__(self, node: int, bitrate: int, now_ns: int, secret: Secret | None = None) -> None:
-        """Wait as this node (92..125), on a bus of `bitrate` bit/s; the first deadline is now.
+        """Begin to wait; the first deadline is `now_ns`.
 
+        node: node-ID of this PE, 92..125; raises TableError for another one.
+        bitrate: bit rate of the bus in bit/s.
         secret: the key of the fleet; with a key the node accepts only a sealed table, and only while it is unlocked.
-        Raises TableError where the node-ID is not that of a PE.
         """
         self.table: PeTable | None = None
         self._node = node
@@ -83,11 +84,11 @@ class WaitingCore:
 
     @property
     def identifiers(self) -> Collection[int]:
-        """Every identifier that a waiting node takes."""
+        """CAN identifiers of the frames that a waiting node takes."""
         return self._handlers
 
     def step(self, now_ns: int, event: Received | Tick) -> list[Action]:
-        """Process one event; gives the actions to execute."""
+        """Process one event, and return the actions to execute."""
         out = self._turn.begin(now_ns)
         if isinstance(event, Tick):
             self._canopen.tick()
@@ -103,10 +104,7 @@ class WaitingCore:
         return self._canopen.next_ns
 
     def _accept(self, manager: int, command: Command, event: Received) -> None:
-        """Execute a verified command: LEASE, which shows which manager is active, or UNLOCK for this node.
-
-        Ignore others.
-        """
+        """Execute a verified LEASE, which shows which manager is active, or UNLOCK; ignore other commands."""
         message = decode_command(command, event.frame.data)
         if isinstance(message, Malformed | SliceHead | SliceBody) or not self._mastership.admits(manager, message.term):
             return
@@ -132,7 +130,7 @@ class WaitingCore:
 
 
 def _empty_table(node: int, bitrate: int) -> PeTable:
-    """Table of a PE without modules."""
+    """Return a table without modules, for a PE with this node-ID."""
     port = Port("uplink", bitrate, USUAL_HEARTBEAT_NS, USUAL_MISSES, wireless=False, channels=1, nodes=())
     table = PeTable(
         format=FORMAT,
@@ -154,20 +152,23 @@ def _empty_table(node: int, bitrate: int) -> PeTable:
 
 
 class Waiting:
-    """The driver of a WaitingCore: one bus, one select loop."""
+    """Runs a WaitingCore on one bus."""
 
     def __init__(self, core: WaitingCore, link: AnyLink, tell: Callable[[Note], None]) -> None:
-        """tell: called with every note when it is made."""
+        """Take the core and its bus; `tell` is called with every line for the log, at once."""
         self._core, self._link, self._tell = core, link, tell
         link.accept(core.identifiers)
         self._stopping = False
 
     def stop(self) -> None:
-        """End the loop at its next turn; safe in a signal handler."""
+        """End the loop soon; may be called in a signal handler."""
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> PeTable | None:
-        """Wait for a table, until the answer to it is on the bus; gives the table, or None if stopped before."""
+        """Wait until a table has come, and the answer to its sender is on the bus; returns the table.
+
+        None if `stop` is called before; with `until_eof`, also if standard input ends.
+        """
         core, link = self._core, self._link
         while not self._stopping:
             readers: list[Any] = [*link.readers, *([sys.stdin] if until_eof else [])]

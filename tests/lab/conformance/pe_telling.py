@@ -140,7 +140,7 @@ def what_changes_is_noted() -> None:
     lease = pe.lease
     pe.lease = pe.alive = None
     pe.run(300)
-    equal(pe.notes("lease")[1:], ["no manager is heard; going on as before"], "notes when the manager is gone")
+    equal(pe.notes("lease")[1:], ["no manager is heard; all modules go on"], "notes when the manager is gone")
     pe.lease = lease
     pe.run(100)
     equal(len(pe.notes("lease")), 3, "notes of a lease")
@@ -148,7 +148,11 @@ def what_changes_is_noted() -> None:
     pe.run(100)
     pe.alive = frozenset((NODE,))
     pe.run(1200)
-    equal(pe.notes("output")[before:], ["exclusive outputs are held back", "exclusive outputs are free"], "of outputs")
+    equal(
+        pe.notes("output")[before:],
+        ["exclusive outputs are held back", "exclusive outputs are authorized"],
+        "of outputs",
+    )
     puppets.BEHAVIOUR["helper"] = puppets.asking("land")
     puppets.BEHAVIOUR["gauge"] = puppets.reporting("device:gauge_sensor")
     pe.run(200)

@@ -5,13 +5,13 @@ The manager refers to a contingency by its number, and a PE has its slice of tha
 use the plans for every single fault, in the phases that the spec's `contingency` names. The same spec, planner and
 processor architecture give the same plans, so tables and manager may be made on different computers. If the plans
 differ all the same, PREPARE has a digest that the PE does not hold; the PE answers that the contingency is not on
-board, and the manager sends the slice. So no PE runs another configuration than the manager means.
+board, and the manager sends the slice. So no PE runs another configuration than the manager commands.
 
-The plans are made when they are first needed (a demo flies at once, and makes them in the background). They are kept in
-the user's cache under the digests of the spec and of the planner, so that a manager that starts again in flight finds
-them. A lock ensures that one process makes them; the next process continues the work of a killed one
-(`contingency.journal`). The file is written whole or not at all, and a damaged file is made anew. If the plans cannot
-be made or kept, a message says so, and the system flies without them.
+The plans are made when they are first needed. (A demo does not wait for them: it makes them in the background.) They
+are kept in the user's cache under the digests of the spec and of the planner, so that a manager that starts again in
+flight finds them. A lock ensures that only one process makes them. If that process is killed, the next one continues
+its work (`contingency.journal`). The file is written whole or not at all, and a damaged file is made anew. If the plans
+cannot be made or kept, a message says so, and the system flies without them.
 """
 
 import argparse
@@ -39,7 +39,7 @@ _QUESTIONS_FOR_A_CREW: Final = 100  # fewer are planned before worker processes 
 
 
 class Ahead(Enum):
-    """The choices of plans made ahead where the user names no file."""
+    """Which plans are made ahead where the user names no file."""
 
     SINGLE_FAULTS = "the plans for every single fault"
     NOTHING = "none"
@@ -69,10 +69,10 @@ def _source(text: str) -> Source:
 def contingencies_of(
     spec: "Spec", source: Source, before_making: Callable[[], None] = lambda: None, workers: int | None = None
 ) -> "Contingencies | None":
-    """Give the plans made ahead for a spec, made now if needed; None where none are wanted, or none can be made.
+    """Give the plans made ahead for a spec, made now if needed; None where none are wanted or can be made.
 
     before_making: called before planning, which takes minutes; it may raise an error that the user should see first.
-    workers: processes that plan; None: one for each processor, where there are many plans to make.
+    workers: the number of processes that plan; None: one for each processor, or this process if there are few plans.
     Raises ContingencyFileError for a file that is not of this spec, OSError for a file that cannot be read.
     """
     from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415 - keeps `--help` quick
@@ -83,12 +83,12 @@ def contingencies_of(
 
 
 def kept_contingencies(spec: "Spec") -> "Contingencies | None":
-    """Give the plans for every single fault if they were made before; None if not, or if another solver made them."""
+    """Give the plans for every single fault that are in the cache; None if this solver and planner made none."""
     return _kept(spec, _kept_in(spec))
 
 
 def can_plan_ahead() -> bool:
-    """Tell whether there is a solver; if there is none, print that."""
+    """Tell whether there is a solver; if not, a message on stderr says so."""
     if _solver() is None:
         _say('nothing is planned ahead without ortools; add it with: pip install "heronry[manager]"')
         return False
@@ -96,13 +96,13 @@ def can_plan_ahead() -> bool:
 
 
 def questions(spec: "Spec") -> int:
-    """Number of the plans for every single fault."""
+    """Give the number of plans for every single fault."""
     scope = _scope(spec)
     return scope.set_count() * len(scope.phases)
 
 
 def found_so_far(spec: "Spec") -> int:
-    """Number of the plans that are kept from a run which has not ended, or was killed."""
+    """Give the number of plans in the journal of a run that is not complete, or was killed; 0 without one."""
     from heronry_tools.analysis.campaign.sweeping import partial_of  # noqa: PLC0415
 
     with suppress(OSError):
@@ -143,7 +143,7 @@ def _say(sentence: str) -> None:
 
 
 def _kept_in(spec: "Spec") -> Path:
-    """Give the file of the plans of a spec; its name has a digest of all that the plans depend on."""
+    """Give the file for the plans of a spec; its name has a digest of all that the plans depend on."""
     digest = digest_of(f"{spec.digest} ortools {_solver()} {platform.machine()}", _planner())
     return user_cache("contingencies") / f"{spec.name}-{digest}.contingencies"
 
@@ -159,7 +159,7 @@ def _planner() -> Iterator[tuple[str, Path]]:
 
 
 def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
-    """Read the file; None where it is not there, or damaged."""
+    """Read the plans of a file; None where it is missing, damaged, or of another spec."""
     from heronry_manager.contingency.file_format import ContingencyFileError, read_contingencies  # noqa: PLC0415
 
     with suppress(OSError, ContingencyFileError):
@@ -168,7 +168,7 @@ def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
 
 
 def _made(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
-    """Make the file, unless another process has made it while this process waited."""
+    """Make the file and give its plans; if another process makes it, wait for that process and read the file."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with (file.parent / "lock").open("w") as lock:
         try:
@@ -191,7 +191,7 @@ def _make(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
 
 
 def _scope(spec: "Spec") -> "Scope":
-    """Give the fault sets and phases for which plans are made ahead."""
+    """Give the fault sets and phases of the plans that are made ahead."""
     from heronry_dg.situation import elements  # noqa: PLC0415
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
     from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""`heronry bound`: how long a reconfiguration takes at most, for every class of faults, and its summands.
+"""`heronry bound`: how long a reconfiguration takes at most, for every class of faults, and the parts of that time.
 
 Exit codes: 0 every class has a bound; 1 one has none; 2 the input cannot be used.
 """
@@ -87,7 +87,7 @@ def _milliseconds(text: str) -> int:
 
 
 def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
-    """Plan every case; returns the cases, and the longest time that a plan took, in ns."""
+    """Plan for every fault; returns the plans, and the longest time that a plan took, in ns."""
     from heronry_manager.bounds.fault_cases import count_plans, fault_cases  # noqa: PLC0415
     from heronry_manager.planner.exact import plan  # noqa: PLC0415
 
@@ -113,7 +113,7 @@ def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
 
 
 def _worst(bounds: "Sequence[Bound]") -> "list[Bound]":
-    """Give the worst bound of each class of faults, once for each bus on which PEs report."""
+    """Give the largest bound of each class of faults, once for each bus on which PEs report."""
     worst: dict[str, Bound] = {}
     for bound in (one for one in bounds if not one.is_hopeless):
         known = worst.get(_named(bound))
@@ -135,7 +135,7 @@ def _print(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_mea
     from heronry_tools.console.text_tables import Bad, Table, print_tables  # noqa: PLC0415
 
     named = f", phase {phase}" if phase is not None else ""
-    how = "decide is measured on this machine, all else is a bound" if is_measured else "decide is given"
+    how = "decide is measured on this machine, all other times are bounds" if is_measured else "decide is given"
     rows: list[Sequence[Cell]] = []
     for bound in _worst(bounds):
         total: Cell = Bad("no bound") if bound.total_ns is None else _ms(bound.total_ns)

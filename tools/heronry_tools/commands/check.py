@@ -89,10 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _a_short_life() -> Iterator[None]:
-    """Switch Python's garbage collector off for the rest of this process.
-
-    It took a sixth of the time of a fast check.
-    """
+    """Switch Python's garbage collector off, which took a sixth of the time of a fast check."""
     gc.disable()
     try:
         yield
@@ -180,7 +177,7 @@ def _specs_below(folder: Path) -> list[Path]:
 
 
 def _shipped(text: str) -> Path | None:
-    """Give the path of the shipped spec of this name; None for other names, and where a file has this name."""
+    """Give the path of the shipped spec of this name; None for other names, and where a file has that name."""
     from heronry_dg.shipped import shipped_spec_names, shipped_spec_path  # noqa: PLC0415
 
     is_shipped = text in (*shipped_spec_names(), *FLOWN) and not Path(text).exists()
@@ -206,7 +203,7 @@ def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> 
 
 
 def _graph_file(data: bytes, name: str) -> "Assessed":
-    """Read a component graph; whatever stops it from being read is reported, whatever codes were selected."""
+    """Read a component graph; an error in it is always reported, whichever codes were selected."""
     from heronry_dg.check.assess import Assessed, lines_at  # noqa: PLC0415
     from heronry_pcs.graph_files import findings_in  # noqa: PLC0415
 
@@ -216,7 +213,7 @@ def _graph_file(data: bytes, name: str) -> "Assessed":
 
 @contextmanager
 def _defects_of(what: str) -> Iterator[None]:
-    """Turn an exception of the block into a UserError (a package is missing) or a _DefectError, each one sentence."""
+    """Turn any exception of the block into a UserError where a package is missing, else into a _DefectError."""
     try:
         yield
     except HeronryError:
@@ -231,7 +228,7 @@ def _defects_of(what: str) -> Iterator[None]:
 
 
 def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]":
-    """Give the findings to report: all, or errors only."""
+    """Give the findings to report: all, or with `quiet` errors only."""
     return [one.errors_alone() for one in assessed] if quiet else assessed
 
 

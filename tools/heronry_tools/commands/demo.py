@@ -1,4 +1,4 @@
-"""`heronry demo`: the whole system as real processes, and the story of its events."""
+"""`heronry demo`: the whole system as real processes, with its events as sentences."""
 
 import argparse
 from importlib.util import find_spec
@@ -57,7 +57,7 @@ def add_parsers(subparsers: Any) -> None:
         dest="seconds",
         metavar="SECONDS",
         type=_seconds,
-        help=f"how long to run (default {DEFAULT_SECONDS:.0f}); what is under way then is awaited, for at most 15 s",
+        help=f"how long to run (default {DEFAULT_SECONDS:.0f}); then the demo completes what has begun, within 15 s",
     )
     parser.add_argument(
         "--from",
@@ -71,7 +71,7 @@ def add_parsers(subparsers: Any) -> None:
     add_contingencies_argument(
         parser,
         "for the manager and for the tables of the PEs",
-        "the plans for every single fault; a demo that finds none makes them behind the flight, for the next one",
+        "the plans for every single fault; a demo that finds none makes them in the background, for the next one",
     )
     parser.add_argument(
         "--key", metavar="FILE", type=Path, help="the key file from 'heronry key', for the manager and every PE"

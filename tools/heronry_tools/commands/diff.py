@@ -1,6 +1,6 @@
 """`heronry diff`: what a change of a spec changes, in the graph and in consequence.
 
-Exit codes: 0 with any change, or none; with --exit-code 1 where there is one; 2 the input cannot be used.
+Exit codes: 0 the specs were compared; 1, with --exit-code only, they differ; 2 the input cannot be used.
 """
 
 import argparse

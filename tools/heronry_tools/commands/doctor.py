@@ -150,7 +150,7 @@ def _expected(text: str) -> "Expected":
 
 
 def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
-    """Listen to the channels of one bus; notes each frame once, and the nodes of each channel."""
+    """Listen to the channels of one bus; counts each frame once, and notes on which channels each node is heard."""
     from heronry_tools.runtime.doctor.listening import Hearing  # noqa: PLC0415
     from heronry_wire.arrival_times import ArrivalTimes  # noqa: PLC0415
     from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
@@ -181,9 +181,9 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
 
 
 def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None] | None:
-    """Read the digests of the specs of the PEs' tables, and close the bus.
+    """Read from each PE the digest of its table's spec, and close the bus.
 
-    Returns a digest by node, None for a node that does not answer. Returns None alone where a PE should be read and
+    Returns a digest by node-ID, None for a node that does not answer. Returns None alone where a PE should be read and
     canopen, which is optional, is not installed.
     """
     if not nodes:

@@ -1,7 +1,9 @@
 """`heronry exhaust`: every reconfiguration of a small aircraft, with every fault in every message of it.
 
-Exit codes: 0 all is well; 1 an oracle was violated, and the command that replays that flight is printed, or a fault
-of a given case was not injected; 2 the input cannot be used.
+A *story* is a flight in which one thing makes the aircraft reconfigure; the help lists them.
+
+Exit codes: 0 every flight was without a violation; 1 an oracle was violated, and the command that replays that flight
+is printed, or a fault of a given case was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -106,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
-    """Give the number of single faults of each story."""
+    """Give the number of single faults that can be injected into each story."""
     from heronry_tools.sim.flight.exhaustive import single_cases, stories  # noqa: PLC0415
 
     setup = _setup(arguments)
@@ -114,7 +116,7 @@ def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
 
 
 def _counted(counts: dict[str, int]) -> str:
-    """Write the number of faults of each story as lines, with their sum."""
+    """Write these numbers as lines, one for each story, with their sum."""
     return "\n".join([*(f"{count:7} {story}" for story, count in counts.items()), f"{sum(counts.values()):7} flights"])
 
 

@@ -107,7 +107,7 @@ def add_parsers(subparsers: Any) -> None:
         "--act", action="append", default=[], metavar="ACT", help="a fault of 'heronry sim', by the time of the flight"
     )
     parser.add_argument("--one-fault", action="store_true", help="each seed draws one fault at a time on final")
-    parser.add_argument("--judged", action="store_true", help="the oracles of 'heronry sim' look on")
+    parser.add_argument("--judged", action="store_true", help="check each flight by the oracles of 'heronry sim'")
     parser.add_argument("--latency", action="store_true", help="measure from sensor to servo, in still air")
     parser.add_argument("--live", action="store_true", help="in real time, with processes on software buses")
     parser.add_argument("--record", type=Path, metavar="FILE", help="write the record of the one flight as JSON")

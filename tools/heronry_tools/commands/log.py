@@ -33,7 +33,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Convert; returns 0."""
+    """Convert a recorded flight; returns 0."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.console.whole_file import expect_writable  # noqa: PLC0415
     from heronry_tools.watch.export.mcap_file import write_mcap  # noqa: PLC0415

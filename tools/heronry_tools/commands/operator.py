@@ -47,7 +47,7 @@ examples:
 
 
 def add_parsers(subparsers: Any) -> None:
-    """Add the parsers of the six orders."""
+    """Add the parsers of these commands."""
     status = _parser(subparsers, "status", "show the status of the system, as the manager knows it", _STATUS_EPILOG)
     add_output(status, "print the whole status as one JSON object")
     phase = _parser(subparsers, "phase", "enter another mission phase", _PHASE_EPILOG)
@@ -93,7 +93,7 @@ def _priority(text: str) -> int | str:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Give the order; returns 0 if it is carried out, 1 if the manager refuses."""
+    """Give the order; returns 0 if it is carried out, 1 if the manager refuses it."""
     from heronry_manager.core.vocabulary import (  # noqa: PLC0415
         AskStatus,
         AskTraceback,

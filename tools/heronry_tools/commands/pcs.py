@@ -187,7 +187,7 @@ def run_graph(arguments: argparse.Namespace) -> int:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Assess a graph; returns 0 if all that is required holds, 1 if not."""
+    """Assess a graph; returns 0 if every requirement holds, else 1."""
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
     from heronry_tools.reports.control import assessment_text  # noqa: PLC0415
 
@@ -273,7 +273,7 @@ def _edge(text: str) -> "Edge":
 
 
 def run_script(arguments: argparse.Namespace) -> int:
-    """Write the difference of two graphs or plans; returns the exit code."""
+    """Write the script that leads from one graph or plan to another; returns the exit code."""
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
     from heronry_pcs.script_difference import difference  # noqa: PLC0415
 
@@ -302,7 +302,10 @@ def _compared(text: str, spec: str | None) -> "Graph":
 
 
 def run_apply(arguments: argparse.Namespace) -> int:
-    """Try a script, or fly it; returns 0 if the script has no error, or is held by the manager; else 1."""
+    """Try a script, or with --live give it to the manager.
+
+    Returns 0 if the script has no error, or if the manager executes it and holds its result; else 1.
+    """
     if arguments.live:
         return _fly(arguments)
     from heronry_pcs.graph_files import document  # noqa: PLC0415
@@ -328,7 +331,7 @@ def run_apply(arguments: argparse.Namespace) -> int:
 
 
 def _fly(arguments: argparse.Namespace) -> int:
-    """Give a script to the running manager, and wait until it holds or is refused."""
+    """Give a script to the running manager, and wait until the manager runs and holds its result, or refuses it."""
     from heronry_tools.console.plan_argument import read_text  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.runtime.live_script import fly  # noqa: PLC0415
@@ -341,7 +344,7 @@ def _fly(arguments: argparse.Namespace) -> int:
 
 
 def run_release(arguments: argparse.Namespace) -> int:
-    """End a script that is held; returns 0, or 1 where none is."""
+    """End the script whose result the manager holds; returns 0, or 1 where there is none."""
     from heronry_manager.core.vocabulary import ReleaseTarget  # noqa: PLC0415 - keeps other commands quick
     from heronry_manager.shell.control_client import call  # noqa: PLC0415
 
@@ -381,7 +384,7 @@ def _assessed(graph: "Graph", view: "Sequence[str] | None", path: "Sequence[str]
 
 
 def _refused(error: "PcsError", arguments: argparse.Namespace) -> int:
-    """Say why something cannot be done; returns 1, or 2 where a name was typed that the graph does not have."""
+    """Print why something cannot be done; returns 2 where a name was typed that the graph does not have, else 1."""
     if arguments.json:
         print(json.dumps({"error": error.error}))
     else:

@@ -159,7 +159,7 @@ def _best(spec: "Spec", now: "Situation", running: "Placement | None", effort: f
 
 
 def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transition":
-    """Give the transition from what runs to a plan; an illegal transition is a defect of heronry."""
+    """Give the transition from the running configuration to a plan; an illegal transition is a defect of heronry."""
     from heronry_dg.transition import transition  # noqa: PLC0415
     from heronry_dg.verify_transition import verify_transition  # noqa: PLC0415
     from heronry_wire.sansio import require  # noqa: PLC0415
@@ -172,7 +172,7 @@ def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transitio
 
 
 def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
-    """Read what runs from a plan: a configuration if the plan has all wires of it, else only the placement."""
+    """Read the running configuration from a plan; without all its wires, only the modules' PEs and modes."""
     from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
 
     try:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.analysis.made_ahead import Ahead, add_contingencies_argument, contingencies_of
 from heronry_tools.console.output import add_output
-from heronry_tools.console.spec_argument import add_spec_argument
+from heronry_tools.console.spec_argument import SHIPPED
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -31,6 +31,7 @@ Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
 examples:
   heronry demo big_blue --kill pe:nav@3 --for 8 --record flight.log
   heronry replay flight.log big_blue
+  heronry replay FOLDER                          a folder of 'heronry record' has its spec
   heronry replay flight.log big_blue --json | jq '.reigns[].entries[] | select(.differs)'
   heronry replay can0.log my.dg.yaml --contingencies my.contingencies
   heronry replay can0.log my.dg.yaml --key fleet.key
@@ -47,7 +48,12 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "recording", metavar="FILE.log", type=Path, help="a candump log, or a folder of 'heronry record'"
     )
-    add_spec_argument(parser)
+    parser.add_argument(
+        "spec",
+        metavar="SPEC",
+        nargs="?",
+        help=f"a *.dg.yaml file, or a shipped spec: {', '.join(SHIPPED)} (default: the spec in the folder)",
+    )
     parser.add_argument(
         "--channel", metavar="NAME", help="channel of the manager's bus in the log; A,B where it has two"
     )
@@ -61,7 +67,6 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay every mastership of the recording; returns the exit code."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import, and no help to `--help`
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.another_spec import of_another_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.comparison import compared  # noqa: PLC0415
     from heronry_tools.sim.replay.flown_heartbeat import as_flown  # noqa: PLC0415
@@ -69,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415
     from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415
 
-    own = load_spec(arguments.spec)
+    own = _spec_of(arguments.recording, arguments.spec)
     frames, no_frames = read_recording(arguments.recording)
     on_the_bus = _as_proven(own, on_the_managers_bus(own, frames, arguments.channel), arguments)
     spec = as_flown(own, masterships(own, on_the_bus))
@@ -103,6 +108,21 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if any(comparison.differences() for comparison in comparisons) else 0
 
 
+def _spec_of(recording: Path, text: str | None) -> "Spec":
+    """Give the spec of the flight; raises UserError where the recording is of another one, or none is named."""
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.sim.replay.recorded_folder import is_recorded_folder, spec_of  # noqa: PLC0415
+
+    if is_recorded_folder(recording):
+        return spec_of(recording, text)
+    if recording.name.endswith((".yaml", ".yml")):
+        raise UserError(f"{recording} is a spec, and no recording: write 'heronry replay FILE.log SPEC'")
+    if text is None:
+        raise UserError(f"{recording} does not say of which spec it is: name the spec behind it")
+    return load_spec(text)
+
+
 def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Namespace) -> "list[LoggedFrame]":
     """Give the frames that the key proves; raises UserError where --key is missing, or the flight had no key."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
@@ -119,7 +139,7 @@ def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Na
 
 
 def _stretched(own: "Spec", flown: "Spec") -> str | None:
-    """Say that the flight had a longer heartbeat than the spec's; None where it had not."""
+    """Give a sentence if the flight had a longer heartbeat period than the spec; else None."""
     from heronry_tools.sim.replay.flown_heartbeat import period_ns  # noqa: PLC0415
 
     if flown is own:

@@ -22,7 +22,7 @@ examples:
 _EXPLAIN_EPILOG = """\
 examples:
   heronry explain DG201                          a name that refers to nothing
-  heronry explain dg401                          codes may be written small
+  heronry explain dg401                          a code in lower case
   heronry explain unknown-variable               the name of a rule does as well
   heronry explain DG401 --json | jq -r .fix
 """

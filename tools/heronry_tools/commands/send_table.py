@@ -94,7 +94,10 @@ def _unlock(socket: Path | None, spec: str, pe: str) -> None:
 
 
 def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[], None] | None = None) -> None:
-    """Write a table, sealed or not, into a node; with `unlock`, unlock it first, and repeat both while it is locked."""
+    """Write a table, sealed or not, into a node.
+
+    With `unlock` the PE is unlocked first; both are repeated for a while if the PE answers that it is locked.
+    """
     import canopen  # noqa: PLC0415 - slow to import
     from canopen.sdo.exceptions import SdoAbortedError, SdoError  # noqa: PLC0415
 

@@ -43,7 +43,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Explain; returns the exit code."""
+    """Explain how a function is served, or why not; returns the exit code."""
     from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import, as are all here
     from heronry_tools.analysis.why.reasons import explain  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec, named_function  # noqa: PLC0415

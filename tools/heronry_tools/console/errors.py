@@ -67,7 +67,7 @@ def exit_code(program: Callable[[], int | None], name: str, command: str | None 
 
 
 def _flushed(program: Callable[[], int | None]) -> int:
-    """Flush standard output while a failure can still be reported; after --help too."""
+    """Run the program and flush standard output, so that a failure to write can still be reported."""
     try:
         return program() or 0
     finally:
@@ -86,7 +86,7 @@ def _drop_output() -> None:
 
 
 def as_user_error(error: Exception, command: str | None = None) -> str | None:
-    """Sentence for an error that the user can correct, raised by `command`; None for a defect of heronry."""
+    """Give the sentence for an error that the user of `command` can correct; None for a defect of heronry."""
     can = sys.modules.get("can")  # slow to import; a process that has not imported it has none of its errors
     if isinstance(error, HeronryError) or (can is not None and isinstance(error, can.CanError)):
         return str(error)

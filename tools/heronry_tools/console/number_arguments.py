@@ -5,7 +5,7 @@ import os
 
 
 def whole_number(text: str) -> int:
-    """Read a count."""
+    """Read a whole number, 0 or more."""
     try:
         number = int(text)
     except ValueError:

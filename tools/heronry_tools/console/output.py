@@ -64,8 +64,10 @@ def add_output(
 ) -> argparse._MutuallyExclusiveGroup:
     """Add -o FILE, --json, and --format where there are more forms than text and JSON.
 
-    what: the help of --json. usual: the help on the default, where it is not the first form. Returns the group of the
-    options that choose a form, for older spellings.
+    what: the help of --json.
+    forms: the forms of the output, the usual one first, with the endings of their files.
+    usual: what the help says about the default, where that is not the first form.
+    Returns the group of the options that choose a form, for older spellings.
     """
     _add_file(parser)
     choice = parser.add_mutually_exclusive_group()
@@ -81,7 +83,10 @@ def add_output(
 
 
 def settled(arguments: argparse.Namespace) -> argparse.Namespace:
-    """Decide the form: `format`, which is None for a default of the command's own, and `json`; raises UserError."""
+    """Set `format` and `json` of the arguments by the options and the ending of FILE; raises UserError.
+
+    `format` is None where the command itself chooses its usual form.
+    """
     forms: Forms | None = getattr(arguments, "forms", None)
     file: Path | None = getattr(arguments, "report_file", None)
     if forms is None:
@@ -99,14 +104,14 @@ def settled(arguments: argparse.Namespace) -> argparse.Namespace:
 
 
 def _form_of(file: Path, forms: Forms) -> str | None:
-    """Form that the ending of a file names; None for an ending that says nothing. Raises UserError."""
+    """Give the form that the ending of a file names; None for any other ending. Raises UserError."""
     expect_ending(file, forms)
     ending = file.suffix.lower()
     return next((form for form, endings in forms.items() if ending in endings), None)
 
 
 def expect_ending(file: Path, forms: Forms) -> None:
-    """Return unless the ending of a file names a form that is none of these, or a spec; raises UserError then."""
+    """Raise UserError if the ending of a file is that of a spec, or of a form that is not one of `forms`."""
     ending = file.suffix.lower()
     if ending in _SPECS:
         raise UserError(f"{file}: a file with this ending is a spec, and no command writes specs; name another file")

@@ -31,7 +31,7 @@ def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Sit
 
 @contextmanager
 def errors_name(file: str | None) -> Iterator[None]:
-    """Put the file's name (`-`: standard input) before the message of a plan's error."""
+    """Put the name of the file (or "standard input" for `-`) before the message of an error in a plan."""
     from heronry_dg.plan import PlanError  # noqa: PLC0415
 
     try:

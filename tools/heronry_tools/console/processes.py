@@ -1,10 +1,10 @@
 """Worker processes that simulate or plan for this one; they end together, immediately and without output.
 
-Ctrl-C, which a terminal sends to all of them, SIGTERM and SIGHUP are for this process. The workers receive none of
-these signals, from their first instruction on: this process blocks the signals while it starts a worker, and the worker
-inherits that mask. (A handler would come too late, since imports before it take seconds.) This process kills the
-workers, since they keep nothing that must be cleaned up; they end by themselves when this process is gone. They start
-afresh (spawn), since a solver that has threads must not be forked.
+Ctrl-C, which a terminal sends to all of them, SIGTERM and SIGHUP are handled by this process only. The workers receive
+none of these signals, from their first instruction on: this process blocks the signals while it starts a worker, and
+the worker inherits that mask. (A handler in the worker would come too late, since the imports before it take seconds.)
+This process kills the workers, which is safe, since a worker keeps nothing. If this process is gone, the workers end by
+themselves. Workers start afresh (spawn), since a solver that has threads must not be forked.
 """
 
 import os
@@ -64,7 +64,7 @@ def held_back() -> Iterator[None]:
 def in_order(tasks: deque[Future[R]]) -> Iterator[R]:
     """Yield the results of tasks given to worker processes, in this order, and keep none of them.
 
-    Like `Executor.map`, but results that are no longer needed are not cancelled. If the workers were killed as well,
+    In contrast to `Executor.map`, results that are no longer needed are not cancelled: if the workers were killed, too,
     the executor's thread would end with a traceback on a cancelled task (Python 3.11).
     """
     while tasks:

@@ -54,7 +54,7 @@ def show_line(text: str) -> None:
 
 
 def progress_line(what: str, done: int, total: int, spent_s: float) -> str:
-    """Line with the steps done, and the time left at the pace so far."""
+    """Give the line with the steps done, and the time left at the pace so far."""
     line = f"{what}: {done} of {total}"
     if not done or done >= total:
         return line

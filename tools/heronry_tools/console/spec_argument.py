@@ -41,7 +41,7 @@ class SpecText:
     data: bytes
 
     def load(self) -> "Spec":
-        """Load it; raises SpecError."""
+        """Load the spec; raises SpecError."""
         from heronry_dg.loader import load_bytes  # noqa: PLC0415 - slow to import, and a node has no need of it
 
         return load_bytes(self.data, self.name)
@@ -83,7 +83,7 @@ def spec_text(text: str) -> SpecText:
 
 
 def spec_path(text: str) -> Path:
-    """File that SPEC names, for a command whose processes read the file again; raises UserError."""
+    """Give the file that SPEC names, for a command whose processes read the file again; raises UserError."""
     if text == "-" or _is_pipe(text) or _is_in_git(text):
         raise UserError(f"{text}: this command reads the spec more than once; write it to a *.dg.yaml, and name that")
     if text.endswith(".table"):
@@ -112,7 +112,7 @@ def _is_in_git(text: str) -> bool:
 
 
 def _from_git(text: str) -> bytes:
-    """Content of a file in a revision; raises UserError."""
+    """Give the content of a file in a revision; raises UserError."""
     try:
         done = subprocess.run(["git", "cat-file", "blob", text], capture_output=True, check=False)
     except FileNotFoundError:
@@ -124,7 +124,7 @@ def _from_git(text: str) -> bytes:
 
 
 def named_function(spec: "Spec", name: str) -> "Function":
-    """Function that an argument names; raises UserError."""
+    """Give the function of this name; raises UserError."""
     if name in spec.functions:
         return spec.functions[name]
     raise UserError(f"no function is named '{name}'; {meant(name, spec.functions)}")

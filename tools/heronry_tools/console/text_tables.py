@@ -52,7 +52,7 @@ def bar(used: int, capacity: int, text: str) -> Bar:
 
 
 def _plain(table: Table) -> Iterator[str]:
-    """Aligned columns; the last one has no fixed width."""
+    """Write a table as lines with aligned columns; the last column is not padded."""
     texts = [table.columns, *([_in_words(cell) for cell in row] for row in table.rows)]
     widths = [max(len(row[column]) for row in texts) for column in range(len(table.columns) - 1)]
     for row in texts:
@@ -71,14 +71,14 @@ def _in_words(cell: Cell) -> str:
 
 
 def _filled(share: float) -> int:
-    """Length of a bar: empty only for 0, full only for 1."""
+    """Give the number of filled cells of a bar; 0 only for a share of 0, all of them only for 1 or more."""
     if share <= 0:
         return 0
     return min(_BAR if share >= 1 else _BAR - 1, max(1, round(share * _BAR)))
 
 
 def _print_rich(headline: str, tables: Sequence[Table]) -> bool:
-    """Print with rich; False where it is not installed."""
+    """Print with rich; returns False where rich is not installed."""
     try:
         from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - an extra
         from rich.console import Console  # noqa: PLC0415

@@ -13,7 +13,7 @@ def user_cache(kind: str) -> Path:
 
 
 def digest_of(what: str, files: Iterable[tuple[str, Path]]) -> str:
-    """Digest of a text and of named files' contents: 16 hexadecimal digits."""
+    """Give a digest of a text and of the contents of named files: 16 hexadecimal digits."""
     digest = hashlib.sha256(what.encode())
     for name, file in files:
         digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())

@@ -1,4 +1,5 @@
-"""Flights in a flight dynamics model: plants for the agents, the EAV's avionics, records, acceptance (docs/flights.md).
+"""Flights of an aircraft that a flight dynamics model computes, with its avionics on simulated or real PEs.
 
-`avionics` runs on PEs and needs the agent alone. Only `dynamics` imports jsbsim, which the extra `[fly]` installs.
+docs/flights.md explains these flights. The modules in `avionics` run on PEs and use nothing of the tools but
+themselves. Only `dynamics` imports jsbsim, which the extra `[fly]` installs.
 """

@@ -1,11 +1,11 @@
-"""Whether a landing is acceptable, and how sure a share of acceptable landings is.
+"""Whether a landing is acceptable, and the confidence interval of the share of acceptable landings.
 
-What counts is the state of the aircraft at the first contact with the ground, and what touches the ground from then
-on. Each criterion that is not met is one cause; a landing without a cause is acceptable. The limits stand
-here alone: tests, dispersion and reports ask this file.
+A landing is assessed by the state of the aircraft at its first contact with the ground, and by the parts of the
+aircraft that touch the ground from then on. Each criterion that is not met is one cause; a landing without a cause is
+acceptable. The limits stand in this file alone: tests, campaigns and reports take them from here.
 
-The interval of a share is Wilson's, which is right for shares near 0 and 1 as well, where the usual normal
-approximation is not (E. B. Wilson, 1927; A. Agresti and B. Coull, 1998).
+The interval of a share is Wilson's, which is right for shares near 0 and 1 too, where the usual normal approximation is
+not (E. B. Wilson, 1927; A. Agresti and B. Coull, 1998).
 """
 
 import math
@@ -21,7 +21,14 @@ CAUSES: tuple[Cause, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Runway:
-    """The EAV's landing: on a runway 14.4 m wide, on its wheels; x from the aim, y from the centre line."""
+    """Limits for a landing of the EAV on its wheels, on a runway 14.4 m wide.
+
+    sink_m_per_s: greatest sink rate
+    offset_m: greatest distance from the centre line
+    along_m: least and greatest x of the touchdown, from the aiming point along the runway
+    bank_deg: greatest angle of bank, to either side
+    pitch_deg: least and greatest pitch angle
+    """
 
     sink_m_per_s: float = 1.5
     offset_m: float = 7.2
@@ -32,7 +39,11 @@ class Runway:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """BIG BLUE's landing: anywhere near home, slowly enough for its skids."""
+    """Limits for a landing of BIG BLUE on its skids, near home.
+
+    distance_m: greatest distance from home
+    sink_m_per_s: greatest sink rate
+    """
 
     distance_m: float = 500.0
     sink_m_per_s: float = 3.0
@@ -46,9 +57,10 @@ _Z_95 = 1.959963984540054  # of a normal distribution, 95 % lie within so many s
 
 @dataclass(frozen=True, slots=True)
 class Touchdown:
-    """The aircraft at its first contact with the ground, in the runway's frame (see `plant`); sink is positive down.
+    """The aircraft at its first contact with the ground; positions are in the frame of `heronry_tools.fly.plant`.
 
-    `structure`: the contacts other than wheels that have touched the ground, then or later in the record.
+    sink_m_per_s: sink rate, positive downwards
+    structure: names of the parts, other than wheels and skids, that touched the ground at this time or later
     """
 
     time_s: float
@@ -62,9 +74,9 @@ class Touchdown:
 
 
 def causes(touchdown: Touchdown | None, site: Site = "runway") -> tuple[Cause, ...]:
-    """Give the criteria that a landing does not meet, in the order of `CAUSES`; none: it is acceptable.
+    """Return the criteria that a landing does not meet, in the order of `CAUSES`; empty for an acceptable landing.
 
-    None: the aircraft has not touched the ground within its flight.
+    A `touchdown` of None means that the aircraft did not touch the ground before the flight ended.
     """
     if touchdown is None:
         return ("not landed",)
@@ -94,7 +106,7 @@ def _unmet_on_field(touchdown: Touchdown) -> dict[Cause, bool]:
 
 
 def interval(acceptable: int, runs: int) -> tuple[float, float]:
-    """Give the 95 % interval of a share, 0..1, of `acceptable` among `runs`; without a run, everything from 0 to 1."""
+    """Return both ends of the 95 % interval of the share `acceptable / runs`; (0, 1) if `runs` is 0."""
     if runs == 0:
         return 0.0, 1.0
     share, z2 = acceptable / runs, _Z_95 * _Z_95
@@ -104,14 +116,17 @@ def interval(acceptable: int, runs: int) -> tuple[float, float]:
 
 
 def share(landings: Sequence[Collection[Cause]]) -> dict[str, Any]:
-    """Give number, acceptable number and interval of landings as plain data; each landing is its unmet criteria."""
+    """Return the number of landings, the number of acceptable landings and the interval of their share, as JSON data.
+
+    landings: for each landing, the criteria that it does not meet.
+    """
     acceptable = sum(not unmet for unmet in landings)
     low, high = interval(acceptable, len(landings))
     return {"runs": len(landings), "acceptable": acceptable, "interval": [round(low, 4), round(high, 4)]}
 
 
 def share_line(found: Mapping[str, Any]) -> str:
-    """Say what `share` gives of at least one landing."""
+    """Put the result of `share` into a sentence; there must be at least one landing."""
     low, high = found["interval"]
     percent = 100 * found["acceptable"] / found["runs"]
     return (

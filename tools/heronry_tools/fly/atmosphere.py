@@ -7,15 +7,17 @@ boundary layer and the intensity of the turbulence. Below 1 000 ft, with the hei
     scales        L_w = h, L_u = L_v = h / (0.177 + 0.000823 h)^1.2
     intensities   s_w = 0.1 W20, s_u = s_v = s_w / (0.177 + 0.000823 h)^0.4
 
-At 1 000 ft all three scales are 1 000 ft and all intensities 0.1 W20. From there the scales grow to 1 750 ft at
-2 000 ft and stay; the intensities fade with the height over the next kilometres, in place of the standard's tables of
-exceedance. The mean wind above the boundary layer is given by points, or stays as it is at 1 000 ft.
+At 1 000 ft all three scales are 1 000 ft and all intensities are 0.1 W20. Above that, the scales grow to 1 750 ft at 2
+000 ft and then stay the same. The intensities fade over the next kilometres; the standard has tables of exceedance
+instead. The mean wind above the boundary layer is interpolated between given points; without any, it stays as it is at
+1 000 ft.
 
-The spectra: u is noise through one lag of L / V, v and w through a lag squared with a lead of sqrt(3) L / V. Both are
-discretised exactly, in states of variance 1 that are multiplied by the intensity afterwards. So the variance is right
-at any step, and follows the height at once. JSBSim's own turbulence has no effect below 1 000 ft, where landings are.
+The spectra: u is white noise through one lag of L / V, v and w are white noise through a squared lag with a lead of
+sqrt(3) L / V. Both filters are discretised exactly, in states of variance 1. The intensity multiplies these states
+afterwards, so the variance is right with any step, and follows the height at once. JSBSim's own turbulence has no
+effect below 1 000 ft, where landings are.
 
-Gusts are those of one point: no gradient over the span rolls the aircraft. All chance comes from the seed.
+Gusts are the same over the whole span, so they do not roll the aircraft. All random numbers come from the seed.
 """
 
 import math
@@ -36,9 +38,11 @@ _LEAST_FLOW_M_PER_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """The mean wind: its speed at 20 ft above the ground, the direction it comes from, and points aloft.
+    """The mean wind.
 
-    `aloft`: (height above the ground in m, speed in m/s, direction it comes from in deg), rising, all above 1 000 ft.
+    speed_m_per_s: speed at 20 ft above the ground
+    from_deg: direction that the wind comes from, clockwise from north
+    aloft: points above 1 000 ft, by rising height: height above the ground in m, speed in m/s, direction in deg
     """
 
     speed_m_per_s: float = 0.0
@@ -46,7 +50,7 @@ class Wind:
     aloft: Sequence[tuple[float, float, float]] = field(default=())
 
     def at(self, height_m: float) -> tuple[float, float]:
-        """Give the wind at a height, as the speed of the air to north and to east in m/s."""
+        """Return the mean velocity of the air at a height above the ground: to north and to east, in m/s."""
         feet = height_m / M_PER_FT
         speed = self.speed_m_per_s * _profile(min(feet, _LAYER_FT))
         if feet <= _LAYER_FT or not self.aloft:
@@ -71,7 +75,7 @@ def _blowing(speed_m_per_s: float, from_deg: float) -> tuple[float, float]:
 
 
 def scales_m(height_m: float) -> tuple[float, float]:
-    """Give the scale of horizontal and of vertical gusts at a height."""
+    """Return the length scales of horizontal and of vertical gusts at a height above the ground."""
     feet = max(height_m / M_PER_FT, _LEAST_FT)
     if feet <= _LAYER_FT:
         return feet / (0.177 + 0.000823 * feet) ** 1.2 * M_PER_FT, feet * M_PER_FT
@@ -81,7 +85,7 @@ def scales_m(height_m: float) -> tuple[float, float]:
 
 
 def intensities_m_per_s(height_m: float, wind_20ft_m_per_s: float) -> tuple[float, float]:
-    """Give the standard deviation of horizontal and of vertical gusts at a height."""
+    """Return the standard deviations of horizontal and of vertical gusts at a height above the ground."""
     feet = max(height_m / M_PER_FT, _LEAST_FT)
     vertical = 0.1 * wind_20ft_m_per_s
     if feet <= _LAYER_FT:
@@ -91,7 +95,7 @@ def intensities_m_per_s(height_m: float, wind_20ft_m_per_s: float) -> tuple[floa
 
 
 class Turbulence:
-    """Gusts along the heading, across it, and down, in m/s; equal seeds give equal gusts."""
+    """Gusts of one flight; equal seeds give equal gusts. Steps must follow each other in time."""
 
     def __init__(self, seed: int, wind_20ft_m_per_s: float) -> None:
         self._wind = wind_20ft_m_per_s
@@ -102,7 +106,10 @@ class Turbulence:
         self._down = _started(draw(0.0, 1.0), draw(0.0, 1.0))
 
     def step(self, step_s: float, height_m: float, airspeed_m_per_s: float) -> tuple[float, float, float]:
-        """Give the gusts after a step of `step_s`; the height is that above the ground."""
+        """Return the gusts after a time step, in m/s: along the heading, across it, and down.
+
+        height_m: height above the ground.
+        """
         if self._wind <= 0.0:
             return 0.0, 0.0, 0.0
         flow, draw = max(airspeed_m_per_s, _LEAST_FLOW_M_PER_S), self._random.gauss
@@ -143,7 +150,7 @@ def _with_lead(state: tuple[float, float]) -> float:
 
 
 class Air:
-    """The moving air of one flight: mean wind and gusts together."""
+    """The moving air of one flight: the sum of mean wind and gusts."""
 
     def __init__(self, seed: int, wind: Wind) -> None:
         self._wind, self._gusts = wind, Turbulence(seed, wind.speed_m_per_s)
@@ -151,7 +158,7 @@ class Air:
     def step(
         self, step_s: float, height_m: float, airspeed_m_per_s: float, heading_rad: float
     ) -> tuple[float, float, float]:
-        """Give the speed of the air to north, to east and down, in m/s, after a step."""
+        """Return the velocity of the air after a time step, in m/s: to north, to east and down."""
         north, east = self._wind.at(height_m)
         along, across, down = self._gusts.step(step_s, height_m, airspeed_m_per_s)
         cosine, sine = math.cos(heading_rad), math.sin(heading_rad)

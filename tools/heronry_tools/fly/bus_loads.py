@@ -1,4 +1,4 @@
-"""The load of each bus of a simulated flight: the share of its bit rate that frames took in the last second."""
+"""The load of each bus in a simulated flight: the share of its bit rate that frames used in the last second."""
 
 from heronry_tools.sim.flight.simulation import Simulation
 
@@ -6,7 +6,7 @@ NS_PER_S = 1_000_000_000
 
 
 class BusLoads:
-    """Columns `load_BUS` of a record; of a replicated bus the channel with more load counts."""
+    """Makes the columns `load_BUS` of a record; a replicated bus has the load of its more loaded channel."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -15,7 +15,7 @@ class BusLoads:
         self._row: dict[str, float | None] = {f"load_{bus}": None for bus in self._bits}
 
     def columns(self) -> dict[str, float | None]:
-        """Give the loads of the last whole second; None in the first."""
+        """Return the loads, averaged over the last second and renewed once a second; None in the first second."""
         passed_ns = self._simulation.now_ns - self._since_ns
         if passed_ns >= NS_PER_S:
             for bus, wires in self._simulation.wiring.wires.items():

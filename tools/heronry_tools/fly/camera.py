@@ -1,9 +1,10 @@
 """The rover beside the runway: a camera on a pan and tilt head, and the image processing behind it.
 
-An image is taken every 100 to 200 ms, and its result is known 100 to 250 ms later. The result is azimuth and elevation
-of the aircraft in the runway's frame: azimuth from the direction of the approach (towards negative x), positive to the
-right of the landing direction; elevation above the horizon. Errors: white noise, a constant bias of the camera's
-alignment, lost images alone and in bursts, and outliers. The aircraft is seen only within the field of view.
+The camera takes an image every 100 to 200 ms; the result of an image is known 100 to 250 ms later. The result is the
+direction of the aircraft, in the runway's frame. Azimuth is measured from the direction of the approach (towards
+negative x), and is positive to the right of the landing direction; elevation is measured from the horizon. The camera's
+errors are white noise, a constant bias of its alignment, images lost alone and in bursts, and outliers. The camera sees
+the aircraft only within its field of view.
 """
 
 import math
@@ -26,13 +27,13 @@ _OUTLIER_RAD = 0.15
 
 
 def angles_rad(x_m: float, y_m: float, height_m: float) -> tuple[float, float]:
-    """Azimuth and elevation at which the camera sees a point."""
+    """Return the azimuth and elevation at which the camera sees a point."""
     ahead, right, up = POSITION_M[0] - x_m, y_m - POSITION_M[1], height_m - POSITION_M[2]
     return math.atan2(right, ahead), math.atan2(up, math.hypot(ahead, right))
 
 
 class Camera:
-    """Takes images of the aircraft, and knows the result of the newest one that has been processed."""
+    """Takes images of the aircraft, and has the result of the newest processed image."""
 
     def __init__(self, seed: int) -> None:
         self._chance = Random(f"{seed} camera")
@@ -44,7 +45,11 @@ class Camera:
         self.blind = False
 
     def step(self, now_ns: int, seen_rad: tuple[float, float], head_rad: tuple[float, float]) -> None:
-        """Take an image if one is due: the aircraft is at `seen_rad`, the head points to `head_rad`."""
+        """Take an image if one is due.
+
+        seen_rad: azimuth and elevation of the aircraft
+        head_rad: azimuth and elevation in which the head points
+        """
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + self._chance.randint(*_PERIOD_NS)
             self._expose(now_ns, seen_rad, head_rad)
@@ -53,7 +58,7 @@ class Camera:
             self._result = exposed_ns, angles
 
     def newest(self) -> tuple[int, tuple[float, float]] | None:
-        """Give the time of exposure and the angles of the newest result; None before the first one."""
+        """Return the exposure time and the angles of the newest processed image; None before the first one."""
         return self._result
 
     def _expose(self, now_ns: int, seen_rad: tuple[float, float], head_rad: tuple[float, float]) -> None:

@@ -1,4 +1,4 @@
-"""Many landings: what is drawn for each seed, and the figures of all together."""
+"""Many landings of the EAV: the random choices of each, and the statistics of all."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -16,13 +16,17 @@ FIRST_BLOW_S, LAST_BLOW_S = 4.0, 34.0  # of a drawn fault: on final, after the l
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A mission for each seed; `one_fault`: each seed draws a PE, the radio or a servo that fails at a drawn time."""
+    """Makes one mission for each seed.
+
+    mission: the mission, whose seed is replaced
+    one_fault: whether each mission gets one more fault, from `drawn_blow`
+    """
 
     mission: Mission
     one_fault: bool = False
 
     def of(self, spec: Spec, seed: int) -> Mission:
-        """Give the mission of a seed."""
+        """Return the mission of a seed."""
         mission = replace(self.mission, seed=seed)
         if not self.one_fault:
             return mission
@@ -30,7 +34,7 @@ class Drawn:
 
 
 def drawn_blow(spec: Spec, seed: int) -> Blow:
-    """Draw one fault: a PE, a wireless bus, or a servo (dead, stuck or loose)."""
+    """Draw one fault at a random time: of a PE, of a wireless bus, or of a servo (dead, stuck or loose)."""
     chance = Random(f"{seed} blow")
     servos = [f"device:{one.name}" for one in spec.devices.values() if one.kind == "actuator"]
     buses = [f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless"]
@@ -41,7 +45,7 @@ def drawn_blow(spec: Spec, seed: int) -> Blow:
 
 
 def summary(landings: Sequence[Landing]) -> dict[str, Any]:
-    """Give the figures of all landings as plain data; the share of acceptable ones has a 95 % interval."""
+    """Return the statistics of many landings as JSON data."""
     sinks = sorted(landing.touchdown.sink_m_per_s for landing in landings if landing.touchdown is not None)
     errors = [landing.worst_height_error_m for landing in landings if landing.worst_height_error_m is not None]
     after = sorted(one.reconfigured_after_s for one in landings if one.reconfigured_after_s is not None)
@@ -62,14 +66,14 @@ def summary(landings: Sequence[Landing]) -> dict[str, Any]:
 
 
 def quantiles(ordered: Sequence[float], high: float) -> list[float] | None:
-    """Give the median and a high quantile."""
+    """Return the median and the quantile `high` (0 to 1) of rising numbers; None if there are none."""
     if not ordered:
         return None
     return [round(median(ordered), 4), round(ordered[min(int(high * len(ordered)), len(ordered) - 1)], 4)]
 
 
 def line(landing: Landing) -> str:
-    """Say in one line how a flight ended."""
+    """Return a line that says how a flight ended."""
     blows = "".join(f", {blow}" for blow in landing.mission.blows)
     head = f"seed {landing.mission.seed}{blows}: "
     landed = landing.touchdown
@@ -82,7 +86,7 @@ def line(landing: Landing) -> str:
 
 
 def figures(found: dict[str, Any]) -> str:
-    """Say the figures of many flights."""
+    """Return text with the statistics that `summary` has made."""
     causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
     lines = [
         share_line(found),
@@ -99,6 +103,9 @@ def figures(found: dict[str, Any]) -> str:
 
 
 def latency_line(found_s: Sequence[float]) -> str:
-    """Say the latency from sensor to servo: the median and a high quantile in s."""
+    """Return a line on the latency from sensor to servo.
+
+    found_s: its median and its 99 % quantile, in s.
+    """
     middle, most = (1000.0 * value for value in found_s)
     return f"from sensor to servo: median {middle:.1f} ms, 99 % within {most:.1f} ms"

@@ -1,9 +1,10 @@
 """One flight of the EAV in the single-process simulator: plant, PEs, buses, manager and plans, in virtual time.
 
-Nothing passes the bus: sensors are read by modules on PEs, their data cross simulated buses as frames, and servos are
-driven by what the agents of the PEs authorize. The aircraft waits on final until the first configuration runs; there
-the time of the flight begins. Afterwards the plant steps whenever a device is read or moved, so equal missions give
-equal bits: `Landing.digest` covers every frame, and the state at the end.
+Sensors and servos are connected to PEs as in the aircraft. Modules on PEs read the sensors, their data cross simulated
+buses as frames, and a servo moves only when the agent of its PE authorizes the output. The aircraft waits on final
+approach until the first configuration runs; then the time of the flight begins. From then on the plant is stepped
+whenever a device is read or commanded, so equal missions give equal results, bit by bit. `Landing.digest` covers every
+frame and the state at the end.
 """
 
 import hashlib
@@ -34,16 +35,16 @@ _ROVER = ("rover", "vision")
 
 
 class ReleasedPlant:
-    """A plant whose time begins when it is released; until then it stands still at its start."""
+    """A plant whose time stands still until it is released."""
 
     def __init__(self, plant: FlightPlant) -> None:
         self.plant = plant
         self._origin_ns: int | None = None
 
     def release(self, simulation: Simulation, look_ns: int) -> int:
-        """Let the plant's time begin when the first configuration runs, or after five seconds; gives that time.
+        """Run the simulation until the first configuration runs, or for five seconds, then start the plant's time.
 
-        look_ns: the simulator looks so often.
+        Returns the simulator's time of the start. The simulation is run in steps of `look_ns`.
         """
         while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
             simulation.run_for(look_ns)
@@ -51,11 +52,11 @@ class ReleasedPlant:
         return simulation.now_ns
 
     def flown_ns(self, now_ns: int) -> int:
-        """Time of the plant at a time of the simulator."""
+        """Return the plant's time at a time of the simulator."""
         return 0 if self._origin_ns is None else now_ns - self._origin_ns
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Give the present reading of a device."""
+        """Return the reading of a device; None if it does not answer."""
         return self.plant.read(device, self.flown_ns(now_ns))
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
@@ -63,12 +64,12 @@ class ReleasedPlant:
         return self.plant.write(device, value, self.flown_ns(now_ns))
 
     def make_safe(self, device: str, now_ns: int) -> None:
-        """Take the safe action of an actuator."""
+        """Execute the safe action of an actuator."""
         self.plant.make_safe(device, self.flown_ns(now_ns))
 
     @staticmethod
     def follows(sensors: Iterable[str]) -> frozenset[str]:  # noqa: ARG004 - one plant moves everything itself
-        """Give the actuators whose echoes are needed: none."""
+        """Return the actuators whose output echoes the plant needs: none."""
         return frozenset()
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
@@ -76,12 +77,12 @@ class ReleasedPlant:
         self.plant.fail(device, how, self.flown_ns(now_ns), offset)
 
     def heal(self, device: str) -> None:
-        """End a device's failure."""
+        """Repair a device."""
         self.plant.heal(device)
 
 
 class EavFlight:
-    """One flight while it is flown."""
+    """One flight of the EAV, with the simulator that runs it."""
 
     def __init__(self, spec: Spec, mission: Mission) -> None:
         self._spec, self._mission = spec, mission
@@ -99,7 +100,7 @@ class EavFlight:
         self._errors_m: list[float] = []
 
     def fly(self) -> tuple[Landing, FlightRecord]:
-        """Fly to the end: the aircraft has rolled for a second, has gone around, or the time is over."""
+        """Run the flight until the aircraft has rolled for a second, has gone around, or its time is over."""
         simulation = self.simulation
         self._begin_ns = self._released.release(simulation, _LOOK_NS)
         Injections(simulation, self._mission.acts, simulation.now_ns)
@@ -125,7 +126,7 @@ class EavFlight:
         return self._flown_ns > self._mission.longest_s * NS_PER_S
 
     def _look(self) -> None:
-        """Record the moment, and let happen what is due."""
+        """Add a row to the record, and inject the faults that are due."""
         self._released.plant.advance(self._flown_ns)
         truth = self._released.plant.truth()
         known = {**self._observer.columns(), **self._loads.columns(), **self._surfaces()}
@@ -167,7 +168,7 @@ class EavFlight:
 
 
 def fly_landing(spec: Spec, mission: Mission) -> Landing:
-    """Fly a mission, and give what came of it, without the record."""
+    """Run a flight, and return its result without its record."""
     return EavFlight(spec, mission).fly()[0]
 
 

@@ -1,4 +1,4 @@
-"""Many flights of BIG BLUE: the mission of each seed, and the figures of all together."""
+"""Many flights of BIG BLUE: the mission of each seed, and the statistics of all."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -12,7 +12,10 @@ from heronry_tools.fly.glider_mission import GliderLanding, GliderMission, drawn
 
 
 def missions(spec: Spec, first: GliderMission, runs: int, *, one_fault: bool) -> list[GliderMission]:
-    """Give the missions of so many seeds from that of `first` on; `one_fault`: each seed draws a fault."""
+    """Return `runs` missions that differ from `first` in their seeds, which count up from that of `first`.
+
+    If `one_fault` is True, each mission also gets one random fault.
+    """
     found = [replace(first, seed=seed) for seed in range(first.seed, first.seed + runs)]
     if not one_fault:
         return found
@@ -20,9 +23,10 @@ def missions(spec: Spec, first: GliderMission, runs: int, *, one_fault: bool) ->
 
 
 def summary(landings: Sequence[GliderLanding]) -> dict[str, Any]:
-    """Give the figures of all flights as plain data.
+    """Return the statistics of many flights as JSON data.
 
-    `kept`: the same figures of those flights in which the last plan steers by the route, and no parachute was opened.
+    The entry `kept` has the share of acceptable landings among the flights in which the last plan has modules that
+    steer by the route, and in which no parachute opened.
     """
     kept = [landing for landing in landings if landing.guided and not landing.chute]
     far = sorted(landing.from_home_m for landing in landings if landing.from_home_m is not None)
@@ -37,7 +41,7 @@ def summary(landings: Sequence[GliderLanding]) -> dict[str, Any]:
 
 
 def line(landing: GliderLanding) -> str:
-    """Say in one line how a flight ended."""
+    """Return a line that says how a flight ended."""
     blows = "".join(f", {blow}" for blow in landing.mission.blows)
     head = f"seed {landing.mission.seed}{blows}: "
     touched = landing.touchdown
@@ -54,7 +58,7 @@ def line(landing: GliderLanding) -> str:
 
 
 def figures(found: dict[str, Any]) -> str:
-    """Say the figures of many flights."""
+    """Return text with the statistics that `summary` has made."""
     causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
     kept = found["kept"]
     return (

@@ -1,7 +1,8 @@
-"""One flight of BIG BLUE in the single-process simulator: the shipped spec, its images and phases, on an aircraft.
+"""One flight of BIG BLUE in the single-process simulator: the shipped spec with its modules, on a simulated aircraft.
 
-As with the EAV (`flight`), nothing passes the bus, and equal missions give equal bits. The mission sequencer on board
-says where the flight is, and the manager enters the phases of the spec by their own rules; nobody on the ground helps.
+As in `flight`, sensors and servos are connected to PEs only, and equal missions give equal results, bit by bit. The
+mission sequencer on board reports the state of the flight; the manager enters the phases of the spec by their own
+conditions. No operator intervenes.
 """
 
 import hashlib
@@ -24,7 +25,7 @@ _STEERING = ("guidance", "elevator_control", "rudder_control")
 
 
 class GliderFlight:
-    """One flight while it is flown."""
+    """One flight of BIG BLUE, with the simulator that runs it."""
 
     def __init__(self, spec: Spec, mission: GliderMission) -> None:
         self._spec, self._mission = spec, mission
@@ -45,7 +46,7 @@ class GliderFlight:
         self._chute_seen = False
 
     def fly(self) -> tuple[GliderLanding, FlightRecord]:
-        """Fly until the aircraft has slid for two seconds, or the time is over."""
+        """Run the flight until the aircraft has slid for two seconds, or its time is over."""
         simulation = self.simulation
         self._begin_ns = self._released.release(simulation, _LOOK_NS)
         Injections(simulation, self._mission.acts, simulation.now_ns)
@@ -66,7 +67,7 @@ class GliderFlight:
         return self._flown_ns > self._mission.longest_s * NS_PER_S
 
     def _look(self) -> None:
-        """Record the moment, and let happen what is due."""
+        """Add a row to the record, and inject the faults that are due."""
         hung = self._plant.hangs
         self._plant.advance(self._flown_ns)
         truth = self._plant.truth()
@@ -105,7 +106,7 @@ class GliderFlight:
 
 
 def fly_glider(spec: Spec, mission: GliderMission) -> GliderLanding:
-    """Fly a mission, and give what came of it, without the record."""
+    """Run a flight, and return its result without its record."""
     return GliderFlight(spec, mission).fly()[0]
 
 

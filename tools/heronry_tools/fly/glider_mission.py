@@ -1,4 +1,4 @@
-"""What one flight of BIG BLUE is, and what came of it."""
+"""The settings of one flight of BIG BLUE, and its result."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -20,10 +20,14 @@ _STREAM_M_PER_S = 12.0  # at the height of the jet stream: a day on which such a
 
 @dataclass(frozen=True, slots=True)
 class GliderMission:
-    """A flight from one of the starts of `dynamics.big_blue` to the ground.
+    """The settings of a flight, from one of the starts of `dynamics.big_blue` to the ground.
 
-    pace: how much faster than the avionics' clock time passes on the balloon's line. acts: faults of `heronry sim`, by
-    the time of the flight. `judged`: what the oracles of the simulator find is told.
+    strongest_wind_m_per_s: upper limit of the wind at 20 ft that the seed draws
+    pace: how many times faster than on the avionics' clock the time passes while the aircraft hangs on its line
+    blows: faults that are injected at a time of the flight or below a height
+    acts: faults as of `heronry sim`; their times count from the beginning of the flight
+    `judged`: whether the simulator's oracles check the flight; `GliderLanding.violations` has what they find
+    longest_s: when the flight ends without a touchdown
     """
 
     seed: int = 0
@@ -36,7 +40,7 @@ class GliderMission:
     longest_s: float = 9_000.0
 
     def wind(self) -> Wind:
-        """Give the wind that the seed draws: from the west aloft, from anywhere near it on the ground."""
+        """Return the wind that the seed draws: aloft nearly from the west, at the ground within 60 degrees of it."""
         chance = Random(f"{self.seed} wind")
         speed, from_deg = chance.uniform(0.0, self.strongest_wind_m_per_s), chance.uniform(210.0, 330.0)
         stream_deg = chance.uniform(250.0, 290.0)
@@ -46,11 +50,17 @@ class GliderMission:
 
 @dataclass(frozen=True, slots=True)
 class GliderLanding:
-    """What came of a flight.
+    """The result of a flight.
 
-    phases: when the manager entered each, in s of the avionics' clock. guided: the last plan steers by the route.
-    chute: the parachute was opened. released_m: the height at which the line was cut; None if it was not.
-    world_s: the time that has passed in the world; flown_s: on the avionics' clock.
+    touchdown: state at the first contact with the ground; None if there was none
+    phases: phases that the manager entered, each with its time in s on the avionics' clock
+    guided: whether the last plan has modules that steer by the route
+    chute: whether the parachute opened
+    released_m: height at which the line was cut; None if it was not cut
+    flown_s: duration of the flight on the avionics' clock
+    world_s: duration of the flight in real time, which runs faster on the line
+    digest: digest of every frame and of the state at the end
+    violations: what the simulator's oracles found
     """
 
     mission: GliderMission
@@ -66,16 +76,16 @@ class GliderLanding:
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Why the landing is not acceptable; empty if it is."""
+        """Return the criteria that the landing does not meet; empty for an acceptable landing."""
         return causes(self.touchdown, "field")
 
     @property
     def from_home_m(self) -> float | None:
-        """Distance of the touchdown from home."""
+        """Return the distance of the touchdown from home; None without a touchdown."""
         return None if self.touchdown is None else math.hypot(self.touchdown.x_m, self.touchdown.y_m)
 
     def document(self) -> dict[str, Any]:
-        """Give it as plain data for JSON."""
+        """Return the result as JSON data."""
         return {
             "seed": self.mission.seed,
             "acceptable": not self.causes,
@@ -95,7 +105,7 @@ class GliderLanding:
 
 
 def drawn_blow(spec: Spec, seed: int) -> Blow:
-    """Draw one fault of a flight from the release on: a PE, or a device that dies or sticks."""
+    """Draw one fault at a random time after the release: a PE that fails, or a device that is dead or stuck."""
     chance = Random(f"{seed} blow")
     pe, device = chance.choice(list(spec.pes)), chance.choice(list(spec.devices))
     element = chance.choice((f"pe:{pe}", f"device:{device}"))

@@ -1,6 +1,6 @@
-"""What happens in a simulated flight besides the flying: faults that are due, and what the manager tells.
+"""Injects the faults of a simulated flight when they are due, and records what the manager reports.
 
-Both go into the record: a fault and a reconfiguration as marks, phases and the places of modules as stretches.
+In the record, a fault or a reconfiguration is a mark; a phase or the PE of a module is a stretch of time.
 """
 
 from typing import Any, cast
@@ -14,10 +14,12 @@ from heronry_tools.sim.flight.simulation import Simulation
 
 
 class Happenings:
-    """Looks at one flight, step by step.
+    """Injects the faults of one flight and reads its manager's events.
 
-    places: PE and mode of each module in the newest plan. phases: those that the manager has entered, with the time.
-    reconfigured_s: when each configuration was active. struck_s: when the first fault happened; None before.
+    places: by module, its PE and mode in the newest plan
+    phases: phases that the manager has entered, each with its time in the flight in s
+    reconfigured_s: times at which a new configuration became active
+    struck_s: time of the first fault; None before that
     """
 
     def __init__(self, spec: Spec, simulation: Simulation, recorder: Recorder, blows: tuple[Blow, ...]) -> None:
@@ -31,14 +33,17 @@ class Happenings:
 
     @property
     def reconfigured_after_s(self) -> float | None:
-        """Time from the first fault to the next active configuration; None without one of the two."""
+        """Return the time from the first fault to the next active configuration, in s.
+
+        Return None if there was no fault, or no configuration since.
+        """
         struck_s = self.struck_s
         if struck_s is None:
             return None
         return next((time_s - struck_s for time_s in self.reconfigured_s if time_s >= struck_s), None)
 
     def inject_due(self, time_s: float, height_m: float) -> None:
-        """Let the faults happen that are due at this time of the flight, or at this height."""
+        """Inject the faults that are due at this time of the flight, or below this height."""
         for blow in list(self._due):
             by_time = blow.at_s is not None and time_s >= blow.at_s
             if by_time or (blow.below_m is not None and height_m < blow.below_m):
@@ -48,7 +53,10 @@ class Happenings:
                 self._inject(blow)
 
     def note(self, begin_ns: int) -> None:
-        """Note the manager's events since the last call; the flight has begun at `begin_ns` of the simulator."""
+        """Record the manager's events since the last call of this method.
+
+        begin_ns: time of the simulator at which the flight began.
+        """
         events = self._simulation.events
         for event in events[self._seen_events :]:
             self._note(event, max(event["t_ns"] - begin_ns, 0) / NS_PER_S)

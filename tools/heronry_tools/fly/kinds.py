@@ -1,6 +1,7 @@
-"""The aircraft that `heronry fly` knows: what flies a mission of each, and what says how the flights went.
+"""The aircraft that `heronry fly` knows, each with the functions that run its flights and report them.
 
-A spec flies the aircraft whose devices it has. An aircraft of one's own is another `Kind` here (docs/flights.md).
+A spec belongs to the aircraft whose devices it has. To add another aircraft, add a `Kind` to this file (docs/flights.md
+says how).
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +24,17 @@ _KNOWN_BY: dict[Name, str] = {"eav": "pan_tilt", "big_blue": "inflation_valve"}
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One aircraft. Missions and landings are its own types; each landing has `document()` and `violations`."""
+    """The functions for one aircraft, which has its own types of missions and results.
+
+    A result must have a method `document()`, which gives JSON data, and an attribute `violations`.
+
+    site: where the aircraft lands
+    fly: runs a mission and returns its result
+    fly_recorded: as `fly`, but returns the record too
+    line: says in one line how a flight ended
+    summary: makes statistics of many results, as JSON data
+    figures: writes the statistics for a reader
+    """
 
     site: Site
     fly: Callable[[Spec, Any], Any]
@@ -33,7 +44,7 @@ class Kind:
     figures: Callable[[dict[str, Any]], str]
 
     def dispersed(self, landing: Any) -> Landing:
-        """Give what the report of many flights draws of one."""
+        """Return what the report of many flights needs of one result."""
         wind = landing.mission.wind().speed_m_per_s
         return Landing(
             landing.mission.seed, landing.touchdown, wind, getattr(landing, "height_bias_m", None), self.site
@@ -61,7 +72,7 @@ KINDS: dict[Name, Kind] = {
 
 
 def aircraft_of(spec: Spec) -> Name:
-    """Give the aircraft whose devices a spec has; raises UserError where it is none of them."""
+    """Return the name of the aircraft whose devices `spec` has; raises UserError if no known aircraft has them."""
     for name, device in _KNOWN_BY.items():
         if device in spec.devices:
             return name

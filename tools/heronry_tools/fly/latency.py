@@ -1,9 +1,10 @@
-"""How long it takes from a sensor to a servo: the pitch rate is stepped, and the elevator must follow.
+"""How long a change takes from a sensor to a servo: the measured pitch rate is stepped, and the elevator must follow.
 
-On the way lie the driver of the inertial unit, the pitch control and the driver of the servo, with buses between PEs.
-The step is added to what both inertial units measure, in a flight in still air with sensors without noise. The pitch
-control answers a step of the rate at once, by its damping; so the first elevator command that has changed by half of
-that tells the time. What passes before the inertial unit takes its sample is not counted.
+The change passes through the module that reads the inertial unit, the pitch control and the module that drives the
+servo, and over the buses between their PEs. The step is added to the readings of both inertial units, in a flight in
+still air whose sensors have no noise. The damping of the pitch control answers a step of the rate at once. So the first
+elevator command that has changed by half of the full answer gives the latency. The time before the inertial unit takes
+its next sample does not count.
 """
 
 from heronry_agent.module import Value
@@ -16,7 +17,7 @@ _LOST_NS = 400_000_000
 
 
 class LatencyProbe:
-    """Steps the pitch rate up and down, and notes when the elevator answers."""
+    """Steps the measured pitch rate up and down, and measures the times until the elevator answers."""
 
     def __init__(self) -> None:
         self.latencies_ns: list[int] = []
@@ -27,7 +28,10 @@ class LatencyProbe:
         self._before_deg: float | None = None
 
     def offset_deg_per_s(self, sampled_ns: int) -> float:
-        """Give what to add to the pitch rate of a sample at this time."""
+        """Return what is added to the true pitch rate in a sample of the inertial unit.
+
+        sampled_ns: time of the sample.
+        """
         if sampled_ns >= self._next_ns:
             self.unanswered += self._since_ns is not None
             self._is_up, self._since_ns = not self._is_up, sampled_ns
@@ -35,7 +39,7 @@ class LatencyProbe:
         return STEP_DEG_PER_S if self._is_up else 0.0
 
     def commanded(self, device: str, value: Value, now_ns: int) -> None:
-        """Take a command to a servo."""
+        """Read a command to an actuator; the first changed elevator command after a step gives a latency."""
         if not device.startswith("elevator") or not isinstance(value, (int, float)):
             return
         before_deg, self._before_deg = self._before_deg, float(value)

@@ -1,4 +1,4 @@
-"""What one flight of the EAV is, all of it chosen before it begins, and what came of it."""
+"""The settings of one flight of the EAV, all chosen before it begins, and its result."""
 
 from dataclasses import asdict, dataclass
 from random import Random
@@ -14,9 +14,12 @@ WIDEST_WIND_DEG = 60.0  # from the runway's direction
 
 @dataclass(frozen=True, slots=True)
 class Blow:
-    """A fault at a time of the flight, or below a height: of `pe:NAME`, `bus:NAME`, or `device:NAME`.
+    """One fault, which is injected at a time of the flight or below a height.
 
-    how: in which way a device fails (`heronry_tools.fly.plant.Failure`).
+    element: what fails: `pe:NAME`, `bus:NAME` or `device:NAME`
+    at_s: time of the flight; None if the height decides
+    below_m: height of the wheels above the runway; None if the time decides
+    how: the way in which a device fails, see `heronry_tools.aircraft.plant.interface.Failure`
     """
 
     element: str
@@ -25,18 +28,25 @@ class Blow:
     how: str = "dead"
 
     def __str__(self) -> str:
-        """Say it as on the command line."""
+        """Return the fault as it is written on the command line."""
         when = f"{self.at_s:g}" if self.at_s is not None else f"{self.below_m:g}m"
         return f"{self.element}{'' if self.how == 'dead' else f'={self.how}'}@{when}"
 
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A flight of the EAV on final.
+    """The settings of a flight of the EAV on final approach.
 
-    corrections_lost_s: when the differential receiver loses its accuracy; None: never. acts: faults of
-    the simulator, with times from the begin of the flight. `judged`: what the oracles of the simulator find is told.
-    probed: the latency from sensor to servo is measured, in still air and with sensors without errors.
+    strongest_wind_m_per_s: upper limit of the wind at 20 ft that the seed draws
+    corrections_lost_s: when the differential receiver becomes inaccurate; None if it stays accurate
+    has_rover: whether the rover is beside the runway
+    must_land: whether the operator orders to land even without a good position
+    blows: faults that are injected at a time of the flight or below a height
+    acts: faults as of `heronry sim`; their times count from the beginning of the flight
+    most_height_bias_m: upper limit of a constant height error of the differential receiver, which the seed draws
+    `judged`: whether the simulator's oracles check the flight; `Landing.violations` has what they find
+    probed: whether latencies from sensor to servo are measured, in still air and with sensors without errors
+    longest_s: when the flight ends without a touchdown
     """
 
     seed: int = 0
@@ -52,24 +62,27 @@ class Mission:
     longest_s: float = 90.0
 
     def height_bias_m(self) -> float:
-        """Give the constant error of the receiver's height that the seed draws."""
+        """Return the constant error of the receiver's height that the seed draws."""
         return Random(f"{self.seed} height bias").uniform(-self.most_height_bias_m, self.most_height_bias_m)
 
     def wind(self) -> Wind:
-        """Give the wind that the seed draws."""
+        """Return the wind that the seed draws."""
         chance = Random(f"{self.seed} wind")
         return Wind(chance.uniform(0.0, self.strongest_wind_m_per_s), chance.uniform(-WIDEST_WIND_DEG, WIDEST_WIND_DEG))
 
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """What came of a mission.
+    """The result of a flight.
 
-    mode: that of the flight management at the end, None where it does not run. digest: of every frame and of the
-    aircraft at the end. reconfigured_after_s: from the first blow to the next active configuration; None without one.
-    worst_height_error_m: of the height that steers, below 10 m. nees: of each state of the tracking filter, its mean
-    squared error in units of its own variance; empty where no filter ran. violations: of the oracles.
-    latencies_ns: from sensor to servo, of a probed mission.
+    touchdown: state at the first contact with the ground; None if there was none
+    mode: mode of the flight management at the end; None if it does not run
+    digest: digest of every frame and of the state at the end
+    reconfigured_after_s: time from the first fault to the next active configuration; None without one of them
+    worst_height_error_m: greatest error, below 10 m, of the estimated height; None if the flight ended above 10 m
+    nees: by state of the tracking filter, its mean squared error over its variance; empty without a filter
+    violations: what the simulator's oracles found
+    latencies_ns: measured latencies from sensor to servo; empty if the mission is not `probed`
     """
 
     mission: Mission
@@ -86,16 +99,16 @@ class Landing:
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Why the landing is not acceptable; empty if it is."""
+        """Return the criteria that the landing does not meet; empty for an acceptable landing."""
         return causes(self.touchdown)
 
     @property
     def height_bias_m(self) -> float | None:
-        """Constant error of the height by which it landed, where one was drawn."""
+        """Return the drawn constant error of the height by which the aircraft landed; None if none was drawn."""
         return self.mission.height_bias_m() if self.mission.most_height_bias_m else None
 
     def document(self) -> dict[str, Any]:
-        """Give it as plain data for JSON."""
+        """Return the result as JSON data."""
         landed = self.touchdown
         return {
             "seed": self.mission.seed,

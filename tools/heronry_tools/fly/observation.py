@@ -1,6 +1,6 @@
-"""What an observer of a simulated flight sees in the modules, which nothing on a bus shows: estimates and stages.
+"""What modules of a simulated flight have estimated and decided, but do not publish on a bus.
 
-The observer reads the objects of modules that run. It changes none, so a flight is the same with and without it.
+The observer reads attributes of running modules and changes none, so a flight is the same with and without it.
 """
 
 from heronry_tools.fly.avionics.flight_management import FlightManagementSystem, Situation, Stage
@@ -14,7 +14,7 @@ LABELS = {stage: stage.name.lower().replace("_", " ") for stage in Stage}
 
 
 class Observer:
-    """Looks into the flight management and the tracking filter, on whatever PE they run."""
+    """Reads the flight management and the tracking filter, on whatever PE each of them runs."""
 
     def __init__(self, simulation: Simulation, plant: EavPlant) -> None:
         self._simulation, self._plant = simulation, plant
@@ -22,7 +22,7 @@ class Observer:
         self.samples = 0
 
     def management(self) -> FlightManagementSystem | None:
-        """Give the flight management that runs."""
+        """Return the flight management that runs; None if no PE runs it."""
         for pe in self._simulation.fleet.running.values():
             code = pe.code("flight_management")
             if isinstance(code, FlightManagementSystem):
@@ -30,7 +30,7 @@ class Observer:
         return None
 
     def tracking(self) -> TrackingFilter | None:
-        """Give the filter that runs."""
+        """Return the tracking filter that runs; None if no PE runs it."""
         for pe in self._simulation.fleet.running.values():
             code = pe.code("tracked_position")
             if isinstance(code, TrackedPosition):
@@ -38,7 +38,7 @@ class Observer:
         return None
 
     def columns(self) -> dict[str, float | None]:
-        """Give the columns of the record that come from modules."""
+        """Return the estimated position and its standard deviations, by column of the record; None where not known."""
         management, tracking = self.management(), self.tracking()
         known: Situation | None = None if management is None else management.known
         row: dict[str, float | None] = {
@@ -51,17 +51,20 @@ class Observer:
         return row
 
     def stage(self) -> str | None:
-        """Give the stage of the landing."""
+        """Return the stage of the landing; None if the flight management does not run."""
         management = self.management()
         return None if management is None else LABELS[management.management.stage]
 
     def mode(self) -> str | None:
-        """Give the mode of the flight management: what the plan could supply for the landing."""
+        """Return the mode of the flight management; None if it does not run.
+
+        The mode tells how good a position the plan supplies.
+        """
         management = self.management()
         return None if management is None else management.ctx.mode
 
     def weigh(self, truth: Truth) -> None:
-        """Compare every state of the filter with the truth, in units of its own sigma."""
+        """Add the squared error of each state of the filter, over the filter's own variance, to `squares`."""
         tracking = self.tracking()
         if tracking is None:
             return

@@ -1,9 +1,8 @@
 """What a plant with flight dynamics offers to the devices of the PEs, and to the record of a flight.
 
-A plant steps at 120 Hz, on a grid that starts at its time 0. `advance` brings it to a time; actuators keep their last
-command during the steps. The time of a call may not fall below that of an earlier one: such a call reads the present
-state. The plant knows no bus, no module and no clock, and draws all chance from its seed, so that equal calls give
-equal bits.
+A plant steps at 120 Hz; step 0 is at its time 0. `advance` steps it up to a time; actuators keep their last command
+during these steps. Times of calls must not decrease: a call with an earlier time reads the present state. The plant
+knows no bus, no module and no clock. Its random numbers come from its seed, so that equal calls give equal bits.
 
 Positions are in the runway's frame: x along the landing direction from the aiming point of the approach (m), y to the
 right of the centre line (m), height of the wheels above the runway (m). The landing direction is north in JSBSim.
@@ -21,7 +20,7 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The aircraft's real state at one time, for records and acceptance; no module sees it."""
+    """The real state of the aircraft at one time, for records and acceptance; modules do not see it."""
 
     time_s: float
     x_m: float
@@ -42,22 +41,28 @@ class FlightPlant(Protocol):
     """An aircraft in a flight dynamics model, with its sensors and actuators by name of device."""
 
     def advance(self, time_ns: int) -> None:
-        """Step the model up to the last step at or before `time_ns`; no effect when that is past."""
+        """Step the model up to the last step at or before `time_ns`.
+
+        An earlier time than the present one has no effect.
+        """
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Advance, and give the present reading of a device; None if it does not answer."""
+        """Advance to `now_ns`, and return the reading of a sensor; None if it does not answer."""
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
-        """Advance, then command an actuator; give the command that it has taken, or None if it takes none."""
+        """Advance to `now_ns` and command an actuator.
+
+        Return the command that it accepted, None if it accepted none.
+        """
 
     def make_safe(self, device: str, now_ns: int) -> None:
-        """Take the safe action of an actuator that no module drives any more."""
+        """Execute the safe action of an actuator that no module drives any more."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail: silent, stuck, wrong by `offset` (in its own unit), or (a servo) free to move."""
+        """Make a device fail as `how` says; with a bias, its value is wrong by `offset`, in the unit of the device."""
 
     def heal(self, device: str) -> None:
-        """End a device's failure."""
+        """Repair a device."""
 
     def truth(self) -> Truth:
-        """Give the present state."""
+        """Return the present state."""

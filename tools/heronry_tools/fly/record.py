@@ -1,18 +1,18 @@
-"""The record of one flight: what the pictures, the figures and the acceptance are made from.
+"""The record of one flight, from which its pictures and statistics are made and its landing is assessed.
 
-A record is a value: columns over time, stretches of time in which something had one state, and marks at single moments.
-Its JSON form holds everything, so that a flight is drawn again without being flown again.
+A record has columns of numbers over time, stretches of time in which something had one state, and marks at single
+times. Its JSON form holds all of it, so that a flight is drawn again without being flown again.
 
-Columns. The names end with the unit. Column `time_s` is there always; each other column is as long, with None where
-nothing was known. A column of the truth has the name of its field in `plant.Truth`. For what the avionics know of it,
-`estimate_` stands before the name, and `sigma_` for one standard deviation as the filter itself gives it. Load of a bus
-is `load_` and the bus, as a share of its bit rate.
+Columns. A name ends with the unit. There is always the column `time_s`; every other column is as long, and has None
+where its value was not known. A column with the real state of the aircraft has the name of its field in `plant.Truth`.
+The prefix `estimate_` marks what the avionics estimate for such a field, and `sigma_` the standard deviation that the
+filter gives for it. The load of a bus is `load_` and the name of the bus, as a share of its bit rate.
 
     x_m, estimate_x_m, sigma_x_m       time_s       elevator_deg, throttle       load_can0, load_radio
 
-Stretches and marks. A stretch has a kind, a subject and a label: of kind `mode` the flight management's modes, of kind
-`phase` the phases of the spec, of kind `place` a module as subject and the PE and mode as label. A mark has a kind
-(fault, reconfigured, refused, touchdown, note), and a sentence for the reader.
+Stretches and marks. A stretch has a kind, a subject and a label. Kind `mode` has the modes of the flight management as
+labels, kind `phase` the phases of the spec. Kind `place` has a module as subject, and its PE and mode as label. A mark
+has a kind (fault, reconfigured, refused, touchdown, note), and a sentence for the reader.
 """
 
 import json
@@ -42,7 +42,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Something happened at a moment."""
+    """An event at one time of the flight."""
 
     time_s: float
     kind: MarkKind
@@ -51,7 +51,12 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class FlightRecord:
-    """One flight; `spec` is the name of its spec, `title` what was special about it, `site` where it was to land."""
+    """The record of one flight.
+
+    spec: name of the spec
+    title: what was special in this flight
+    site: where the aircraft was to land
+    """
 
     spec: str
     title: str
@@ -64,25 +69,25 @@ class FlightRecord:
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Why the landing is not acceptable; empty if it is."""
+        """Return the criteria that the landing does not meet; empty for an acceptable landing."""
         return causes(self.touchdown, self.site)
 
     @property
     def times_s(self) -> tuple[float, ...]:
-        """The time of each row."""
+        """Return the time of each row."""
         return tuple(time_s or 0.0 for time_s in self.columns["time_s"])
 
     def known(self, name: str) -> bool:
-        """Tell whether a column has at least one value."""
+        """Tell whether a column has at least one value other than None."""
         return any(value is not None for value in self.columns.get(name, ()))
 
     def as_json(self) -> str:
-        """Give the JSON form."""
+        """Return the record as JSON text."""
         return json.dumps({"format": FORMAT, **asdict(self)}, separators=(",", ":"))
 
     @staticmethod
     def from_json(text: str) -> "FlightRecord":
-        """Read the JSON form; ValueError says what is wrong with a text that is none."""
+        """Read the JSON text of a record; a ValueError says what is wrong with the text."""
         try:
             return _read(json.loads(text))
         except (TypeError, KeyError, AttributeError) as problem:
@@ -106,7 +111,7 @@ def _read(form: dict[str, Any]) -> FlightRecord:
 
 
 class Recorder:
-    """Writes the record of a flight while it is flown. Times do not fall."""
+    """Makes the record of a flight during the flight; the times of its calls must not decrease."""
 
     def __init__(self, spec: str, title: str, seed: int, site: Site = "runway") -> None:
         self._site: Site = site
@@ -120,13 +125,17 @@ class Recorder:
 
     @property
     def touchdown(self) -> Touchdown | None:
-        """The first contact with the ground; None before."""
+        """Return the state at the first contact with the ground; None before that."""
         if self._touchdown is None:
             return None
         return _with_structure(self._touchdown, self._structure)
 
     def sample(self, truth: Truth, known: Mapping[str, float | None]) -> None:
-        """Add a row: the truth, and what else is known at its time, by the name of the column."""
+        """Add a row.
+
+        truth: real state of the aircraft, with the time of the row
+        known: further values, by name of the column
+        """
         row: dict[str, float | None] = {
             field.name: getattr(truth, field.name) for field in fields(Truth) if field.name != "touching"
         }
@@ -134,14 +143,17 @@ class Recorder:
         self.watch(truth)
 
     def watch(self, truth: Truth) -> None:
-        """Note what touches the ground; call it at each step of the plant near the ground, without a row."""
+        """Look for contacts with the ground; call this after each step near the ground, between rows too."""
         if truth.touching and self._touchdown is None:
             self._touchdown = _touchdown(truth)
             self.mark(truth.time_s, "touchdown", "the aircraft touches the ground")
         self._structure.update(name for name in truth.touching if not is_wheel(name))
 
     def state(self, time_s: float, kind: StretchKind, subject: str, label: str | None) -> None:
-        """Note the state of a subject from now on; None: it has none any more. An equal label changes nothing."""
+        """Record that the subject has the state `label` from now on; None: it has no state any more.
+
+        This ends the subject's stretch before. If the label is the same as before, the stretch goes on.
+        """
         before = self._states.get((kind, subject))
         if before is not None:
             if before[0] == label:
@@ -151,11 +163,11 @@ class Recorder:
             self._states[kind, subject] = (label, time_s)
 
     def mark(self, time_s: float, kind: MarkKind, text: str) -> None:
-        """Note what happens at a moment."""
+        """Add a mark."""
         self._marks.append(Mark(time_s, kind, text))
 
     def finished(self) -> FlightRecord:
-        """Give the record up to the last row."""
+        """Return the record up to the last row."""
         end_s = self._rows[-1]["time_s"] or 0.0 if self._rows else 0.0
         for kind, subject in list(self._states):
             self._close(kind, subject, end_s)
@@ -171,7 +183,7 @@ class Recorder:
 
 
 def is_wheel(contact: str) -> bool:
-    """Tell a wheel from a part of the structure by the name of the contact; a skid is what a glider lands on."""
+    """Tell from its name whether a contact is a wheel or a skid; every other contact is a part of the structure."""
     return contact.endswith(("wheel", "skid"))
 
 

@@ -1,7 +1,7 @@
 """Errors of sensors: a constant bias, a drift that wanders around zero, and white noise.
 
-Each error has a random generator of its own, seeded by the flight's seed and its name. So no sensor's noise depends on
-how often another one is read.
+Each error has its own random generator, with a seed made of the flight's seed and the error's name. So the noise of one
+sensor does not depend on how often another one is read.
 """
 
 import math
@@ -9,7 +9,7 @@ from random import Random
 
 
 class SensorError:
-    """The error of one measured quantity, in its unit; `sample` is called once per sample of the sensor."""
+    """The error of one measured quantity, in its unit; `sample` must be called once per sample of the sensor."""
 
     def __init__(
         self,
@@ -22,7 +22,13 @@ class SensorError:
         drift_s: float = 60.0,
         period_s: float,
     ) -> None:
-        """white: standard deviation. drift: standard deviation of the drift, with correlation time `drift_s`."""
+        """Set the size of the error, in the unit of the quantity.
+
+        white: standard deviation of the noise
+        drift: standard deviation of the drift
+        drift_s: correlation time of the drift
+        period_s: time between two samples
+        """
         self._chance = Random(f"{seed} {name}")
         self._white, self.bias = white, bias
         self._keep = math.exp(-period_s / drift_s)
@@ -31,11 +37,11 @@ class SensorError:
 
     @property
     def slow(self) -> float:
-        """Bias and drift of the last sample, without its noise."""
+        """Return the bias plus the drift at the last sample, without the noise."""
         return self.bias + self._drift
 
     def sample(self) -> float:
-        """Give the error of the next sample."""
+        """Return the error of the next sample."""
         if self._stir:
             self._drift = self._keep * self._drift + self._chance.gauss(0.0, self._stir)
         noise = self._chance.gauss(0.0, self._white) if self._white else 0.0

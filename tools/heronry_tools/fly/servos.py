@@ -1,8 +1,8 @@
-"""Surfaces and their servos: a rate, stops, and the ways in which a servo fails.
+"""Control surfaces and their servos: rate limit, stops, and the ways in which a servo fails.
 
-Two servos may push one surface. The servo that was driven last holds it; a failed servo slips its clutch, and the
-surface stays where it is until another servo takes it. A loose servo takes commands, and its surface floats to neutral
-in the air.
+Two servos can drive one surface. The servo that was commanded last holds it. When a servo fails, its clutch slips, and
+the surface stays where it is until the other servo takes it. A loose servo accepts commands, but its surface floats
+back to neutral in the air.
 """
 
 from dataclasses import dataclass, field
@@ -12,9 +12,9 @@ _FLOATS_BACK_S = 0.3
 
 @dataclass(slots=True)
 class Surface:
-    """One control surface (or the throttle): its position follows its target at a limited rate.
+    """One control surface, or the throttle: its position follows its target at a limited rate.
 
-    Position, target and stops in the surface's unit: degrees, or a share from 0 to 1.
+    Position, target and stops are in degrees; those of the throttle are 0 to 1.
     """
 
     least: float
@@ -25,12 +25,12 @@ class Surface:
     is_loose: bool = False
 
     def push(self, target: float) -> float:
-        """Take a new target, limited by the stops; give it."""
+        """Limit a new target to the stops, set it, and return it."""
         self.target = min(max(target, self.least), self.most)
         return self.target
 
     def step(self, dt_s: float) -> float:
-        """Move for a time; give the new position."""
+        """Move for `dt_s`, and return the new position."""
         if self.is_loose:
             self.position -= self.position * min(dt_s / _FLOATS_BACK_S, 1.0)
             return self.position
@@ -41,7 +41,7 @@ class Surface:
 
 @dataclass(slots=True)
 class Servos:
-    """All servos of an aircraft: which surface each pushes, and which of them have failed."""
+    """All servos of an aircraft: which surface each servo drives, and which servos have failed."""
 
     surfaces: dict[str, Surface]
     pushes: dict[str, str]  # by servo: its surface
@@ -49,7 +49,7 @@ class Servos:
     last: dict[str, str] = field(default_factory=dict)  # by surface: the servo that was driven last
 
     def command(self, servo: str, value: float) -> float | None:
-        """Drive a servo; give the command that it has taken, or None from one that is dead or stuck."""
+        """Command a servo; return the command that it accepted, None if it is dead or stuck."""
         how, offset = self.failed.get(servo, ("", 0.0))
         if how in ("dead", "stuck"):
             return None
@@ -59,7 +59,7 @@ class Servos:
         return surface.push(value + (offset if how == "bias" else 0.0))
 
     def fail(self, servo: str, how: str, offset: float) -> None:
-        """Let a servo fail; its surface stays, or floats if it becomes loose."""
+        """Make a servo fail; the surface that it holds stops, or floats if `how` is "loose"."""
         self.failed[servo] = how, offset
         surface = self.surfaces[self.pushes[servo]]
         if self.last.get(self.pushes[servo]) != servo:
@@ -69,7 +69,7 @@ class Servos:
             surface.target = surface.position
 
     def heal(self, servo: str) -> None:
-        """End a servo's failure."""
+        """Repair a servo."""
         self.failed.pop(servo, None)
 
     def step(self, dt_s: float) -> None:

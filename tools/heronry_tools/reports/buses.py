@@ -22,7 +22,7 @@ def print_buses(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) ->
 
 
 def document(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) -> dict[str, object]:
-    """Give the same as plain data for JSON; times in nanoseconds."""
+    """Give the messages of these buses as plain data for JSON; times in nanoseconds."""
     return {
         "spec": spec.digest,
         "phase": now.phase,
@@ -71,7 +71,7 @@ def _row(schedule: BusSchedule, message: ScheduledMessage) -> Sequence[Cell]:
 
 
 def _worst(schedule: BusSchedule, message: ScheduledMessage) -> Cell:
-    """The longest time until a message is received; also its deadline, if the message may miss it."""
+    """Write the longest time until a message is received; also its deadline, if the message may miss it."""
     if schedule.bus.kind != "wired":
         return "-"
     if message.response_ns is None or message.slack_ns is None:

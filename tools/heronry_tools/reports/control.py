@@ -12,7 +12,7 @@ _MOST_LISTED = 6
 
 
 def graph_text(graph: Graph) -> str:
-    """What a graph consists of: its members, and its edges."""
+    """Write a graph: its members, and its edges."""
     lines = [f"{graph.name}: {len(graph.members)} members, {len(graph.vertices)} vertices, {len(graph.edges)} edges"]
     for name, member in graph.members.items():
         if name in graph.leaves:
@@ -27,7 +27,7 @@ def graph_text(graph: Graph) -> str:
 
 
 def assessment_text(assessed: Assessment, missing: Sequence[str]) -> str:
-    """An assessment in words; `missing`: requirements that do not hold."""
+    """Write an assessment in words; `missing` names the requirements that do not hold."""
     document = assessed.document
     lines = [f"{name.replace('_', ' ')}: {_truth(document[name])}" for name in PREDICATES]
     lines += [f"  {name} is no component: {', '.join(broken)}" for name, broken in document["broken"].items()]
@@ -35,7 +35,7 @@ def assessment_text(assessed: Assessment, missing: Sequence[str]) -> str:
     if "control_path" in document:
         lines.append(f"control path: {_truth(document['control_path'])}")
     lines += _paths(document["components"])
-    lines += [f"required, and not so: {name}" for name in missing]
+    lines += [f"required, but does not hold: {name}" for name in missing]
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -44,7 +44,7 @@ def _paths(components: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
         if "on_path" in facts:
             yield f"plant {name}: {'on a control path' if facts['on_path'] else 'open, on no control path'}"
     if not any("on_path" in facts for facts in components.values()):
-        yield "no member is a plant, so no control path is asked for ('plants' of a spec, 'plant: true' in a graph)"
+        yield "no member is a plant, so no control path is checked ('plants' of a spec, 'plant: true' in a graph)"
     looped = [name for name, facts in components.items() if facts["on_loop"]]
     yield f"on a loop: {_listed(looped) or 'none'}"
     for condition in ("controllable", "observable"):
@@ -68,14 +68,14 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def cut_text(mbit_per_s: int, sides: Mapping[str, Sequence[str]]) -> str:
-    """A cut in words: the bandwidth that crosses it, and the leaves on each side."""
+    """Write a cut in words: the bandwidth that crosses it, and the leaves on each side."""
     lines = [f"at least {mbit_per_s // 1000}.{mbit_per_s % 1000:03} bit/s cross"]
     lines += [f"  {side}: {', '.join(leaves)}" for side, leaves in sides.items()]
     return "".join(f"{line}\n" for line in lines)
 
 
 def errors_text(file: str, errors: Sequence[ScriptError]) -> str:
-    """Errors of a script as a compiler writes them."""
+    """Write the errors of a script, each in the form FILE:LINE:COLUMN as a compiler does."""
     return "".join(
         f"{file}:{error.line}:{error.column}: {error.code}: {error.sentence}\n"
         if error.column
@@ -85,7 +85,7 @@ def errors_text(file: str, errors: Sequence[ScriptError]) -> str:
 
 
 def trial_text(statements: int, errors: int, violations: Sequence[str]) -> str:
-    """The result of a script in a sentence, and why the configuration that it gives is not legal."""
+    """Write the result of a script in a sentence, and why the configuration that it gives is not legal."""
     if errors:
         return f"{statements} statements read, {errors} errors: nothing is done\n"
     illegal = "".join(f"not legal: {violation}\n" for violation in violations)

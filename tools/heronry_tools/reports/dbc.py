@@ -63,7 +63,7 @@ _COMMANDS: Mapping[Command, Layout] = {
 
 
 def dbc_text(spec: Spec | None) -> str:
-    """DBC of the management protocol and, with a spec, of its PEs' names and all its data."""
+    """Write a DBC of the management protocol; with a spec also of its PEs' names and of all its data."""
     nodes = {node: f"node_{node}" for node in PE_NODES} if spec is None else _nodes_of(spec)
     messages = [*_management(), *_per_node(nodes, spec), *_links(spec)]
     if spec is not None:
@@ -88,7 +88,7 @@ def _signal(
     is_float: bool = False,
     unit: str | None = None,
 ) -> Signal:
-    """A big-endian signal that starts `start` bits after the first bit of the payload."""
+    """Write a big-endian signal that starts `start` bits after the first bit of the payload."""
     choices: OrderedDict[int, str | NamedSignalValue] | None = OrderedDict(labels) if labels else None
     conversion = BaseConversion.factory(scale=1, offset=0, choices=choices, is_float=is_float)
     first_bit = start // 8 * 8 + 7 - start % 8  # a DBC counts from the least significant bit of each byte
@@ -172,7 +172,7 @@ def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
 
 
 def _emergency_event() -> Iterator[Signal]:
-    """Write the CANaerospace emergency event of a fault: the content of an EMCY in CANaerospace's coding."""
+    """Write the CANaerospace frame that reports the same fault as an EMCY."""
     yield from _header((_signal("service_code", 16, 8),))
     yield _signal("error_code", 32, 16, signed=True)
     yield _signal("operation_id", 48, 8, _ELEMENT_KINDS, signed=True)
@@ -183,7 +183,7 @@ _ELEMENT_KINDS = {kind.value: kind.name for kind in ElementKind}
 
 
 def _echo(spec: Spec | None) -> Iterator[Signal]:
-    """Write both output echoes, by name with a spec: of a driven device (FLOAT), of a module that ran (ULONG)."""
+    """Write the output echoes: of a driven device (FLOAT), and of a module that ran (ULONG); with a spec, by name."""
     devices = dict(enumerate(spec.devices)) if spec is not None else None
     modules = dict(enumerate(spec.modules)) if spec is not None else None
     kinds = {
@@ -212,7 +212,7 @@ def _data(spec: Spec) -> Iterator[Message]:
 
 
 def _values(variable: str, kind: DataType, unit: str | None) -> Iterator[Signal]:
-    """One signal named like the variable, or one per element (`variable_0`, `variable_1`) of an array type."""
+    """Write one signal with the name of the variable; for an array type, one per element (`variable_0`, ...)."""
     if kind.payload_bytes == 0:
         return
     digits = "".join(c for c in kind.name if c.isdigit())

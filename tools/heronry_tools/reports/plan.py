@@ -14,7 +14,7 @@ from heronry_wire.management import Step
 
 
 def print_plan(spec: Spec, plan: Plan, planner: str, way: Transition | None = None) -> None:
-    """Print a plan to standard output, with the name of its planner and the transition to it from what runs."""
+    """Print a plan to standard output, with its planner's name and the transition from the running configuration."""
     tables = list(_tables(spec, plan))
     print_tables(_headline(spec, plan, planner), tables if way is None else [*tables, _way(way)])
 
@@ -35,7 +35,7 @@ def _headline(spec: Spec, plan: Plan, planner: str) -> str:
 
 
 def _proof(plan: Plan) -> str:
-    """Give a line about the levels that are proven; empty for a plan that is proven to be the best."""
+    """Write which levels of a plan are proven, and which are not; empty for a plan that is proven to be the best."""
     if plan.optimal or all(one.bound is None for one in plan.levels):
         return ""
     proven = ", ".join(one.level for one in plan.levels if one.proven)
@@ -97,9 +97,12 @@ def _bus_rows(plan: Plan, left: Survivors) -> Iterator[Sequence[Cell]]:
 
 
 def _way(way: Transition) -> Table:
-    """The steps of a transition, one a line."""
+    """Write the steps of a transition, one a line."""
     waited = [f"{pe} ({', '.join(why)})" for pe, why in way.wait_for.items()]
-    why = {Step.BREAK: f"then wait for {'; '.join(waited)}", Step.GO: f"then T_lease, for {', '.join(way.hold)}"}
+    why = {
+        Step.BREAK: f"then wait for {'; '.join(waited)}",
+        Step.GO: f"then wait T_lease, so that only one PE drives {', '.join(way.hold)}",
+    }
     rows: list[Sequence[Cell]] = [(step.name, why.get(step, "")) for step in way.steps]
     return Table(("way there", f"interrupted: {', '.join(way.interrupted) or 'no function'}"), rows)
 

@@ -1,7 +1,7 @@
-"""The story on a screen: in colour on a terminal (with rich), in plain lines anywhere else.
+"""The events of a flight as sentences on a screen: in colour on a terminal (with rich), in plain lines anywhere else.
 
-Each event's first line begins with the time of day (`clock_of_day`), as the lines of all programs do. The times within
-the story count from the first configuration.
+The first line of each event begins with the time of day (`clock_of_day`), as the lines of all programs do. The times
+within the sentences (`story`) count from the first configuration.
 """
 
 import sys
@@ -24,7 +24,7 @@ _STYLES: Mapping[Tone, str] = {
 
 
 def screen(spec: Spec) -> Callable[[Mapping[str, Any]], None]:
-    """Return a function that shows an event's part of the story."""
+    """Return a function that prints the lines of an event."""
     story, show = Story(spec), _printer()
 
     def tell(event: Mapping[str, Any]) -> None:

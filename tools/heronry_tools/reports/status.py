@@ -105,7 +105,7 @@ def _held(held: Mapping[str, Any] | None) -> str:
 
 
 def _runs(pe: Mapping[str, Any]) -> str:
-    """Write what a PE runs; of one that is down it is what that PE said last, and may still say."""
+    """Write what a PE runs; for a PE that is down, what it said last."""
     if pe["epoch"] is None:
         return str(pe["runs"])
     runs = f"{pe['runs']} in epoch {pe['epoch']}"
@@ -113,7 +113,7 @@ def _runs(pe: Mapping[str, Any]) -> str:
 
 
 def _standstills(counts: Mapping[str, int] | None) -> str:
-    """Write how often a computer stood still."""
+    """Write how often the processes of a computer could not run."""
     if counts is None or not counts["times"]:
         return ""
     times = "once" if counts["times"] == 1 else f"{counts['times']} times"

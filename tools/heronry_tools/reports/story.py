@@ -1,7 +1,7 @@
-"""The story of a flight: events in, sentences out.
+"""The story of a flight: the sentences that tell its events.
 
-A pure fold over the event stream, so the same story is told live, from a recorded stream, and in a test. A sentence
-has a tone (what colour it gets on a terminal) and no more layout than that.
+`Story` gets the events one by one, and gives the lines for each. It depends on nothing but the events, so the story is
+the same live, from a recorded stream, and in a test. A line has a tone, which chooses its colour on a terminal.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -94,14 +94,19 @@ class Line:
 
 
 def plain_line(event: Mapping[str, Any]) -> Line | None:
-    """Give the sentence of an event that needs to know no other event; None where it has none."""
+    """Give the sentence of an event, where that depends on no other event; else None."""
     template, tone = _SENTENCES.get(event["event"], ("", "plain"))
-    return Line(template.format_map(event), tone) if template else None
+    return Line(template.format_map({key: _worded(value) for key, value in event.items()}), tone) if template else None
+
+
+def _worded(value: Any) -> Any:
+    """Give a list as words of a sentence."""
+    return (", ".join(value) or "its modules") if isinstance(value, list) else value
 
 
 @dataclass(slots=True)
 class Story:
-    """Turns events into sentences; its clock starts when the first configuration runs, or is advised."""
+    """Turns events into lines with the time since the first configuration ran, or was advised."""
 
     spec: Spec
     _start_ns: int | None = None
@@ -115,7 +120,7 @@ class Story:
     _prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict)  # epoch -> its plan: a newer one may be ready
 
     def tell(self, event: Mapping[str, Any]) -> list[Line]:
-        """Lines for one event; none for events that do not concern the reader."""
+        """Give the lines for one event; none for an event that does not concern the reader."""
         if self._start_ns is None and event["event"] in _STARTS:
             self._start_ns = event["t_ns"]
         lines = list(self._lines(event))
@@ -153,7 +158,7 @@ class Story:
                 pass
 
     def _follow(self, event: Mapping[str, Any]) -> None:
-        """Note which plan runs, and which plans are on their way."""
+        """Keep the plan of the event: the running plan, and those that are being deployed."""
         match event["event"]:
             case "plan_ready":
                 self._next = event["plan"]
@@ -173,11 +178,11 @@ class Story:
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
     def _is_new(self, event: Mapping[str, Any]) -> bool:
-        """Tell whether an event needs a line of its own, as all but some standstills do.
+        """Tell whether an event needs a line of its own; all events do, except some standstills.
 
         A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
-        last one of the same computer that was told, if that is a while ago, or if a PE was lost since: then the line
-        stands beside the loss, which may be its doing.
+        last one of the same computer that had a line, if that one is a while ago, or if a PE was lost since. In the
+        last case the standstill may be the cause of the loss.
         """
         if event["event"] != "stood_still":
             return True
@@ -188,7 +193,7 @@ class Story:
         return bool(is_news)
 
     def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for a suspected PE only when it is lost, since most suspected PEs answer."""
+        """Give a line for a suspected PE only when the PE is lost, since most suspected PEs answer."""
         pe = event["pe"]
         if event["event"] == "pe_lost":
             pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
@@ -228,7 +233,7 @@ class Story:
             yield from self._roster()
 
     def _control_paths(self, paths: Mapping[str, str]) -> Iterator[Line]:
-        """Give a line for each loop through a plant that opens or closes; at first, for each that is open."""
+        """Give a line for each loop through a plant that opens or closes; the first time, for each open loop."""
         for plant, state in paths.items():
             was = self._paths.get(plant, "on_path")
             if state == "on_path" and was != "on_path":
@@ -282,7 +287,7 @@ class Story:
 
 
 def _outages(event: Mapping[str, Any]) -> Line:
-    """Tell many outages that have begun, or ended, together."""
+    """Give one line for many outages that have begun, or ended, together."""
     functions = event["functions"]
     shown = ", ".join(functions[:_MOST_NAMES])
     more = f" and {len(functions) - _MOST_NAMES} more" if len(functions) > _MOST_NAMES else ""
@@ -300,7 +305,7 @@ def _overtime(event: Mapping[str, Any]) -> Line:
 def _logs(event: Mapping[str, Any]) -> Line:
     if not event["kept"]:
         return Line(f"the logs of all processes are in {event['folder']}", "quiet")
-    return Line(f"the logs of this run stay in {event['folder']}, until {RUNS_KEPT} later runs have kept theirs")
+    return Line(f"the logs of this run stay in {event['folder']}, until the logs of {RUNS_KEPT} later runs are kept")
 
 
 def _heartbeat(event: Mapping[str, Any]) -> Line:
@@ -312,15 +317,16 @@ def _heartbeat(event: Mapping[str, Any]) -> Line:
 
 
 def _standstill(event: Mapping[str, Any]) -> Line:
-    """Tell that a computer stood still; a PE tells it only afterwards."""
+    """Give the line for a standstill; a PE reports it only afterwards."""
     by, for_ms = event["by"], event["for_ns"] // 1_000_000
     if by == "the demo" or by.startswith("manager "):
         return Line(
-            f"this computer stood still for {for_ms} ms ({by} noticed it): what follows may be its doing", "bad"
+            f"this computer stood still for {for_ms} ms ({by} noticed it), which may be the cause of what follows",
+            "bad",
         )
     times = "once" if event["times"] == 1 else f"{event['times']} times"
     words = f"the computer of {by} stood still for {for_ms} ms ({times} so far)"
-    return Line(f"{words}: if {by} was lost, that may be its doing", "bad")
+    return Line(f"{words}: if {by} was lost, this may be the cause", "bad")
 
 
 def _advice(event: Mapping[str, Any]) -> Line:
@@ -368,7 +374,8 @@ def _consequences(spec: Spec, before: Mapping[str, Any], after: Mapping[str, Any
 def _no_longer_served(function: Function, before: Mapping[str, Any], after: Mapping[str, Any]) -> Line:
     """Give the reason why a function is no longer served.
 
-    If the phase before did not want the function either, its module ran because other modules used its data.
+    A function that was served before need not have been wanted: its module may have run because other modules used its
+    data.
     """
     name, phase = function.name, after["phase"]
     if function.priority_in(phase) > 0 or function.priority_in(before["phase"]) > 0:

@@ -1,4 +1,4 @@
-"""A script of component graphs for a running manager: this file gives it to the manager, and follows it to the end.
+"""Gives a script of component graphs to a running manager, and waits for its result.
 
 The manager answers as soon as it has understood the script. Then it requests the best plan, compares the script's
 configuration with it, and deploys that configuration or refuses the script. Its status shows the progress.
@@ -20,7 +20,7 @@ _LOOK_S = 0.1  # with each look the manager reads from the PEs, too
 
 
 def fly(path: Path, text: str, spec: Spec) -> Answer:
-    """Give a script to the manager on a socket; gives the result as a sentence.
+    """Give a script to the manager on a socket; returns the result as a sentence.
 
     Raises ControlError if no manager answers, and UserError if the manager is one of another spec.
     """

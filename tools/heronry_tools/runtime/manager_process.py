@@ -41,7 +41,10 @@ PRE_PLANNER_NICENESS = 10  # pre-planning may wait; PEs on the same computer, as
 
 
 def mastership(arguments: argparse.Namespace) -> int:
-    """Run a manager; returns 0, or 1 where it ended by itself; raises WireLimitError where the wire is too narrow."""
+    """Run the manager; returns 0, or 1 where it ended by itself.
+
+    Raises WireLimitError where the spec exceeds what the protocol can encode.
+    """
     spec = with_heartbeat(load_spec_file(arguments.spec), arguments.slower_heartbeat_ns)
     require_wire_limits(spec)
     key = None if arguments.key is None else read_key(arguments.key)
@@ -118,7 +121,7 @@ def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
 
 
 def _node(arguments: argparse.Namespace) -> int:
-    """Give the node-ID: the given one, else the first manager's, or the second manager's for a standby manager."""
+    """Give the manager's node-ID: the given one, else the usual one of an active or a standby manager."""
     if arguments.node is not None:
         return int(arguments.node)
     return LAST_MANAGER if arguments.standby else FIRST_MANAGER
@@ -141,7 +144,7 @@ def _say(sentence: str) -> None:
 
 
 def default_state_dir(spec_name: str) -> Path:
-    """Folder for files that must outlive a restart: below XDG_STATE_HOME, one per spec."""
+    """Give the folder for files that must outlive a restart: below XDG_STATE_HOME, one per spec."""
     home = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return Path(home) / "heronry" / spec_name
 

@@ -1,9 +1,9 @@
 """Runs one module without a bus: builds it, and steps it some times with the same inputs, as its partition would.
 
-The code is that of a partition (`heronry_agent.shell.module_runner`), in this process. Time is the module's own: each
-step is one period after the one before, however long it takes here. A value that a partition would refuse to send
-counts as a failure, and so does code that has not ended after a limit of time: an agent kills the partition of a module
-that hangs.
+The module runs in this process, by the code that runs it in a partition (`heronry_agent.shell.module_runner`). Time is
+the module's own: each step is one period after the one before, however long it takes here. A value that a partition
+would refuse to send counts as a failure. So does code that has not ended after a limit of time, since an agent kills
+the partition of a module that hangs.
 """
 
 import signal
@@ -31,7 +31,13 @@ _AGAIN_S = 0.5  # code that catches everything is ended again
 
 @dataclass(slots=True)
 class Trial:
-    """The steps that a module has computed, and how it failed, if it did; `failed_in` is 0 before the first step."""
+    """The result of a trial.
+
+    steps: the steps that the module has computed.
+    failure: how it failed; None if it did not.
+    failed_in: the step in which it failed; 0 before the first step.
+    longest_ns: the longest time that a step took.
+    """
 
     steps: list[Result] = field(default_factory=list)
     failure: Failure | None = None
@@ -78,7 +84,7 @@ def expect_there(image: str) -> None:
 
 
 def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int, limit_s: float) -> Trial:
-    """Build a module and step it; one that ends its process, or takes longer than the limit, has failed, as on a PE.
+    """Build a module and step it; code that ends its process, or exceeds the limit, has failed, as on a PE.
 
     Raises UnknownImageError where there is no such code.
     """
@@ -95,7 +101,7 @@ def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | Non
 
 
 class _TooLongError(BaseException):  # an Exception would be taken for one of the module's own
-    """The code of the module has not ended in time; `place` and `stack` say where it was then."""
+    """Raised where the code of the module has not ended in time; `place` and `stack` say where it was."""
 
     def __init__(self, frame: FrameType | None) -> None:
         super().__init__()
@@ -106,7 +112,7 @@ class _TooLongError(BaseException):  # an Exception would be taken for one of th
 
 
 def _own_frames(frame: FrameType) -> list[traceback.FrameSummary]:
-    """Give the frames of the module's code, from the one that was called on."""
+    """Give the frames of the module's own code in a traceback, from its first function on."""
     frames = traceback.extract_stack(frame)
     called = max((at for at, one in enumerate(frames) if not is_foreign(one.filename)), default=-1)
     return frames[called + 1 :]
@@ -158,7 +164,7 @@ def read_value(text: str) -> Value:
 
 
 def period_ns(rate_hz: float) -> int:
-    """Time between two steps."""
+    """Give the time between two steps."""
     return round(_NS_PER_S / rate_hz)
 
 

@@ -22,7 +22,7 @@ _GRID_NS, _WORK_NS = 10_000_000, 400_000  # about what an agent of the shipped a
 
 
 def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
-    """Rehearse with this many processes for this long; gives the worst lateness, in ns.
+    """Rehearse with this many processes for this long; returns the largest lateness, in ns.
 
     niceness: as of setpriority(2); a negative one is ignored where this user may not use it.
     """
@@ -45,7 +45,7 @@ def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
 
 
 def kept_heartbeat_ns(late_ns: int) -> int:
-    """Heartbeat period that a node can keep if it is up to `late_ns` late.
+    """Give the heartbeat period that a node can keep if it is up to `late_ns` late.
 
     It is the usual period, doubled as often as needed.
     """
@@ -56,13 +56,13 @@ def kept_heartbeat_ns(late_ns: int) -> int:
 
 
 def with_heartbeat(spec: Spec, at_least_ns: int) -> Spec:
-    """Give the spec with no heartbeat period shorter than this; its digest stays, since no plan depends on it."""
+    """Return the spec with every heartbeat period at least this long; its digest stays the same."""
     slower = (replace(bus, heartbeat_ns=max(bus.heartbeat_ns, at_least_ns)) for bus in spec.buses.values())
     return replace(spec, buses={bus.name: bus for bus in slower})
 
 
 def _rehearse(pipe: int, end_ns: int, niceness: int) -> None:
-    """Be one of the processes, and end with it."""
+    """Run one process of the rehearsal; it writes its lateness into the pipe and ends."""
     worst_ns = 0
     try:
         with suppress(PermissionError):

@@ -23,7 +23,12 @@ _ECHO_NODES = {actuator_echo_id(node): node for node in PE_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """One frame of an output: the module, and the node on which it drove its actuator or ran."""
+    """One frame of an output.
+
+    t_ns: the end of the frame.
+    module, node: the module of the output, and the node on which it drove its actuator or ran.
+    value: the command to the actuator; None where there is none.
+    """
 
     t_ns: int
     module: str
@@ -33,7 +38,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """A time in which a function was not heard, from `from_ns` to `to_ns` (None: it has not been heard again)."""
+    """A time in which a function was not heard: from its last output to the next one (None while there is none)."""
 
     function: str
     from_ns: int
@@ -50,7 +55,7 @@ class _Watched:
 
 
 class Witness:
-    """Follows the outputs of one spec."""
+    """Observes the outputs of one spec; `rivals` are pairs of outputs of two modules that drive in turn."""
 
     def __init__(self, spec: Spec) -> None:
         self.rivals: list[tuple[Output, Output]] = []
@@ -91,7 +96,7 @@ class Witness:
         return self._watched[function].patience_ns
 
     def outages(self, now_ns: int) -> list[Outage]:
-        """Every time a function that had been heard fell silent, in order."""
+        """List every silence of a function that had been heard before, in order of time."""
         found = [outage for watched in self._watched.values() for outage in watched.outages]
         for name, watched in self._watched.items():
             if watched.last is not None and not self.served(name, now_ns):

@@ -1,1 +1,4 @@
-"""The simulator: the flight cores, unchanged, on simulated buses in virtual time; one seed determines a flight."""
+"""The simulator: the manager and agent cores that fly, unchanged, on simulated buses in virtual time.
+
+One seed determines a flight.
+"""

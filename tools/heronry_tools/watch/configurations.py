@@ -1,4 +1,7 @@
-"""What the running configuration means in the present situation: functions, modules, budgets, planned loads, graph."""
+"""What the running configuration means in the present situation, for a snapshot.
+
+It gives the functions and modules, the budgets of the PEs, the planned loads of the buses, and the graph.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -26,7 +29,7 @@ class RunningPlan:
 
     @classmethod
     def of_document(cls, spec: Spec, document: Mapping[str, Any] | None) -> "RunningPlan":
-        """Take a plan document; modules that the spec does not have are left out."""
+        """Make a running plan of a plan document; modules that the spec does not have are left out."""
         if document is None:
             return NOTHING_RUNS
         try:
@@ -41,7 +44,7 @@ class RunningPlan:
         return cls(Configuration({name: known[name] for name in spec.modules if name in known}), document)
 
     def places(self) -> dict[str, Place]:
-        """Where each module runs."""
+        """Give the PE and mode of each module."""
         return {name: Place(running.pe, running.mode) for name, running in self.configuration.modules.items()}
 
 
@@ -49,13 +52,13 @@ NOTHING_RUNS = RunningPlan()
 
 
 class Situations:
-    """Shows configurations of one spec in situations."""
+    """Adds the running configuration of one spec to snapshots."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec, self._graphs = spec, LiveGraphs(spec)
 
     def first(self, snapshot: Snapshot) -> Snapshot:
-        """Fill a snapshot with what the spec has, of which nothing is known yet."""
+        """Return the snapshot with all elements of the spec, of which nothing is known yet."""
         spec = self._spec
         return replace(
             snapshot,
@@ -71,7 +74,7 @@ class Situations:
         )
 
     def shown(self, snapshot: Snapshot, running: RunningPlan) -> Snapshot:
-        """Give the snapshot with a configuration in its situation."""
+        """Return the snapshot with all that follows from a configuration in the snapshot's situation."""
         now = self._situation(snapshot)
         return replace(
             snapshot,
@@ -87,7 +90,7 @@ class Situations:
         )
 
     def _situation(self, snapshot: Snapshot) -> Situation:
-        """Give the situation as far as it is known: a PE that was never heard counts as available."""
+        """Give the situation as far as it is known; a PE that was never heard counts as available."""
         missing = {f"pe:{name}" for name, pe in snapshot.pes.items() if pe.standing in _UNAVAILABLE}
         down = (missing | {fault.element for fault in snapshot.faults}) - {f"bus:{self._spec.manager.bus}"}
         limits = {f"bus:{name}": _share(bus.link) for name, bus in snapshot.buses.items() if bus.link is not None}

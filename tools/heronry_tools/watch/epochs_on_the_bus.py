@@ -1,7 +1,7 @@
 """Reconfigurations as a bus shows them: PREPARE, ACTIVATE, and the PEs that report to run the epoch.
 
-The bus shows when an epoch was prepared, activated, and reported by every PE that is heard; not why. The time to detect
-and to decide is known where the silence of a PE came before: `lost` tells that.
+The bus shows when an epoch was prepared, activated, and reported by every PE that is heard, but not why. The times to
+detect and to decide are known only if the loss of a PE was noticed before (`lost`): they begin with its silence.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,10 +25,14 @@ _FOLLOWS_NS = 10_000_000_000  # a loss that is older has not led to this epoch
 
 
 class EpochsOnTheBus:
-    """Follows the epochs of one flight."""
+    """Gets the frames of one flight, and reports its epochs."""
 
     def __init__(self, spec: Spec, tables: tuple[PeTable, ...], now: Callable[[], Situation]) -> None:
-        """tables: of the PEs, with the contingencies that they have on board. now: the situation as it is known."""
+        """Begin to observe.
+
+        tables: the tables of the PEs, with the contingencies on board.
+        now: gives the situation as it is known.
+        """
         self._spec, self._now = spec, now
         self._commanded = Commanded(spec, tables)
         self._wired = {spec.pes[pe].node_id for pe in reached_by_wire(spec)}
@@ -40,12 +44,12 @@ class EpochsOnTheBus:
         self._lost: tuple[int, int] | None = None  # when the last loss was declared, and the last sign before it
 
     def lost(self, t_ns: int, last_heard_ns: int | None, node: int) -> None:
-        """Take the loss of a PE: an epoch does not wait for it."""
+        """Note the loss of a PE, whose last frame came at `last_heard_ns`; an epoch does not wait for the PE."""
         self._reported.pop(node, None)
         self._lost = t_ns, t_ns if last_heard_ns is None else last_heard_ns
 
     def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[dict[str, Any]]:
-        """Take a command of a manager."""
+        """Take a command of a manager; yields what it shows: another manager or term, or an epoch that now runs."""
         message = decode_command(command, data)
         if isinstance(message, Malformed):
             return
@@ -56,7 +60,7 @@ class EpochsOnTheBus:
         yield from self._done(t_ns)
 
     def page_0(self, t_ns: int, node: int, page: StatePage0) -> Iterator[dict[str, Any]]:
-        """Take page 0 of a PE's state."""
+        """Take page 0 of a PE's state; yields an event if the epoch now runs on every PE that is heard."""
         self._reported[node] = page
         yield from self._done(t_ns)
 

@@ -1,6 +1,7 @@
 """The live parts of the dependency graph: which symbols and edges are in use, lost, idle or dead.
 
-The keys are those of `reports.render`, so that a picture that was drawn once is only coloured anew.
+Symbols and edges are named by the keys of `reports.render`. So a picture is drawn once, and later only its colours are
+changed.
 """
 
 from functools import lru_cache
@@ -15,20 +16,20 @@ from heronry_tools.watch.snapshot import Graph, Live
 
 
 def edge_key(edge: Edge) -> str:
-    """Name an edge: its ends, and the modes where it begins and ends (`-`: the symbol itself)."""
+    """Name an edge: by its two ends, and at each end by the mode (`-` where it ends at the symbol itself)."""
     cells = ("-" if cell is None else str(cell) for cell in (edge.out_cell, edge.in_cell))
     return f"{edge.source}>{edge.target}#{'/'.join(cells)}"
 
 
 class LiveGraphs:
-    """Colours the graph of one spec; what a situation leaves is worked out once."""
+    """Finds the live parts of one spec's graph; what could run in a situation is computed once."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
         self.feasible = lru_cache(maxsize=32)(lambda now: marks(spec, now).found)
 
     def graph(self, now: Situation, configuration: Configuration) -> Graph:
-        """Give the live parts in a situation, while a configuration runs."""
+        """Give the state of every symbol and edge in a situation in which this configuration runs."""
         spec = self._spec
         graph = build(spec, Marks(spec, self.feasible(now), configuration))
         lost = _lost_outputs(spec, now, configuration)
@@ -49,12 +50,12 @@ class LiveGraphs:
 
 
 def is_degraded(spec: Spec, configuration: Configuration, module: str) -> bool:
-    """Tell whether a running module runs in another than its best mode."""
+    """Tell whether a module of the configuration runs in another mode than its best one."""
     return configuration.modules[module].mode != next(iter(spec.modules[module].modes))
 
 
 def _lost_outputs(spec: Spec, now: Situation, configuration: Configuration) -> set[str]:
-    """Give the keys of the outputs of functions that are wanted and not served."""
+    """Give the keys of the output symbols of functions that are wanted and not served."""
     unserved = [
         function
         for function in spec.functions.values()

@@ -1,14 +1,16 @@
-"""What the frames of a flight tell, live or recorded: frames in, events and observations out.
+"""What the frames of a flight show, live or recorded: frames in, events and observations out.
+
+It has a part for each kind of observation:
 
     traffic    the load of each bus                                             `traffic`
-    PEs        what state frames say, whenever it is something new; when each PE was heard
+    PEs        the contents of state frames, when they change; when each PE was heard
     functions  whether their outputs are heard on the manager's bus             `heronry_tools.runtime.witness`
     epochs     reconfigurations                                                  `epochs_on_the_bus`
-    the rest   a manager's core that only advises, and whose advice is dropped: it follows what the active manager holds
-               and announces, and says which PE is lost or joins, as that one would
+    manager    a manager's core that only advises, and whose advice is dropped: from the frames that the active manager
+               gets and sends it concludes, as that one does, which PE is lost or joins
 
-Where the manager's own events are at hand (`tells_why`), the last two are left out. Nothing is sent. Time is that of
-the frames: `until` brings the deadlines before it, so the same frames give the same events.
+If the manager's own events are available (`tells_why`), the last two parts are left out. Nothing is sent. Time is that
+of the frames: `until` first handles the deadlines before it, so the same frames give the same events.
 """
 
 from collections.abc import Iterator, Mapping
@@ -43,7 +45,7 @@ _NOTHING_REPORTED: Mapping[str, Any] = dict.fromkeys(("incarnation", "epoch", "r
 
 
 class Listening:
-    """Listens to all buses of one flight."""
+    """Observes all buses of one flight."""
 
     def __init__(
         self,
@@ -54,7 +56,12 @@ class Listening:
         key: Key | None = None,
         tables: tuple[PeTable, ...] = (),
     ) -> None:
-        """Begin at `begins_ns` of the frames' clock; tables: of the PEs, with the contingencies on board."""
+        """Begin at `begins_ns` of the frames' clock.
+
+        tells_why: the manager's own events are available.
+        key: the key of the flight, if it has one.
+        tables: the tables of the PEs, with the contingencies on board.
+        """
         self._spec, self._main = spec, spec.manager.bus
         self._traffic = {bus.name: Traffic(bus.name, bus.bitrate) for bus in spec.buses.values()}
         self._witness = Witness(spec)
@@ -70,7 +77,7 @@ class Listening:
             self._epochs = EpochsOnTheBus(spec, tables, lambda: core.now)
 
     def take(self, bus: str, t_ns: int, frame: Frame) -> list[Event]:
-        """Take a frame that ended at `t_ns` on a bus of the spec; gives what it tells, and what was due before."""
+        """Take a frame that ended at `t_ns` on a bus of the spec; returns the events until then, in order."""
         found = self.until(t_ns)
         if bus in self._traffic:
             self._traffic[bus].take(t_ns, frame)
@@ -89,7 +96,7 @@ class Listening:
         return found
 
     def until(self, t_ns: int) -> list[Event]:
-        """Give what is due before `t_ns`."""
+        """Return the events that are due before `t_ns` without a further frame."""
         found: list[Event] = list(chain.from_iterable(traffic.until(t_ns) for traffic in self._traffic.values()))
         found += self._deadlines(t_ns)
         if t_ns >= self._tell_ns:
@@ -137,7 +144,7 @@ class Listening:
             yield from self._epochs.page_0(t_ns, self._spec.pes[pe].node_id, page)
 
     def _heard_until(self, t_ns: int) -> Iterator[Event]:
-        """Tell when PEs and functions were heard last, and every silence of a function once, and once its end."""
+        """Give the times of last frames, and an event for each silence of a function: at its begin, and at its end."""
         functions = {}
         for name in self._spec.functions:
             output = self._witness.last_output(name)

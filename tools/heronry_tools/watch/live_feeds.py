@@ -1,7 +1,8 @@
-"""Live feeds: the events of a manager here, with its bus beside them, or a bus alone. Nothing is ever sent on a bus.
+"""Live feeds: the events of a manager on this computer, with its bus beside them, or a bus alone.
 
-A feed is polled: `readers` gives what to wait on, `poll` what has come. A manager that ends leaves its feed open: the
-feed tries every second to follow it again, and `trouble` says meanwhile that it is gone.
+Nothing is ever sent on a bus. A feed is polled: `readers` gives the descriptors to wait on, `poll` the events that have
+come. If a manager ends, its feed stays open: it tries every second to connect to the manager again, and meanwhile
+`trouble` says that the manager is gone.
 """
 
 import json
@@ -35,7 +36,7 @@ _FIRST_LINE_S = 5.0
 
 
 class Feed(Protocol):
-    """Where a view gets its events from."""
+    """A source of events for a view, which polls it."""
 
     spec: Spec
     spec_file: Path | None  # None: the caller has named it
@@ -44,17 +45,17 @@ class Feed(Protocol):
     frames: list[LoggedFrame]  # heard in the last poll
 
     def readers(self) -> Sequence[Any]:
-        """Give what becomes readable when something has come."""
+        """Give the descriptors (or objects with one) that become readable when something has come."""
 
     def poll(self) -> list[Event]:
         """Give the events since the last poll, without waiting."""
 
     def close(self) -> None:
-        """Leave."""
+        """Close the manager's connection or the buses."""
 
 
 class HeardBuses:
-    """The buses that a feed listens to, and what their frames tell."""
+    """The buses that a feed listens to, and the events that their frames give."""
 
     def __init__(self, spec: Spec, choices: Sequence[BusChoice], listening: Listening) -> None:
         """Open the buses; raises LinkError."""
@@ -68,11 +69,11 @@ class HeardBuses:
             raise
 
     def readers(self) -> list[Any]:
-        """Give what becomes readable when a frame has come."""
+        """Give the descriptors that become readable when a frame has come."""
         return [reader for ear in self._ears.values() for reader in ear.readers]
 
     def poll(self, frames: list[LoggedFrame]) -> list[Event]:
-        """Give what the frames since the last poll tell; they are appended to `frames`."""
+        """Return the events of the frames since the last poll; the frames are appended to `frames`."""
         heard = [LoggedFrame(at, name, frame) for name, ear in self._ears.items() for at, frame in ear.hear()]
         heard.sort(key=lambda logged: logged.time_ns)
         frames += heard
@@ -80,7 +81,7 @@ class HeardBuses:
         return found + self._listening.until(time.monotonic_ns() - _LATE_NS)
 
     def close(self) -> None:
-        """Leave the buses."""
+        """Close the buses."""
         for ear in self._ears.values():
             with suppress(HeronryError, OSError):
                 ear.__exit__(None, None, None)
@@ -88,12 +89,12 @@ class HeardBuses:
 
 
 class FollowedManager:
-    """A manager of this computer, with its bus where that can be opened."""
+    """The feed of a manager of this computer, with its bus where that can be opened."""
 
     source: Source = "manager"
 
     def __init__(self, path: Path, *, hears_bus: bool = True) -> None:
-        """Follow the manager on a socket; raises ControlError, or UserError where its spec cannot be read."""
+        """Connect to the manager's socket; raises ControlError, or UserError where its spec cannot be read."""
         self._path = path
         self.trouble: str | None = None
         self.frames: list[LoggedFrame] = []
@@ -113,12 +114,12 @@ class FollowedManager:
         self._buses = self._opened(first["bus"]) if hears_bus else None
 
     def readers(self) -> Sequence[Any]:
-        """Give what becomes readable when something has come."""
+        """Give the descriptors that become readable when something has come."""
         line = [] if self.trouble else [self._line]
         return [*line, *([] if self._buses is None else self._buses.readers())]
 
     def poll(self) -> list[Event]:
-        """Give the events since the last poll; tries to follow again a manager that had ended."""
+        """Return the events since the last poll; tries to connect again to a manager that had ended."""
         events, self._events = self._events, []
         self.frames.clear()
         if self._buses is not None:
@@ -130,7 +131,7 @@ class FollowedManager:
         return events
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection and the bus."""
         self._line.close()
         if self._buses is not None:
             self._buses.close()
@@ -176,7 +177,7 @@ class FollowedManager:
             self._line, self._rest, self.trouble = line, b"", None
 
     def _opened(self, bus: Mapping[str, str]) -> HeardBuses | None:
-        """Open the manager's bus beside its events; without it there is no traffic, which is no error."""
+        """Open the manager's bus. If that fails, the feed has no traffic, which is no error."""
         model = self.spec.buses[bus["name"]]
         if not bus["channel"] or " " in bus["interface"]:  # it is can.conf that knows
             return None
@@ -187,14 +188,14 @@ class FollowedManager:
 
 
 class ListenedBuses:
-    """Buses alone: everything but why."""
+    """The feed of buses without a manager's events; it has no causes of reconfigurations."""
 
     source: Source = "bus"
 
     def __init__(
         self, spec: Spec, choices: Sequence[BusChoice], *, key: Key | None = None, tables: tuple[PeTable, ...] = ()
     ) -> None:
-        """Listen on buses; raises LinkError. tables: of the PEs, with the contingencies on board."""
+        """Open the buses; raises LinkError. `tables` are those of the PEs, with the contingencies on board."""
         self.spec = spec
         self.spec_file: Path | None = None
         self.trouble: str | None = None
@@ -205,22 +206,25 @@ class ListenedBuses:
         self._events: list[Event] = [observation("feed", now_ns, source="bus", knows_why=False, **named)]
 
     def readers(self) -> Sequence[Any]:
-        """Give what becomes readable when a frame has come."""
+        """Give the descriptors that become readable when a frame has come."""
         return self._buses.readers()
 
     def poll(self) -> list[Event]:
-        """Give the events since the last poll."""
+        """Return the events since the last poll."""
         self.frames.clear()
         events, self._events = self._events, []
         return events + self._buses.poll(self.frames)
 
     def close(self) -> None:
-        """Leave the buses."""
+        """Close the buses."""
         self._buses.close()
 
 
 def _spec_of(first: Mapping[str, Any]) -> Spec:
-    """Load the spec with which a manager flies; raises UserError where the file is not that any more."""
+    """Load the spec with which a manager flies.
+
+    Raises UserError if the file has changed since the manager loaded it.
+    """
     spec, digest = load_spec(first["file"]), first["status"]["spec_digest"]
     if spec.digest != digest:
         raise UserError(f"{first['file']} has changed since the manager was started: restart it, or undo the change")

@@ -1,8 +1,8 @@
 """A snapshot as metrics for Prometheus, in its text format; names and units by Prometheus' conventions.
 
-Each metric says one thing of a PE, bus, function, module or the manager; a fact that the feed does not tell has no
-sample. Times are seconds, shares are ratios from 0 to 1, sizes are bytes, states are one sample of value 1 for each
-name of a state. Counters count what the snapshot counts: since the feed began.
+A metric is a figure of each PE, bus, function or module, or of the manager. A figure that the feed does not give has no
+sample. Times are seconds, shares are ratios from 0 to 1, sizes are bytes. A state is given by one sample for each of
+its possible names: 1 for the present one, else 0. Counters begin with the feed.
 """
 
 from collections.abc import Iterable, Iterator
@@ -29,7 +29,7 @@ def exposition(snapshot: Snapshot) -> bytes:
 
 
 class _Once:
-    """Gives the metrics of one snapshot."""
+    """Collects the metrics of one snapshot for the library of Prometheus."""
 
     def __init__(self, snapshot: Snapshot) -> None:
         self._snapshot = snapshot
@@ -67,7 +67,7 @@ def _system(view: Snapshot) -> Iterator["Metric"]:
     names = ("spec", "spec_digest", "phase", "stage", "manager_state")
     values = (view.spec, view.spec_digest, view.phase or "", view.stage, view.manager.state or "")
     yield _gauge("info", "Spec, phase and stage, as labels.", names, [(values, 1)])
-    yield _gauge("epoch", "Number of the running configuration.", (), [((), view.epoch)])
+    yield _gauge("epoch", "Epoch of the running configuration.", (), [((), view.epoch)])
     yield _gauge("term", "Term of the active manager.", (), [((), view.manager.term)])
     yield _gauge("manager_node", "Node-ID of the manager.", (), [((), view.manager.node)])
     yield _gauge("latched_faults", "Latched faults.", (), [((), len(view.faults))])

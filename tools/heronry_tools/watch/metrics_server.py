@@ -1,4 +1,7 @@
-"""Serves the metrics of a source to a Prometheus on this computer: one page, one thread, no other address."""
+"""Serves the metrics of a source to a Prometheus on this computer.
+
+There is one page, served by one thread, on the loopback address only.
+"""
 
 import select
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -28,12 +31,12 @@ def serve(source: TopSource, port: int) -> None:
 
 def _page(source: TopSource) -> type[BaseHTTPRequestHandler]:
     class Page(BaseHTTPRequestHandler):
-        """The one page."""
+        """The page of metrics."""
 
         timeout = 1.0  # a caller that says nothing holds nobody up for longer
 
         def do_GET(self) -> None:
-            """Give the metrics of now."""
+            """Answer with the present metrics."""
             is_it = self.path.partition("?")[0] == "/metrics"
             body = exposition(source.snapshot()) if is_it else b"the metrics are at /metrics\n"
             self.send_response(200 if is_it else 404)
@@ -43,6 +46,6 @@ def _page(source: TopSource) -> type[BaseHTTPRequestHandler]:
             self.wfile.write(body)
 
         def log_message(self, *_: Any) -> None:
-            """Say nothing of every scrape."""
+            """Write no line in the log for each request."""
 
     return Page

@@ -1,7 +1,8 @@
-"""What a feed tells beside the manager's events (`heronry_manager.core.events`): as JSON lines of the same form.
+"""What a feed gives beside the manager's events (`heronry_manager.core.events`), as JSON lines of the same form.
 
-The manager's driver writes the first two to every reader of its events (`follow`); the others come from the frames of a
-bus, live or recorded. A reader that does not know a kind ignores it.
+The manager's driver sends `status`, `runs` and `lines_lost` to a reader of its events (`follow`). `resumed` and `feed`
+begin a recording or a feed. The others come from the frames of a bus, live or recorded. A reader ignores a kind that it
+does not know.
 """
 
 from collections.abc import Mapping

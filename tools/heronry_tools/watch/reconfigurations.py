@@ -18,7 +18,10 @@ _KEPT_OUTAGES = 200
 
 
 def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapshot:
-    """Add a reconfiguration that is done to the snapshot `after` it; `before` shows what ran until now."""
+    """Return the snapshot `after` a reconfiguration with that reconfiguration added to its list.
+
+    before: the snapshot with the configuration that ran until now. event: the `reconfigured` or `epoch_seen` of it.
+    """
     times = {key: event["times_ns"].get(key) for key in ("detect", "decide", "distribute", "activate")}
     t_ns = event["t_ns"]
     began_ns = event.get("began_ns") or t_ns - sum(ns for ns in times.values() if ns is not None)
@@ -48,7 +51,10 @@ def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapsho
 
 
 def with_outage(snapshot: Snapshot, outage: Outage) -> Snapshot:
-    """Add an outage, or the end of one that is known; it belongs to the reconfiguration in whose time it began."""
+    """Return the snapshot with an outage added, or with the end of one that is listed.
+
+    The outage is also added to the reconfiguration that was under way when the outage began.
+    """
     known = _merged(snapshot.outages, outage)[-_KEPT_OUTAGES:]
     reconfigurations = tuple(
         replace(one, outages=_merged(one.outages, outage)) if one.began_ns <= outage.from_ns <= one.done_ns else one

@@ -1,8 +1,9 @@
 """Writes a folder of `heronry record` (`recorded_folder`): frames and events of a live feed, in rotating files.
 
-The folder never exceeds its limit: before a pair of files is begun, the oldest ones go until there is room for it. Each
-pair but the first begins with `resumed`, the whole snapshot, so that it can be read without those before it. What has
-come is given to the kernel with every poll: a kill loses nothing that was written before.
+The folder never exceeds its limit: before a new pair of files (frames, events) is begun, the oldest pairs are deleted
+until there is room for it. Each pair but the first begins with `resumed`, the whole snapshot, so that it can be read
+without the pairs before it. What has come is handed to the kernel at every poll: if this process is killed, nothing
+that was written before is lost.
 """
 
 import json
@@ -30,7 +31,7 @@ _DIGITS = 8  # of the number of a pair
 
 
 class Recorder:
-    """One folder that is being written."""
+    """Writes one folder."""
 
     def __init__(self, folder: Path, spec: Spec, source: Source, spec_text: bytes, limit_bytes: int) -> None:
         """Begin a folder, which must be empty or new; raises UserError.
@@ -49,7 +50,7 @@ class Recorder:
         self._begin_pair()
 
     def write(self, frames: Iterable[LoggedFrame], events: Iterable[Mapping[str, Any]]) -> None:
-        """Write what has come; raises UserError where the disk does not take it."""
+        """Write frames and events; raises UserError where the disk does not take them."""
         try:
             for logged in frames:
                 date = LoggedFrame(logged.time_ns + self._offset_ns, logged.channel, logged.frame)
@@ -117,7 +118,7 @@ class Recorder:
                 stream.close()
 
     def _make_room(self) -> None:
-        """Delete the oldest pairs until the next one has room."""
+        """Delete the oldest pairs of files until there is room for the next one."""
         sizes = {file: file.stat().st_size for file in sorted(self._folder.iterdir())}
         pairs = sorted({file.name[:_DIGITS] for file in sizes if file.name.endswith((FRAMES_SUFFIX, EVENTS_SUFFIX))})
         while pairs and sum(sizes.values()) + 2 * self._pair_bytes > self._limit_bytes:

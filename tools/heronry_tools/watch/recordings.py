@@ -1,8 +1,9 @@
 """Recorded feeds: a candump log with its spec, a folder of `heronry record`, or a stream of events as JSON lines.
 
-From a log the events are made anew: all that frames tell (`listening`), and, where the log begins before the manager
-and its core decides again as recorded (`sim.replay`), the manager's own events with their causes. Else, or where there
-is no solver, the feed tells no causes. A folder has the events as they were told in flight.
+A log has only frames, so its events are computed: those that frames show (`listening`), and the manager's own events
+with their causes, by running the manager's core again (`sim.replay`). The latter is possible if the log begins before
+the manager, the solver is installed, and the core decides as recorded; else the feed has no causes. A folder has the
+events that were recorded in flight.
 """
 
 import json
@@ -17,7 +18,7 @@ from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.replay.proven import is_tagged, proven
-from heronry_tools.sim.replay.recorded_folder import events_of, is_recorded_folder, log_of, spec_of
+from heronry_tools.sim.replay.recorded_folder import events_of, expect_spec_of, is_recorded_folder, log_of, spec_of
 from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording
 from heronry_tools.watch.listening import Listening
 from heronry_tools.watch.observations import observation
@@ -41,18 +42,21 @@ class Recording:
     source: Source
 
     def timeline(self) -> Timeline:
-        """Give the snapshot at any time."""
+        """Give the timeline, which has the snapshot at any time."""
         return Timeline(Reducer(self.spec), self.events, self.source)
 
 
 def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Recording:
     """Open a log, a folder of `heronry record`, a file of events (.jsonl), or a scenario, which is flown now.
 
-    spec: its file or name; None is possible with a folder or a scenario, which name their spec. Raises UserError.
+    spec: its file or name; None is possible for a folder or a scenario, which name their spec.
+    key: the file of the flight's key, if it had one.
+    Raises UserError.
     """
     if is_recorded_folder(path):
-        loaded = spec_of(path) if spec is None else load_spec(spec)
-        return Recording(loaded, log_of(path), list(events_of(path)), "record")
+        return Recording(spec_of(path, spec), log_of(path), list(events_of(path)), "record")
+    if not path.exists():
+        raise UserError(f"{path}: No such file or directory; name a log, or a folder of 'heronry record'")
     if path.suffix == ".scenario":
         return _flown(path)
     if path.is_dir():
@@ -61,13 +65,16 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
         raise UserError(f"{path} does not say of which spec it is: name the spec behind it")
     loaded = load_spec(spec)
     if path.suffix == ".jsonl":
-        return Recording(loaded, [], list(read_events(path)), "record")
+        events = list(read_events(path))
+        for told in (one for one in events if "spec_digest" in one):
+            expect_spec_of(told, loaded, "name the spec of the flight", str(path))
+        return Recording(loaded, [], events, "record")
     frames, _ = read_recording(path)
     return Recording(loaded, frames, events_of_log(loaded, frames, key, str(path)), "log")
 
 
 def _flown(path: Path) -> Recording:
-    """Fly a scenario in the simulator; gives what its managers and its buses told."""
+    """Fly a scenario in the simulator; returns the events of its managers and of its frames."""
     from heronry_tools.sim.scenario.in_simulator import fly  # noqa: PLC0415 - needs the solver
     from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
 
@@ -90,14 +97,14 @@ def _named(spec: Spec) -> dict[str, str]:
 
 
 def _with_frames(spec: Spec, frames: list[LoggedFrame], told: Sequence[Event], listening: Listening) -> Iterator[Event]:
-    """Give what frames tell, and what the managers told, in order of time."""
+    """Return the events of frames, and those of the managers (`told`), in order of time."""
     bus_of = _buses(spec, frames)
     seen = [one for frame in frames for one in listening.take(bus_of[frame.channel], frame.time_ns, frame.frame)]
     return merge(told, seen, key=lambda event: event["t_ns"])
 
 
 def read_events(path: Path) -> Iterator[Event]:
-    """Read events, one JSON object a line; lines that are none are left out. Raises UserError if there is none."""
+    """Read events, one JSON object a line; other lines are left out. Raises UserError if there is no event."""
     found = False
     with path.open(encoding="utf-8", errors="replace") as lines:
         for line in lines:
@@ -113,7 +120,7 @@ def read_events(path: Path) -> Iterator[Event]:
 
 
 def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: str) -> list[Event]:
-    """Make the feed of a log; raises UserError where the flight had a key, and none is given."""
+    """Compute the events of a log; raises UserError where the flight had a key, and none is given."""
     if is_tagged(frames) and key is None:
         raise UserError(f"{name} is of a flight with a key: name it with --key")
     told = _why(spec, frames, key)
@@ -124,7 +131,10 @@ def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: 
 
 
 def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
-    """Give the bus of each channel of a log: that of the same name, or the manager's where there is but one."""
+    """Give the bus of each channel of a log.
+
+    It is the bus of the same name. If the log has only one channel, it is the manager's bus.
+    """
     channels = list(dict.fromkeys(frame.channel for frame in frames))
     if len(channels) == 1 and channels[0] not in spec.buses:
         return {channels[0]: spec.manager.bus}
@@ -132,7 +142,7 @@ def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
 
 
 def tables_of(spec: Spec) -> tuple[PeTable, ...]:
-    """Give the tables of the PEs, with the plans made ahead that this user keeps; none where there is no solver."""
+    """Give the tables of the PEs with the plans made ahead that are in this user's cache; none without a solver."""
     try:
         from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415 - needs the solver
     except ModuleNotFoundError:
@@ -141,7 +151,7 @@ def tables_of(spec: Spec) -> tuple[PeTable, ...]:
 
 
 def _why(spec: Spec, frames: list[LoggedFrame], key: Key | None) -> list[Event] | None:
-    """Give the manager's events by running its core again; None where that is not possible, or decides otherwise."""
+    """Give the manager's events by running its core again; None where that is not possible, or its decisions differ."""
     on_the_bus = on_the_managers_bus(spec, frames, None)
     found = masterships(spec, on_the_bus if key is None else proven(spec, key, on_the_bus))
     if not found or found[0].epoch:

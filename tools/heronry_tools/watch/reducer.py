@@ -4,12 +4,13 @@
     state = reducer.after(state, event)      for the manager's events (`heronry_manager.core.events`), and for
     state.snapshot                           what the feeds add (`observations`)
 
-It is pure: it reads no clock, a state is never changed, and the same events give the same snapshot, whether they come
-live or from a recording. An event of a kind that it does not know, or of a later version, only counts.
+The reducer is pure: it reads no clock, a state is never changed, and the same events give the same snapshot, whether
+they come live or from a recording. An event of an unknown kind, or of a later version, only raises the number of
+events.
 
-What runs is the plan of the last `reconfigured`, `runs`, `epoch_seen` or `status`. A plan that is ready, or an epoch
-that is being prepared, is kept until its epoch runs. The situation (what is down) follows the events at once, so that
-the graph shows a loss before the plan for it runs.
+The running configuration is that of the last `reconfigured`, `runs`, `epoch_seen` or `status`. A plan that is ready, or
+an epoch that is being prepared, is kept until its epoch runs. The situation (what is down) changes with each event at
+once, so that the graph shows a loss before the plan for it runs.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -70,7 +71,7 @@ _SHOWN_ANEW = _CHANGES_WHAT_RUNS | _CHANGES_SITUATION | (_STANDING.keys() - {"pe
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A snapshot, and what will be needed to make the next one."""
+    """A snapshot, and what the reducer needs to make the next one."""
 
     snapshot: Snapshot
     running: RunningPlan = NOTHING_RUNS
@@ -86,7 +87,7 @@ class Reducer:
         self._situations = Situations(spec)
 
     def start(self, source: Source = "manager") -> State:
-        """Give the state before the first event."""
+        """Give the state before the first event; `source` is the kind of the feed."""
         spec = self.spec
         snapshot = Snapshot(source=source, spec=spec.name, spec_digest=spec.digest, phase=spec.initial_phase())
         return State(self._situations.shown(self._situations.first(snapshot), NOTHING_RUNS))
@@ -115,7 +116,7 @@ class Reducer:
         return state
 
     def all(self, events: Iterable[Event], start: State | None = None) -> State:
-        """Give the state after events."""
+        """Give the state after all events, from the state `start`."""
         state = self.start() if start is None else start
         for event in events:
             state = self.after(state, event)
@@ -177,7 +178,7 @@ def _status(spec: Spec, state: State, event: Event) -> State:
 
 
 def _resumed(spec: Spec, state: State, event: Event) -> State:
-    """Go on from a snapshot: in a whole recording it changes nothing."""
+    """Continue from the snapshot in a `resumed` event; if the events before it were read, it changes nothing."""
     view: Snapshot = _READER.validate_python(event["snapshot"])
     return replace(state, snapshot=view, running=RunningPlan.of_document(spec, event["plan"]))
 

@@ -1,4 +1,7 @@
-"""The JSON schema of a snapshot, made from its data classes, and kept in a file beside them for other languages."""
+"""The JSON schema of a snapshot, made from its data classes.
+
+A file beside them has the same text, for programs in other languages.
+"""
 
 import json
 from pathlib import Path

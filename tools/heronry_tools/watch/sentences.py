@@ -1,6 +1,7 @@
-"""Events as views list them: how severe, and one sentence. Those of `reports.story` are told in its words.
+"""Events as views list them: a severity and one sentence each.
 
-A PE that is suspected, and answers in time, is not listed: on a computer that is busy this happens all the time.
+An event for which `reports.story` has a sentence of its own gets that sentence. A PE that is suspected, and answers in
+time, is not listed: on a busy computer this happens all the time.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +21,7 @@ _SEVERITIES: Mapping[Tone, Severity] = {
 
 
 def sentence_of(event: Mapping[str, Any]) -> tuple[Severity, str] | None:
-    """Give severity and sentence of an event; None where it is none to list."""
+    """Give severity and sentence of an event; None for an event that is not listed."""
     kind = event["event"]
     if kind in _OWN:
         severity, tell = _OWN[kind]
@@ -77,7 +78,7 @@ _OWN: Mapping[str, tuple[Severity, Callable[[Mapping[str, Any]], str]]] = {
     "plan_unchanged": ("detail", lambda _: "everything already runs as planned"),
     "plan_kept": ("detail", lambda _: "the optimal plan is not better, so the running configuration stays"),
     "epoch_prepared": ("detail", lambda e: f"epoch {e['epoch']} is prepared on {', '.join(e['pes'])}"),
-    "epoch_step": ("detail", lambda e: f"epoch {e['epoch']}: {e['step']} is out"),
+    "epoch_step": ("detail", lambda e: f"epoch {e['epoch']}: ACTIVATE with {e['step']} is sent"),
     "epoch_abandoned": ("warning", lambda e: f"epoch {e['epoch']} is given up: {e['reason']}"),
     "pe_lost": ("error", lambda e: f"{e['pe']} is lost: {e['cause']}"),
     "pe_joined": ("good", lambda e: f"{e['pe']} joins: {e['cause']}"),

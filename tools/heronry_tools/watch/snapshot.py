@@ -1,12 +1,12 @@
-"""The snapshot: everything that is known of a system at one moment, whatever it was learnt from.
+"""The snapshot: everything that is known of a system at one moment, whatever its source.
 
-`reducer` makes it from events, and knows nothing else but the spec. All views (`heronry top`, `heronry web`, metrics)
-show a snapshot, and the same events give the same snapshot. `docs/watch.md` describes it to users.
+`reducer` makes it from events and the spec. All views (`heronry top`, `heronry web`, metrics) show a snapshot, and the
+same events give the same snapshot. `docs/watch.md` describes it to users.
 
-Times end in `_ns`: nanoseconds of the clock of the feed: CLOCK_MONOTONIC of a live system, the recorder's clock
-of a recording, and virtual time of the simulator. `null` in the document is a fact that this feed does not tell. A bus
-alone tells no causes (`knows_why` is false): then reconfigurations have no `causes`, and `detect` and `decide` are
-known only where a PE fell silent.
+Times end in `_ns`: nanoseconds of the clock of the feed, which is CLOCK_MONOTONIC of a live system, the recorder's
+clock of a recording, or virtual time of the simulator. In the document `null` is a fact that this feed does not give.
+The feed of a bus alone gives no causes (`knows_why` is false): then reconfigurations have no `causes`, and `detect` and
+`decide` are known only where a PE fell silent.
 
 The document is versioned: a later version adds keys; a key that is removed, or means something else, raises `v`.
 """
@@ -36,7 +36,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Manager:
-    """The manager that is active, or whose events these are."""
+    """The active manager; in the feed of a manager's events, that manager."""
 
     node: int | None = None
     term: int | None = None
@@ -88,7 +88,7 @@ class Bus:
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """A function: as planned (`served`) and as heard on the bus (`heard`)."""
+    """A function: whether the plan serves it (`served`), and whether its outputs are heard (`heard`)."""
 
     wanted: bool
     criticality: str
@@ -127,7 +127,7 @@ class Module:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A latched fault."""
+    """A fault that counts until the operator clears it."""
 
     element: str
     by: str
@@ -146,7 +146,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """The four times of a reconfiguration, in ns; null: this feed does not tell."""
+    """The four times of a reconfiguration, in ns; null where this feed does not give one."""
 
     detect: int | None = None
     decide: int | None = None
@@ -165,7 +165,11 @@ class Outage:
 
 @dataclass(frozen=True, slots=True)
 class Reconfiguration:
-    """A reconfiguration that is done. Names are of modules, or of functions."""
+    """A complete reconfiguration.
+
+    `moved`, `started` and `stopped` name modules. `lost`, `gained` and `kept` name functions that were served before,
+    are served now, or both.
+    """
 
     number: int  # from 1, in the order of the feed
     epoch: int
@@ -188,7 +192,7 @@ class Reconfiguration:
 
 @dataclass(frozen=True, slots=True)
 class ControlPath:
-    """Whether a control loop through a plant is closed."""
+    """Whether the control loop through a plant is closed."""
 
     state: str  # on_path, open, unmoved, unseen
     why: str | None = None
@@ -196,10 +200,13 @@ class ControlPath:
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """The live parts of the dependency graph, by the keys of its symbols and edges (`reports.render`).
+    """The state of each symbol and edge of the dependency graph, by their keys (`reports.render`).
 
-    served: in use; degraded: in use, a module in another than its best mode; lost: the output of a function that is
-    wanted and not served; idle: an alternative that is not chosen; dead: cannot run, hold or be given.
+    served: in use.
+    degraded: in use, but the module runs in another mode than its best one.
+    lost: the output of a function that is wanted and not served.
+    idle: an alternative that is not chosen.
+    dead: a module that cannot run, a gate that cannot hold, or a variable that no module can give.
     """
 
     nodes: Mapping[str, Live] = field(default_factory=dict)
@@ -209,7 +216,7 @@ class Graph:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """An event as a view lists it; the event itself is line `number` of the feed."""
+    """An event as a view lists it; it is event `number` of the feed."""
 
     number: int
     t_ns: int
@@ -252,5 +259,5 @@ class Snapshot:
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:
-    """Give a snapshot as plain data: what `heronry top --json` prints."""
+    """Give a snapshot as plain data, as `heronry top --json` prints it."""
     return asdict(snapshot)

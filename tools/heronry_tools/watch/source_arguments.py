@@ -1,4 +1,6 @@
-"""What a view watches, as its command line says it: a manager here, a bus, or a recording. The same for all views.
+"""The source that a view watches, in its command line: a manager on this computer, a bus, or a recording.
+
+It is the same for all views.
 
 nothing              the manager of this computer, found as 'heronry status' finds it
 --log FILE [SPEC]    a candump log, a folder of 'heronry record', a scenario, or events as JSON lines
@@ -29,7 +31,7 @@ EXAMPLES = """\
 
 
 def add_source_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what names a manager, buses or a recording."""
+    """Add the arguments that name a manager, buses or a recording."""
     from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
 
     parser.add_argument(
@@ -54,7 +56,7 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def opened_source(arguments: argparse.Namespace) -> "Feed | Recording":
-    """Open what the command line names; raises UserError, ControlError or LinkError."""
+    """Open the feed or recording that the command line names; raises UserError, ControlError or LinkError."""
     from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415
 

@@ -1,7 +1,7 @@
 """A recorded feed, of which any moment can be shown.
 
-States are made when they are asked for, from the nearest one that is kept. So many are kept that a step in time takes
-few events, and memory stays small.
+A state is computed when it is needed, from the nearest earlier one that is kept. A state is kept for every few events,
+so that a step in time is short, and memory stays small.
 """
 
 from bisect import bisect_right
@@ -16,7 +16,7 @@ _EVERY = 256  # events between two states that are kept
 
 
 class Timeline:
-    """The events of a recording, in the order in which they were told, and the state at any time."""
+    """The events of a recording, in the order of the feed, and the state at any time."""
 
     def __init__(self, reducer: Reducer, events: Sequence[Mapping[str, Any]], source: Source = "log") -> None:
         self.events, self.reducer = events, reducer
@@ -25,12 +25,12 @@ class Timeline:
 
     @property
     def begins_ns(self) -> int:
-        """Time of the first event; 0 where there is none."""
+        """Give the time of the first event; 0 where there is none."""
         return self.times_ns[0] if self.times_ns else 0
 
     @property
     def ends_ns(self) -> int:
-        """Time of the last event; 0 where there is none."""
+        """Give the time of the last event; 0 where there is none."""
         return self.times_ns[-1] if self.times_ns else 0
 
     def at(self, t_ns: int) -> Snapshot:
@@ -42,15 +42,15 @@ class Timeline:
         return self.after(len(self.events)).snapshot
 
     def reconfigurations(self) -> list[int]:
-        """Times at which a reconfiguration was done."""
+        """Give the times at which reconfigurations were complete."""
         return [event["t_ns"] for event in self.events if event["event"] in ("reconfigured", "epoch_seen")]
 
     def events_until(self, t_ns: int) -> int:
-        """Number of events up to and including `t_ns`."""
+        """Give the number of events up to and including `t_ns`."""
         return bisect_right(self.times_ns, t_ns)
 
     def after(self, count: int, known: State | None = None) -> State:
-        """Give the state after so many events, from a known earlier one if that is nearer."""
+        """Give the state after the first `count` events; `known` is an earlier state from which it may continue."""
         number = count // _EVERY
         while len(self._kept) <= number:
             begin = (len(self._kept) - 1) * _EVERY

@@ -1,4 +1,4 @@
-"""How loaded a bus is, by kind of traffic, from its frames: over the last second, told twice a second.
+"""The load of a bus, by kind of traffic, from its frames: over the last second, given twice a second.
 
 Bits are counted exactly (`heronry_wire.timing`), in slots of 100 ms. `peak` is the busiest slot of the last second.
 Time is that of the frames, so a recording gives the same figures as the flight.
@@ -39,7 +39,7 @@ _KIND_OF = {
 
 @cache
 def kind_of(can_id: int) -> str:
-    """Give the kind of traffic that a standard identifier belongs to."""
+    """Give the kind of traffic to which a standard identifier belongs."""
     return _KIND_OF.get(classify(can_id).use, "other")
 
 
@@ -61,7 +61,7 @@ class Traffic:
         self._error_state: str | None = None
 
     def take(self, t_ns: int, frame: Frame) -> None:
-        """Count a frame; the caller has called `until` with its time."""
+        """Count a frame that ended at `t_ns`; call `until` with that time before."""
         if frame.error:
             report = read_error_frame(frame)
             self._errors += 1
@@ -77,7 +77,7 @@ class Traffic:
             self._next_tell = number + TELL_SLOTS
 
     def until(self, t_ns: int) -> list[dict[str, Any]]:
-        """Give what is to be told before `t_ns`: at most the last figures, however long nothing came."""
+        """Return the observations that are due before `t_ns`; after a long pause only the last one."""
         number = t_ns // SLOT_NS
         if self._next_tell is None or number < self._next_tell:
             return []

@@ -1,4 +1,4 @@
-"""`heronry web`: a page that shows a system as its snapshots (`heronry_tools.watch`) come, in a process of its own.
+"""`heronry web`: a process that serves a page with the snapshots (`heronry_tools.watch`) of a system.
 
     feed (manager, bus, log) ─► live or recording ─► changes ─► one stream for each open page
     page ─► guard ─► questions ─► process of the planner         what if, why, what an order will cost

@@ -1,4 +1,7 @@
-"""The web application: which address gives what. `guard` has decided before whether the request may come in."""
+"""The web application: what is answered at each address.
+
+Only requests that the guard (`guard`) has let in get here.
+"""
 
 import asyncio
 import json
@@ -39,7 +42,7 @@ T = TypeVar("T")
 
 @dataclass(eq=False)
 class Site:
-    """Everything that the pages of one system show."""
+    """All that the pages of one system show, and the handlers of their requests."""
 
     spec: Spec
     shown: Live | Recording
@@ -52,7 +55,7 @@ class Site:
 
     @cached_property
     def facts(self) -> dict[str, Any]:
-        """What pages know from the beginning."""
+        """Give what a page gets once, when it is opened: the spec's facts, and what this server can do."""
         return {
             **facts(self.spec),
             "recorded": isinstance(self.shown, Recording),
@@ -61,21 +64,21 @@ class Site:
         }
 
     def picture(self, function: str) -> str:
-        """Give the drawing of what contributes to a function, or of the whole graph; each is made once."""
+        """Give the drawing of what contributes to a function, or of the whole graph; each is drawn only once."""
         if function not in self.pictures:
             self.pictures[function] = picture(self.spec, function or None)
         return self.pictures[function]
 
     async def page(self, _: Request) -> Response:
-        """Give the page."""
+        """Answer with the page."""
         return FileResponse(PAGE / "index.html", headers={"cache-control": "no-cache"})
 
     async def tell_facts(self, _: Request) -> Response:
-        """Give what the page knows of the spec and of this server."""
+        """Answer with what a page gets once, when it is opened."""
         return JSONResponse(self.facts, headers=_NO_STORE)
 
     async def draw(self, request: Request) -> Response:
-        """Give a drawing of the graph."""
+        """Answer with a drawing of the graph."""
         function = request.query_params.get("function", "")
         if function and function not in self.spec.functions:
             return _refused(404, "the spec has no such function")
@@ -83,7 +86,7 @@ class Site:
         return Response(drawing, media_type="image/svg+xml", headers=_NO_STORE)
 
     async def snapshot(self, request: Request) -> Response:
-        """Give one snapshot as JSON: that of now, or of a moment of a recording."""
+        """Answer with one snapshot as JSON: the present one, or that at a moment of a recording."""
         if isinstance(self.shown, Live):
             return JSONResponse(document(self.shown.snapshot), headers=_NO_STORE)
         at_ns = _number(request, "at_ns", self.shown.ends_ns)
@@ -91,7 +94,7 @@ class Site:
         return JSONResponse(document(state.snapshot), headers=_NO_STORE)
 
     async def stream(self, request: Request) -> Response:
-        """Open the stream of a page."""
+        """Answer with the stream of a page."""
         if isinstance(self.shown, Live):
             lines = live_stream(self.shown, self.closing)
         else:
@@ -101,14 +104,14 @@ class Site:
         return StreamingResponse(lines, media_type="text/event-stream", headers=_NO_STORE)
 
     async def events(self, _: Request) -> Response:
-        """Give the events as a file of JSON lines."""
+        """Answer with the events as a file of JSON lines."""
         name = f"{self.spec.name}.events.jsonl"
         text = "".join(f"{line}\n" for line in self.shown.lines())
         head = {**_NO_STORE, "content-disposition": f'attachment; filename="{name}"'}
         return Response(text, media_type="application/jsonl", headers=head)
 
     async def candump(self, _: Request) -> Response:
-        """Give the frames as a candump log, where they are recorded."""
+        """Answer with the frames as a candump log, where they are recorded."""
         if not self.frames:
             return _refused(404, "no frames are recorded here: 'heronry record' does that, and 'heronry demo --record'")
         lines = (f"{format_log_line(frame)}\n" for frame in self.frames)
@@ -116,7 +119,7 @@ class Site:
         return StreamingResponse(lines, media_type="text/plain", headers=head)
 
     async def ask(self, request: Request) -> Response:
-        """Ask the planner's process; a page that has gone away, or has asked something else, ends the search."""
+        """Ask the planner's process; the search ends if the page is closed, or asks something else."""
         question = await _json(request)
         if question is None:
             return _refused(400, "this is no question")
@@ -124,7 +127,7 @@ class Site:
         return _NOBODY_WAITS if answer is None else JSONResponse(answer, headers=_NO_STORE)
 
     async def _awaited(self, request: Request, working: Coroutine[Any, Any, T]) -> T | None:
-        """Wait for an answer; None, and an end of the work, where the page has gone away or the server ends."""
+        """Wait for an answer; returns None, and ends the work, if the page is closed or the server ends."""
         waiting = asyncio.create_task(working)
         while not (await asyncio.wait({waiting}, timeout=_LOOK_S))[0]:
             if self.closing.is_set() or await request.is_disconnected():
@@ -133,12 +136,12 @@ class Site:
         return waiting.result()
 
     async def warm(self, _: Request) -> Response:
-        """Start the planner's process, since a question will come."""
+        """Start the planner's process, because the page will ask a question."""
         await self.questions.warm()
         return JSONResponse({"done": True}, headers=_NO_STORE)
 
     async def order(self, request: Request) -> Response:
-        """Give an order."""
+        """Send an order to the manager or the demo, and answer with the result."""
         answer = await self._awaited(request, self.orders.give(await _json(request)))
         if answer is None:
             return _NOBODY_WAITS
@@ -146,7 +149,7 @@ class Site:
 
 
 def application(site: Site, begun: Callable[[], None] = lambda: None) -> Guard:
-    """Make the application; `begun` is called in its loop when it begins."""
+    """Make the application; it calls `begun` in its event loop when it begins."""
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -172,7 +175,7 @@ def application(site: Site, begun: Callable[[], None] = lambda: None) -> Guard:
 
 
 async def _json(request: Request) -> dict[str, Any] | None:
-    """Read a question or an order; None where it is none."""
+    """Read the JSON object of a question or an order; None if the request has none."""
     body = bytearray()
     async for part in request.stream():
         body += part
@@ -186,7 +189,7 @@ async def _json(request: Request) -> dict[str, Any] | None:
 
 
 def _number(request: Request, name: str, usual: float) -> float:
-    """Read a number from the address; what is no finite number counts as not given."""
+    """Read a number from the address; `usual` if there is none, or none that is finite."""
     try:
         value = float(request.query_params.get(name, usual))
     except ValueError:

@@ -1,10 +1,10 @@
-"""What is sent to a page: a whole snapshot first, and then what is different in a later one.
+"""What is sent to a page: a whole snapshot first, and then only the differences of later ones.
 
     {"set": {"phase": ...}, "merge": {"pes": {"nav": ...}}, "graph": {"nodes": {...}}, "told": [...], "loads": [...]}
 
-`set` replaces keys of the snapshot, `merge` replaces entries of a mapping, `graph` entries of its three mappings;
-`reconfigurations` and `told` are those that are new or different, each with its `number`. The page holds as many of
-both as a snapshot does. `whole` gives a later snapshot from an earlier one's document and the change, as the page does.
+`set` replaces keys of the snapshot, `merge` replaces entries of a mapping, and `graph` entries of its three mappings.
+`reconfigurations` and `told` list those that are new or different, each with its `number`; the page keeps as many of
+them as a snapshot does. `whole` computes a later snapshot from an earlier one and the change, as the page does.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ def plain(value: Any) -> Any:
 
 
 def change(before: Snapshot, after: Snapshot) -> Document:
-    """Give what is different in `after`."""
+    """Give the difference that leads from the snapshot `before` to the snapshot `after`."""
     found: Document = {"set": {}, "merge": {}, "graph": {}}
     for field in fields(Snapshot):
         name = field.name

@@ -2,9 +2,9 @@
 
     python -m heronry_tools.web.desk SPEC DIGEST           started by `questions`, which holds its standard input
 
-It has the solver and the spec in its memory. Questions come on standard input, answers go to standard output, one JSON
-object a line each, in order. It plans for nobody who flies, and ends, also in the middle of a search, when standard
-input closes.
+The process has loaded the solver and the spec. Questions come on standard input, answers go to standard output, each as
+one line of JSON, in order. Its plans are never flown. The process ends when standard input closes, even in the middle
+of a search.
 
     {"ask": "plan", "down": ["pe:nav"], "limits": [], "phase": "glide", "priorities": []}
     {"plan": {... as 'heronry plan --json'}, "graph": {... as in a snapshot}}
@@ -34,13 +34,13 @@ from heronry_wire.errors import HeronryError
 
 
 class Desk:
-    """Answers for one spec."""
+    """Answers questions about one spec."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec, self._graphs = spec, LiveGraphs(spec)
 
     def answer(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """Answer a question; what it names is checked here."""
+        """Answer a question; if it names what the spec does not have, the answer is a refusal."""
         try:
             match question:
                 case {"ask": "plan"}:
@@ -65,7 +65,7 @@ class Desk:
 
 
 def main() -> None:
-    """Answer until standard input closes."""
+    """Answer questions until standard input closes."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
     spec = load(sys.argv[1])

@@ -1,4 +1,4 @@
-"""What a page knows of the spec itself, beside the snapshot: names, kinds and needs, for details and choices."""
+"""What a page needs of the spec itself, beside the snapshot: names, kinds and needs, for details and choices."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from heronry_tools.web.picture import contributing, symbols
 
 
 def facts(spec: Spec) -> dict[str, Any]:
-    """Give the facts as plain data."""
+    """Give these facts as plain data."""
     return {
         "name": spec.name,
         "digest": spec.digest,

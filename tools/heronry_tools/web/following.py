@@ -1,10 +1,10 @@
-"""Reads a live feed in a thread, for the loop that owns the state of the pages.
+"""Reads a live feed in a thread, for the event loop that owns the state of the pages.
 
     waiting ──a manager listens──► reading ──it has gone──► waiting for it, or for its standby manager
 
-Heard is what comes from outside: an event of the manager, a frame. What a feed says by the clock alone (`heard`,
-`bus_seen`) is shown, and is no sign of life. Where no bus is heard beside a manager, its open line counts, since a calm
-flight has no events for minutes.
+Pages show how long nothing has come from the system. Only what comes from outside counts for that: an event of the
+manager, or a frame. Observations that a feed makes by the clock (`heard`, `bus_seen`) do not count. If a manager is
+followed without its bus, its open connection counts, too, since a calm flight has no events for minutes.
 """
 
 import asyncio
@@ -29,12 +29,15 @@ OpenFeed = Callable[[], Feed]
 
 
 def standby_of(path: Path) -> Path:
-    """Give the socket of the standby manager beside that of a manager."""
+    """Give the path of the standby manager's socket, beside the given socket of a manager."""
     return path.with_name(f"{path.stem}-standby{path.suffix}")
 
 
 def read_in_thread(open_feed: OpenFeed, live: Live, manager: Path | None) -> None:
-    """Start to read, and give the running loop all that comes. manager: whose standby manager is followed after it."""
+    """Start the thread, which gives `live` all that comes, in the running event loop.
+
+    manager: the socket of the manager, if its standby manager is to be followed after it.
+    """
     loop = asyncio.get_running_loop()
     threading.Thread(target=_read, args=(open_feed, live, manager, loop), daemon=True, name="feed").start()
 
@@ -64,7 +67,7 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
 
 
 def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:
-    """Open a feed, once its manager listens; `waits` is told why it cannot be opened yet."""
+    """Open a feed as soon as its manager listens; `waits` is called with the reason while that is not possible."""
     while True:
         try:
             return open_feed()
@@ -74,7 +77,7 @@ def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:
 
 
 def _standby(feed: Feed, manager: Path) -> Feed:
-    """Give the feed of the manager that listens now; the same feed where none does."""
+    """Connect to the standby manager, or else to the manager; returns the feed of the one that listens, else `feed`."""
     for path in (standby_of(manager), manager):
         with suppress(ControlError):
             other = FollowedManager(path)

@@ -1,10 +1,10 @@
-"""Who may ask what: the one place that lets requests in, and that sets the security headers of every answer.
+"""Who may ask what: all requests are let in or refused here, and every answer gets its security headers.
 
-A page of another site that is open in the same browser can send requests to this computer. It is kept out by three
-facts: its `Origin` is its own, the `Host` of a name that was bound to this address later (DNS rebinding) is not an
-address of this server, and the token is known to no other site. The token stands in the part of the printed address
-after `#`, which no browser sends: the page adds it to its requests as `Authorization: Bearer TOKEN`, and to the address
-of a download. No cookie exists that a browser would add by itself.
+A page of another site that is open in the same browser can send requests to this computer. Three checks keep it out.
+Its `Origin` is not that of this server. If its name was bound to this address later (DNS rebinding), the `Host` of its
+requests is not an address of this server. And it does not know the token. The token stands in the part of the printed
+address after `#`, which no browser sends: the page adds it to its requests as `Authorization: Bearer TOKEN`, and to the
+address of a download. No cookie exists that a browser would add by itself.
 
     request                         a loopback address                any other address
     page, style, scripts            no token                          no token: they say nothing of the system
@@ -51,11 +51,11 @@ class Access:
 
     @property
     def is_local(self) -> bool:
-        """Whether only this computer can reach the server."""
+        """Tell whether only this computer can reach the server."""
         return ipaddress.ip_address(self.address).is_loopback
 
     def knows_host(self, host: str) -> bool:
-        """Tell whether a `Host` is an address of this server; names are no addresses, but for this computer's own."""
+        """Tell whether a `Host` is an address of this server; a name is accepted only if it is this computer's own."""
         name, _, port = host.rpartition(":")
         if port != str(self.port) or not name:
             return False
@@ -81,7 +81,7 @@ def _is_address(name: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a request is not let in."""
+    """The reason why a request is not let in, with the HTTP status code."""
 
     code: int
     sentence: str
@@ -89,7 +89,7 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What counts of a request."""
+    """The parts of a request that decide whether it is let in."""
 
     method: str
     path: str
@@ -98,7 +98,7 @@ class Asked:
 
 
 def refusal(access: Access, asked: Asked) -> Refusal | None:
-    """Say why a request is not let in; None where it is."""
+    """Give the reason why a request is not let in; None where it is let in."""
     host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
     if not access.knows_host(host):
         return Refusal(403, f"'{host}' is no address of this server: open {access.url(with_token=False)}")
@@ -128,13 +128,13 @@ def _without_token(access: Access, asked: Asked) -> Refusal | None:
 
 
 class Guard:
-    """The ASGI application around the other one."""
+    """An ASGI application that lets requests through to another one, or refuses them."""
 
     def __init__(self, inside: ASGIApp, access: Access) -> None:
         self._inside, self._access = inside, access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request in, or answer it with the refusal."""
+        """Pass a request on, or answer it with the refusal."""
         if scope["type"] != "http":
             await self._inside(scope, receive, send)
             return

@@ -1,8 +1,8 @@
-"""The present state of a system that is watched: events come from a thread, and pages wait for what they change.
+"""The present state of a system that is watched: events come from a thread, and pages wait for changes.
 
-One event loop owns the state, so nothing here is locked. A page that is slow misses intermediate states, and nothing
-else: it gets the difference between what it has and what is. What is kept is limited: the last lines of events for
-downloads, and the loads of the buses over the last minutes.
+One event loop owns the state, so nothing here is locked. A slow page misses intermediate states, but nothing else: it
+gets the difference between the state that it has and the present one. Only the last lines of events, for downloads, and
+the loads of the buses over the last minutes are kept.
 """
 
 import asyncio
@@ -25,13 +25,13 @@ Load = dict[str, Any]
 
 
 def load_of(number: int, event: Event) -> Load:
-    """Give the load that line `number` of a feed tells, as pages draw it."""
+    """Give the load of a bus in a `bus_seen` event, which is line `number` of the feed, as pages draw it."""
     keys = ("bus", "load", "peak", "bits_per_s")
     return {"number": number, "t_ns": event["t_ns"], **{key: event[key] for key in keys}}
 
 
 class Live:
-    """What is known now."""
+    """The present snapshot of a live feed, with its last events and loads."""
 
     def __init__(self, reducer: Reducer, source: Source) -> None:
         self._reducer = reducer
@@ -48,11 +48,15 @@ class Live:
         return self._state.snapshot
 
     def age_s(self) -> float:
-        """Time since something came, in seconds."""
+        """Give the time in seconds since something came from the system."""
         return time.monotonic() - self._last_came_s
 
     def take_all(self, events: Iterable[Event], trouble: str | None, *, is_alive: bool) -> None:
-        """Take what a feed has given; trouble: why nothing comes. is_alive: what feeds it is well."""
+        """Take the events of one poll of a feed.
+
+        trouble: why nothing comes at present; None if all is well.
+        is_alive: the manager's connection or the bus shows that the system is there.
+        """
         if is_alive:
             self._last_came_s = time.monotonic()
         self.trouble = trouble
@@ -72,7 +76,7 @@ class Live:
         self._wake()
 
     def waits(self, sentence: str) -> None:
-        """Note why nothing comes at present, or ever again."""
+        """Set the reason why nothing comes, at present or for ever."""
         self.trouble = sentence
         self._wake()
 
@@ -85,7 +89,7 @@ class Live:
         return tuple(self._lines)
 
     async def changed(self, longest_s: float) -> bool:
-        """Wait until something comes; False where nothing came in that time."""
+        """Wait until something comes; returns False where nothing came in that time."""
         woken = asyncio.Event()
         self._waiting.add(woken)
         try:

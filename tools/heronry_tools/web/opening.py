@@ -1,4 +1,4 @@
-"""What `heronry web` shows: a manager on this computer, a bus alone, or a recording; and the server for it."""
+"""Opens what `heronry web` shows, and serves it: a manager on this computer, a bus alone, or a recording."""
 
 import argparse
 import json
@@ -33,7 +33,14 @@ from heronry_wire.frame import LoggedFrame
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """What is shown, and where it comes from."""
+    """What is shown, and where it comes from.
+
+    spec, file: the spec, and its file.
+    shown: the live state or the recording.
+    feed: opens the live feed.
+    manager: the socket of the manager that takes orders.
+    frames: of a recording.
+    """
 
     spec: Spec
     file: Path  # of the spec
@@ -86,7 +93,7 @@ def _demo(arguments: argparse.Namespace) -> Opened:
 
 
 def _spec_file(arguments: argparse.Namespace) -> Path:
-    """File of the spec of a recording, which the planner's process loads."""
+    """Give the file of a recording's spec, which the planner's process loads."""
     if arguments.spec is not None:
         return spec_path(arguments.spec)
     if arguments.log.suffix == ".scenario":
@@ -96,7 +103,7 @@ def _spec_file(arguments: argparse.Namespace) -> Path:
 
 
 def _end_with_input() -> None:
-    """End this process in order when its standard input ends."""
+    """End this process in an orderly way when its standard input ends."""
     while os.read(0, 4096):
         pass
     os.kill(os.getpid(), signal.SIGTERM)

@@ -1,7 +1,8 @@
 """Orders from pages: to the manager on its socket, and in a demo to the demo, which kills and restores processes.
 
-A page sends the first line, and gets the last. `do` is phase, fail or clear, and in a demo also kill or restore. The
-demo gets the second line, on the socket pair that it has handed over.
+A page sends an order, as in the first line, and gets an answer, as in the last one. `do` is phase, fail or clear, and
+in a demo also kill or restore. An order to kill or restore is passed on to the demo as in the second line, on a socket
+pair that the demo has made.
 
     {"do": "fail", "what": "pe:nav"}
     {"do": "kill", "what": "nav"}
@@ -34,20 +35,20 @@ _LONGEST_ANSWER: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """Where orders go: the manager's socket, and the demo's, where there are such."""
+    """Sends orders to the manager's socket and to the demo, as far as there are such."""
 
     manager: Path | None
     demo: socket.socket | None = None
 
     def kinds(self) -> list[str]:
-        """List the orders that can be given."""
+        """List the kinds of orders that can be given."""
         return [
             *(_OF_A_MANAGER if self.manager is not None else ()),
             *(OF_A_DEMO if self.demo is not None else ()),
         ]
 
     async def give(self, order: object) -> Answer:
-        """Give an order; a refusal is an answer as well."""
+        """Send an order; returns the answer, which may be a refusal."""
         match order:
             case {"do": str(do), "what": str(what)} if do in self.kinds():
                 if do in OF_A_DEMO:

@@ -1,7 +1,7 @@
-"""The drawing of the dependency graph for the page: made once for each choice, and then only coloured.
+"""The drawing of the dependency graph for the page: made once for each choice; then only its colours change.
 
-A module keeps a line for the PE on which it runs, as long as the longest name, so that the line can be filled without
-moving anything.
+The drawing of a module has a line for the name of the PE on which it runs, as long as the longest such name, so that
+the page can fill it in and nothing moves.
 """
 
 from dataclasses import replace

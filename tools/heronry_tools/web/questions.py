@@ -1,7 +1,8 @@
-"""Asks the desk (`desk`): one question at a time, and none that nobody waits for any more.
+"""Asks the planner's process (`desk`): one question at a time.
 
-A question that is cancelled ends the process, since a search cannot be interrupted; the next question starts another
-process, which takes a second or two to load the solver. A page that opens its what-if panel starts it early.
+A search cannot be interrupted. So if the page no longer waits for its answer, the question is cancelled and the process
+is ended. The next question starts another process, which takes a second or two to load the solver. When a what-if panel
+is opened, the process is started early.
 """
 
 import asyncio
@@ -20,7 +21,7 @@ NICENESS: Final = 10  # what flies on this computer comes first
 
 
 class Questions:
-    """The pages' way to the desk of one spec."""
+    """Asks the planner's process of one spec."""
 
     def __init__(self, spec: Spec, file: Path) -> None:
         self._spec, self._file = spec, file
@@ -28,7 +29,7 @@ class Questions:
         self._turn = asyncio.Lock()
 
     async def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """Wait for the answer; a cancelled task ends the search."""
+        """Wait for the answer to a question; if this task is cancelled, the search ends."""
         async with self._turn:
             await self._start()
             process = self._process
@@ -54,7 +55,7 @@ class Questions:
             await self._start()
 
     async def close(self) -> None:
-        """End the process."""
+        """End the planner's process."""
         await self._end()
 
     async def _start(self) -> None:

@@ -1,4 +1,4 @@
-"""A flight that was recorded, as the page shows it: its timeline with marks, loads and a file of its events."""
+"""A recorded flight as the page shows it: its timeline with marks, its loads, and a file of its events."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,11 +23,11 @@ class Recording(Timeline):
 
     @property
     def first_configuration_ns(self) -> int:
-        """Time at which a page begins: when the first configuration runs."""
+        """Give the time at which the first configuration runs; a page begins there."""
         return int(self.marks[0]["t_ns"]) if self.marks else self.begins_ns
 
     def loads(self, after: int, until: int) -> list[Load]:
-        """Give the loads of the last minutes among the events after `after`, up to `until`."""
+        """Give the loads of the last minutes, from the events numbered above `after` and up to `until`."""
         found = [load for load in self._loads if after < load["number"] <= until]
         return found[-KEPT_LOADS * max(1, len(self.reducer.spec.buses)) :]
 

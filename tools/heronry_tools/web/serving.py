@@ -22,7 +22,7 @@ _LONGEST_END_S: Final = 2
 
 
 def listening(address: str, port: int | None) -> socket.socket:
-    """Open the socket, on an address or a name of this computer.
+    """Open the server's socket, on an address or a name of this computer.
 
     Without a port it is USUAL_PORT, or a free one where that is taken. Raises UserError.
     """
@@ -43,13 +43,13 @@ def listening(address: str, port: int | None) -> socket.socket:
 
 
 def access(listener: socket.socket, *, operates: bool) -> Access:
-    """Make the access for a server, with a token of its own."""
+    """Give the access rules of a server, with a new token."""
     address, port = listener.getsockname()[:2]
     return Access(address, port, secrets.token_urlsafe(24), operates)
 
 
 class _Server(uvicorn.Server):
-    """Ends on a signal without raising it again: a server that is stopped has done what it should."""
+    """A server that ends on a signal, and does not raise the signal again: being stopped is its usual end."""
 
     def __init__(self, config: uvicorn.Config, closing: asyncio.Event) -> None:
         super().__init__(config)
@@ -57,7 +57,7 @@ class _Server(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Take the signals as long as the server runs."""
+        """Handle the signals that end a program while the server runs."""
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is not signal.SIG_IGN:
@@ -65,13 +65,13 @@ class _Server(uvicorn.Server):
         yield
 
     def stop(self) -> None:
-        """End the server, and its streams first, so that it need not wait for them."""
+        """End the server; its streams first, so that it need not wait for them."""
         self._closing.set()
         self.should_exit = True
 
 
 def serve(site: Site, listener: socket.socket, begun: Callable[[], None]) -> None:
-    """Serve until a signal comes; `begun` is called in the loop when the server answers."""
+    """Serve until a signal comes; `begun` is called in the event loop when the server answers."""
     config = uvicorn.Config(
         application(site, begun),
         log_level="warning",

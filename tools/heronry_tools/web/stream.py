@@ -1,10 +1,10 @@
 """The one stream of a page, as server-sent events.
 
-    event: whole     the snapshot, the loads of the last minutes, where a recording begins and ends
-    event: change    what is different since (`changes`)
+    event: whole     the snapshot, the loads of the last minutes, and for a recording its begin and end
+    event: change    the difference to the snapshot sent before (`changes`)
     event: beat      every second, whatever comes: how long nothing has come from the feed
 
-The first change is sent at once, and then at most ten a second. A page that hears no beat any more knows that the
+The first change is sent at once, and then at most ten a second. If a page gets no beat any more, it knows that the
 server itself is gone.
 """
 
@@ -38,7 +38,7 @@ def _changed(before: Snapshot, after: Snapshot, loads: list[dict[str, Any]]) -> 
 
 
 async def live_stream(live: Live, closing: asyncio.Event) -> AsyncIterator[str]:
-    """Stream a system that is watched now."""
+    """Stream the present state of a system, until `closing` is set."""
     known = live.snapshot
     yield _whole(known, live.loads(0))
     yield _live_beat(live)
@@ -62,7 +62,7 @@ def _live_beat(live: Live) -> str:
 async def recorded_stream(
     recording: Recording, from_ns: int, speed: float, closing: asyncio.Event
 ) -> AsyncIterator[str]:
-    """Stream a recording from a moment on, at so many times its own speed; 0 shows that moment."""
+    """Stream a recording from a moment on, at `speed` times its own speed; 0 shows that moment only."""
     begun_s, events = time.monotonic(), recording.events_until(from_ns)
     state: State = recording.after(events)
     span = {"first_ns": recording.begins_ns, "last_ns": recording.ends_ns, "marks": recording.marks}

@@ -26,7 +26,7 @@ MayPublish = Callable[["Draft", list[Publication]], bool]
 
 
 class Draft:
-    """The modules that run so far, their wires, and the room that is left."""
+    """A configuration in the making: the modules that run so far, their wires, and the capacities that are left."""
 
     __slots__ = (
         "_cpu_of",
@@ -57,7 +57,10 @@ class Draft:
     )
 
     def __init__(self, tables: Tables, scene: Scene, may_publish: MayPublish | None = None) -> None:
-        """Start with no module. `may_publish` is called before each new message on a bus, and may refuse it."""
+        """Begin with a draft in which no module runs.
+
+        may_publish: called before each new message on a bus, and may forbid it; None: every message is allowed.
+        """
         self.tables = tables
         self.may_publish = may_publish
         self.mode = [-1] * len(tables.numbers.modules)
@@ -81,11 +84,11 @@ class Draft:
     # The trail
 
     def mark(self) -> int:
-        """Return a mark of the present state, for `undo`."""
+        """Return a mark, with which `undo` comes back to the present state."""
         return len(self._trail)
 
     def undo(self, mark: int) -> None:
-        """Go back to the state of a mark."""
+        """Undo all changes since `mark` was returned."""
         trail = self._trail
         while len(trail) > mark:
             kind, *what = trail.pop()
@@ -101,7 +104,7 @@ class Draft:
     # Running
 
     def fits(self, module: int, mode: int, pe: int) -> bool:
-        """Tell whether a stopped module could run in a mode on a PE, which must be one of its hosts."""
+        """Tell whether a module that is not running could run in a mode on a PE, which must be one of its hosts."""
         if (
             self._cpu_of[mode] > self.cpu[pe]
             or self._ram_of[mode] > self.ram[pe]
@@ -115,12 +118,12 @@ class Draft:
         return not self._rivals[module] & self.running
 
     def start(self, module: int, mode: int, pe: int) -> None:
-        """Start a module where it `fits`, without wires."""
+        """Start a module on a PE where it `fits`; it has no wires yet."""
         self._enter(module, mode, pe)
         self._trail.append((_STARTED, module))
 
     def stop(self, module: int) -> None:
-        """Stop a module that has no wires any more."""
+        """Stop a module, which must have no wires any more."""
         self._trail.append((_STOPPED, module, self.mode[module], self.pe[module]))
         self._leave(module)
 
@@ -147,7 +150,10 @@ class Draft:
     # Wires
 
     def wire(self, leaf: int, consumer: int, producer: int) -> bool:
-        """Wire a leaf of a running module to a running producer whose mode it accepts; False: a bus has no room."""
+        """Wire a leaf of a running module to a running producer whose mode the leaf accepts.
+
+        False: a bus has no room.
+        """
         route = self._route[self.pe[producer]][self.pe[consumer]]
         if route and not self._room_on(route, producer, self._variable[leaf]):
             self.refused = True

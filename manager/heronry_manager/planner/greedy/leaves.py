@@ -1,4 +1,4 @@
-"""Inputs and gates as integers: leaves are numbered from 0 through all modes; a gate is a tree of tuples."""
+"""Inputs and gates as integers: leaves are numbered from 0 through all modes; a gate is a tree of tuples, its nodes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ def numbered_leaves(numbers: Numbering) -> Leaves:
 
 
 class _Numberer:
-    """Goes through the gates, mode by mode."""
+    """Numbers the leaves of all modes, and turns their gates into trees."""
 
     def __init__(self, numbers: Numbering) -> None:
         self._numbers = numbers
@@ -45,7 +45,7 @@ class _Numberer:
         self.leaves = Leaves([], [], [], [], [], [], [[] for _ in numbers.modes], [])
 
     def node(self, mode: int, gate: Expression | None, path: str) -> Node | None:
-        """Make a node of a gate, and number the leaves below."""
+        """Turn a gate into a tree, and number the leaves in it; None: there is no gate."""
         if gate is None:
             return None
         if isinstance(gate, Leaf):
@@ -63,7 +63,7 @@ class _Numberer:
                 assert_never(gate)
 
     def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
-        """Number a leaf, and list the modes that may feed it.
+        """Number a leaf, and list the modes to whose module it may be wired.
 
         A module may feed its own leaf only from the same mode.
         """

@@ -1,7 +1,8 @@
-"""The orders in which gates and givers are tried: by worth, and by price. Ties stay in the spec's order.
+"""The orders in which the inputs of gates, and their givers, are tried: by worth, and by price.
 
-The *price* of a mode is an estimate of the CPU that it takes together with its cheapest producers. The price only
-orders alternatives. A *giver* of a leaf is a mode that may feed it.
+Inputs of equal worth or price are tried in the order of the spec. The *price* of a mode is an estimate of the CPU that
+it takes together with its cheapest producers. The price only orders alternatives. A *giver* of a leaf is a mode that
+may feed it.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ Giver = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """The needs of modes, and the modes that may feed them, in the order in which they are tried."""
+    """What each mode needs, and the modes that may feed it, in the order in which the planner tries them."""
 
     price: list[int]  # by mode
     needs: list[Node | None]  # by mode
@@ -31,7 +32,7 @@ class Orders:
 
 
 def ordered(leaves: Leaves, module_of: Sequence[int], size: Sequence[int]) -> Orders:
-    """Work out all orders; `size`: of each mode, without its producers."""
+    """Work out the prices and orders; `size`: CPU of each mode without its producers."""
     order = _Order(leaves, _prices(leaves, size))
     needs = [None if node is None else order.ordered(node) for node in leaves.written]
     givers = [[(mode, module_of[mode]) for mode in worths] for worths in leaves.worth]
@@ -66,13 +67,13 @@ def _prices(leaves: Leaves, size: Sequence[int]) -> list[int]:
 
 
 class _Order:
-    """Computes the price and the worth of gates from these prices of modes."""
+    """Computes price and worth of gates from the prices of modes."""
 
     def __init__(self, leaves: Leaves, price: list[int]) -> None:
         self._worth, self.price = leaves.worth, price
 
     def price_of(self, node: Node) -> int:
-        """Return the least price at which a gate holds."""
+        """Return the least CPU with which a gate can hold: the sum of the prices of its cheapest inputs."""
         kind, number, inputs, _ = node
         if kind == LEAF:
             return min((self.price[giver] for giver in self._worth[number]), default=_UNPRICED)
@@ -95,7 +96,7 @@ class _Order:
         return kind in (SOME, ONE) or any(map(self.has_choice, inputs))
 
     def ordered(self, node: Node) -> Node:
-        """Return a gate with its inputs in both orders: by worth and by price."""
+        """Return a gate with its inputs sorted twice: by worth and by price."""
         kind, number, inputs, _ = node
         parts = tuple(map(self.ordered, inputs))
         if kind not in (SOME, ONE):

@@ -1,4 +1,4 @@
-"""Packing, for functions of class A to D that find no room one after the other: choose modules first, then place them.
+"""Packing, for functions of class A to D that find no room one by one: modules are chosen first, and then placed.
 
 *Choose*: serve these functions in their cheapest modes, by their cheapest producers, on PEs without limits.
 
@@ -31,7 +31,10 @@ _ENDLESS: Final = 1 << 60
 
 
 def packings(tables: Tables, wanted: Wanted, scene: Scene) -> Iterator[Before]:
-    """Choose and pack modules for the critical functions: all of them together, then one after the other."""
+    """Yield up to two proposals where modules of critical functions could run.
+
+    The first packs all these functions together, the second one function after the other.
+    """
     draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.numbers.buses)))
     draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.numbers.pes) for _ in range(3))
     server = Server(tables, wanted, scene, draft, _nothing(tables))
@@ -58,13 +61,12 @@ def _nothing(tables: Tables) -> Before:
 
 
 def _choose(server: Server, goal: Goal) -> None:
-    """Serve a function in its cheapest mode, in a draft without limits."""
     if not server.is_served(goal):
         server.serve_in(reversed(goal.modes))
 
 
 class _Packer:
-    """Packs the chosen modules on the PEs of a scene."""
+    """Finds places for chosen modules on the PEs that a situation leaves."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene) -> None:
         self._tables, self._scene = tables, scene
@@ -74,7 +76,7 @@ class _Packer:
         self._budget = _BUDGET
 
     def packed(self, chosen: Draft) -> tuple[Before, int]:
-        """Place as many modules as possible; return the places, and how many modules found none."""
+        """Place as many of the chosen modules as possible; return the places, and how many modules found none."""
         draft, tables = self._draft, self._tables
         order = _order(tables, self._scene, draft, [mode for mode in chosen.mode if mode >= 0])
         best, fewest = _nothing(tables), len(order)
@@ -108,7 +110,7 @@ def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> 
 
 
 def _pack(tables: Tables, server: Server, order: Sequence[int]) -> list[int]:
-    """Place modes without their wires; return the modes that found no place."""
+    """Place modes on PEs in this order, without wires; return the modes that found no place."""
     left_out = []
     for mode in order:
         module = tables.numbers.module_of[mode]

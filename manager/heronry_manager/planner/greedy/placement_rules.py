@@ -8,7 +8,7 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class PlacementRules:
-    """For each module the set of other modules under the same rule."""
+    """For each module, the set of other modules with which it must not, or must, share a PE or a DEMUX."""
 
     separate: list[int]
     together: list[int]
@@ -17,7 +17,7 @@ class PlacementRules:
 
 
 def placement_rules(numbers: Numbering) -> PlacementRules:
-    """Read the rules from the spec."""
+    """Read the placement rules and DEMUXes of the spec."""
     spec, number = numbers.spec, numbers.module_number
     demuxes = spec.demuxes.values()
     return PlacementRules(

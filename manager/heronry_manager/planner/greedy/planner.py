@@ -10,7 +10,7 @@ A plan is legal by construction: every step of a draft keeps the limits of capac
 (`draft`). Deadlines are checked when a draft is done (`punctuality`); if one would be missed, the draft is made once
 more, with a check of every message before it is published. The empty plan is always legal, so there is always a plan.
 
-The planner uses no clock, no random source, and no state but what follows from the spec: the same situation and running
+The planner uses no clock and no random source, and all its state follows from the spec: the same situation and running
 configuration always give the same plan.
 
     tables       the spec in integers, worked out once, from seven parts
@@ -42,7 +42,7 @@ class Greedy:
     """The greedy planner of one spec."""
 
     def __init__(self, spec: Spec) -> None:
-        """Compute everything that does not depend on faults: some milliseconds for each set of inputs that is open."""
+        """Compute everything that does not depend on faults, which takes some milliseconds or more."""
         closed = {phase: _closed(spec, phase) for phase in (None, *spec.phases)}
         phase_of = {inputs: phase for phase, inputs in closed.items()}
         prepared = {inputs: _Prepared(spec.in_phase(phase)) for inputs, phase in phase_of.items()}
@@ -58,7 +58,7 @@ class Greedy:
 
 
 def _closed(spec: Spec, phase: str | None) -> frozenset[tuple[str, str, str]]:
-    """Give the inputs (module, mode, path) that are not to be wired in a phase."""
+    """Give the inputs (module, mode, path) that must not be wired in a phase."""
     return frozenset(
         (module.name, mode.name, path)
         for module in spec.modules.values()
@@ -69,16 +69,16 @@ def _closed(spec: Spec, phase: str | None) -> frozenset[tuple[str, str, str]]:
 
 
 class _Prepared:
-    """The greedy planner of all phases in which the same inputs are open."""
+    """Plans for all phases in which the same inputs may be wired."""
 
     def __init__(self, spec: Spec) -> None:
-        """spec: the spec in which all other inputs are closed."""
+        """`spec`: without the inputs that must not be wired in these phases."""
         self._tables = tables_of(spec)
         self._scenery = Scenery(self._tables)
         self._punctuality = Punctuality(self._tables)
 
     def plan(self, now: Situation, running: Placement | None) -> Plan:
-        """Do what `Greedy.plan` does, in one of the phases that have the same inputs open."""
+        """Plan as `Greedy.plan` does, in one of these phases."""
         scene = self._scenery.scene(now)
         wanted = self._tables.wanted(now)
         repair = self._repaired(wanted, scene, self._before(scene, running or {}))
@@ -95,7 +95,10 @@ class _Prepared:
         return before
 
     def _repaired(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:
-        """Find a draft that meets its deadlines; check each message on its own only if some message would be late."""
+        """Make a draft that meets its deadlines.
+
+        Only if a message would be late, make it anew with a check of each message.
+        """
         repair = self._best(wanted, scene, before, None)
         if not self._punctuality.are_met(repair.draft):
             repair = self._best(wanted, scene, before, self._punctuality)
@@ -103,7 +106,10 @@ class _Prepared:
         return repair
 
     def _best(self, wanted: Wanted, scene: Scene, before: Before, punctuality: Punctuality | None) -> Repair:
-        """Repair the configuration `before`; as long as a critical function is left out, also try a new packing."""
+        """Repair the configuration `before`; while a critical function is not served, also try packings.
+
+        Return the best.
+        """
         best = Repair(self._tables, wanted, scene, before)
         best.run(punctuality)
         anew = packings(self._tables, wanted, scene)

@@ -40,7 +40,7 @@ Source = tuple[int, int]  # module and variable
 
 
 class _Level:
-    """The load on a bus from all messages that are more urgent than the next one."""
+    """The load on one bus of all messages that are more urgent than the one to be checked next."""
 
     __slots__ = ("blocking", "demand", "frames", "load", "streams")
 
@@ -56,14 +56,14 @@ class _Level:
         return one
 
     def add(self, frame: float, period: float, late: float) -> None:
-        """Add a message; `late` is the sum of its jitter and one bit time; all values are in ns."""
+        """Add a message to the load; `late`: its jitter and one bit time together. All values are in nanoseconds."""
         self.demand += frame * (1 + late / period)
         self.frames += frame
         self.load += frame / period
         self.streams[period, late] = self.streams.get((period, late), 0.0) + frame
 
     def delay(self, most_ns: float, rounding: float) -> float:
-        """Iterate the recurrence until it does not change, or is beyond `most_ns`; return the delay in ns.
+        """Iterate the recurrence for the delay w of the next message, in ns, until it converges, or exceeds `most_ns`.
 
         The iteration starts from the value without round-ups, which is less than the result; this saves most steps.
         """
@@ -76,23 +76,22 @@ class _Level:
 
 
 class Watch:
-    """Checks every message before it is published, as long as its budget lasts; afterwards it allows none."""
+    """Checks each message before it is published, until its budget is used up; then it allows no message."""
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
         """`budget`: number of messages that all checks together may count; a check counts the published ones."""
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
-        """Tell whether a draft that is in time stays so with more messages (`MayPublish` of `Draft`)."""
+        """Tell whether a draft that meets its deadlines still does with these messages added; called by `Draft`."""
         self._budget -= len(draft.published)
         return self._budget >= 0 and self._punctuality.stay_met(draft, more)
 
 
 class Punctuality:
-    """Tells whether a draft's messages meet their deadlines."""
+    """Checks whether the messages of a draft meet their deadlines."""
 
     def __init__(self, tables: Tables) -> None:
-        """Work out everything that does not depend on the draft."""
         self._tables = tables
         self._times = ResponseTimes(tables.numbers.spec)
         self._urgency = {
@@ -108,13 +107,13 @@ class Punctuality:
         self._verdicts: dict[frozenset[Hop], bool] = {}
 
     def are_met(self, draft: Draft) -> bool:
-        """Tell whether all messages of a draft are in time."""
+        """Tell whether all messages of a draft meet their deadlines."""
         messages = list(draft.published)
         verdict = self._bounded(draft, messages, since=0)
         return self._exactly(draft, messages) if verdict is None else verdict
 
     def stay_met(self, draft: Draft, more: list[Publication]) -> bool:
-        """Tell whether a draft that is in time stays so with more messages."""
+        """Tell whether a draft that meets its deadlines still does with these messages added."""
         messages = [*draft.published, *more]
         since = min(self._urgency[module, variable] for module, variable, _ in more)
         verdict = self._bounded(draft, messages, since)
@@ -128,7 +127,7 @@ class Punctuality:
         return level
 
     def _bounded(self, draft: Draft, messages: list[Publication], since: int) -> bool | None:
-        """Return the verdict as far as the bounds give one; None: the bounds do not decide.
+        """Decide by the bounds whether all deadlines are met; None: the bounds do not decide it.
 
         since: an identifier; all messages that are more urgent are known to be in time.
         """
@@ -147,7 +146,10 @@ class Punctuality:
         return True
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
-        """Bound the response times of a source along its route, and add its load for the sources after it."""
+        """Decide whether one source meets its deadline on its route, and add its load to the buses.
+
+        None: not decided.
+        """
         steps = self._steps[draft.pe[source[0]]]
         if len(buses) > 1:
             buses.sort(key=lambda bus: steps[bus][0])
@@ -165,9 +167,9 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Bound one response time (ns), exactly if it becomes a jitter.
+        """Bound one response time in ns; it is exact if it becomes the jitter of another message.
 
-        0: it is too long, None: the bounds do not decide.
+        0: it is too long. None: the bounds do not decide that.
         """
         if level.load > _FULL:
             return None
@@ -203,7 +205,7 @@ class Punctuality:
         return self._verdicts[published]
 
     def _hop(self, draft: Draft, message: Publication) -> Hop:
-        """Return a publication as a hop of the verifier's response-time analysis."""
+        """Give a message of the draft in the form of the exact response-time analysis."""
         module, variable, bus = message
         tables = self._tables
         after = self._steps[draft.pe[module]][bus][1]
@@ -217,5 +219,5 @@ class Punctuality:
 
 
 def _steps(routes: list[tuple[int, ...]]) -> dict[int, tuple[int, int]]:
-    """Return for each bus on a route from one PE: the number of buses before it, and the last of these (-1: none)."""
+    """Return, for each bus on a route from one PE, how many buses come before it, and the last of these (-1: none)."""
     return {bus: (depth, route[depth - 1] if depth else -1) for route in routes for depth, bus in enumerate(route)}

@@ -27,7 +27,7 @@ _LOOKS_FOR_INPUTS: Final = 1500
 
 
 class Repair:
-    """One draft for one situation."""
+    """Makes one draft for one situation from the configuration that ran before."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, before: Before) -> None:
         """Start with no module. before: where each module ran, or where a packing wants it to run."""
@@ -37,7 +37,7 @@ class Repair:
         self._tries = _TRIES
 
     def run(self, punctuality: Punctuality | None = None) -> None:
-        """Serve all functions that can be served (levels 1 and 2); with `punctuality` given, deadlines are met."""
+        """Serve all functions that can be served (levels 1 and 2); if `punctuality` is given, meet all deadlines."""
         goals = self._wanted.goals
         self._server.adopt(goals)
         if punctuality is not None:
@@ -54,7 +54,7 @@ class Repair:
         self._sweep()
 
     def supply(self, punctuality: Punctuality) -> None:
-        """Supply optional and better inputs (level 3); a draft that meets all deadlines still does so afterwards."""
+        """Wire optional and better inputs (level 3); if the draft meets all deadlines before, it does so afterwards."""
         mark = self.draft.mark()
         self.draft.may_publish = None
         supply(self.draft, self._server, self._tables)
@@ -65,11 +65,11 @@ class Repair:
         self._sweep()
 
     def score(self) -> int:
-        """Return levels 1 and 2 of the draft as one number, to compare drafts."""
+        """Give the value of the draft at levels 1 and 2 as one number; a greater one is better."""
         return self._wanted.score(self.draft.mode)
 
     def unserved(self) -> list[Goal]:
-        """Return the functions that are not served, although no fault prevents it."""
+        """Return the functions that are not served, although the faults alone would allow it."""
         possible = self._scene.possible
         return [
             goal
@@ -95,7 +95,10 @@ class Repair:
             self.draft.undo(mark)
 
     def _serve_instead(self, goal: Goal) -> bool:
-        """Stop less important functions and worsen others, the least important first; tell whether `goal` fits then."""
+        """Serve `goal` by stopping or worsening less important functions, the least important first.
+
+        Tell whether it fits.
+        """
         stopped = []
         for other, matters_less in self._in_the_way(goal):
             if self._tries <= 0:
@@ -113,7 +116,7 @@ class Repair:
         return False
 
     def _in_the_way(self, goal: Goal) -> list[tuple[Goal, bool]]:
-        """Return the other served functions, each with whether it matters less than `goal`.
+        """Return all other served functions, each with whether it is less important than `goal`.
 
         Functions on PEs where room is short come first.
         """
@@ -124,7 +127,7 @@ class Repair:
         return [(other, at > number) for other, at in served]
 
     def _uses(self, goal: Goal, pes: int) -> bool:
-        """Tell whether anything that a function needs runs on one of these PEs."""
+        """Tell whether the output of a function, or a module that feeds it, runs on one of these PEs."""
         draft, seen = self.draft, 0
         frontier = [module for module in goal.outputs if draft.mode[module] >= 0]
         while frontier:
@@ -147,7 +150,7 @@ class Repair:
         return True
 
     def _worsen(self, goal: Goal) -> bool:
-        """Put the output of a function into a cheaper mode."""
+        """Put the output of a function into a cheaper mode; tell whether that was possible."""
         module = self._output(goal)
         modes, price = self._tables.numbers.modes_of[module], self._tables.orders.price
         now = price[self.draft.mode[module]]

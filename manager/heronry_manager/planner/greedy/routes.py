@@ -9,7 +9,11 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Routes:
-    """Routes and loads. Bits of `way`: PEs from 0, buses from `first_bus`; bit `never`: no route leads to the PE."""
+    """Routes between PEs, and the load that each variable puts on a bus.
+
+    way: for each PE, the elements on the route from the manager, as a set of bits: PEs from bit 0 on, buses from bit
+        `first_bus` on; bit `never`: there is no such route.
+    """
 
     route: list[list[tuple[int, ...]]]  # from one PE to another one: the buses between them
     way: list[int]  # by PE: set of the PEs and buses on the way from the manager to it

@@ -21,7 +21,7 @@ from heronry_manager.planner.greedy.tables import Tables
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """The part of a spec that a situation leaves."""
+    """What faults leave of a spec: the PEs, capacities and modes that can be used in one situation."""
 
     pes: int  # set of PEs that are up and can be commanded
     hosts: list[int]  # by mode: set of PEs that could carry it, up or not, without places that are down
@@ -31,7 +31,7 @@ class Scene:
 
 
 class Scenery:
-    """Makes scenes of one spec."""
+    """Works out the scenes of one spec, for any situation."""
 
     def __init__(self, tables: Tables) -> None:
         """Compute the fault-free scene; every other scene is a part of it."""
@@ -50,7 +50,7 @@ class Scenery:
         self._possible = self._shrunk(placeable, placeable)
 
     def scene(self, now: Situation) -> Scene:
-        """Compute the scene of a situation."""
+        """Give the scene of a situation: what can be used in it."""
         tables = self._tables
         down, modules = self._down(now)
         pes, hosts = self._pes, self._hosts(now)
@@ -68,7 +68,7 @@ class Scenery:
         return Scene(pes, hosts, cpu, bus_room, self._without(gone & self._possible))
 
     def _hosts(self, now: Situation) -> list[int]:
-        """Return the PEs that could carry each mode, without the places that are down."""
+        """Return, for each mode, the PEs that could carry it, without the places that are down."""
         hosts, pes = self._tables.sizes.hosts, len(self._cpu)
         lost = [number for kind, number in map(self._elements.__getitem__, now.down) if kind == "place"]
         if lost:
@@ -122,7 +122,7 @@ class Scenery:
         return homeless
 
     def _without(self, gone: int) -> int:
-        """Return the modes that stay possible without those in `gone`."""
+        """Return the modes that are possible if those in `gone` are not."""
         readers, possible = self._tables.orders.readers, self._possible & ~gone
         touched = 0
         while gone:
@@ -132,7 +132,10 @@ class Scenery:
         return self._shrunk(possible, touched & possible)
 
     def _shrunk(self, possible: int, touched: int) -> int:
-        """Remove modes whose needs cannot hold, until no such mode is left; `touched`: the modes to check first."""
+        """Remove the modes whose needs cannot hold, until all that are left can hold.
+
+        Check those in `touched` first.
+        """
         orders = self._tables.orders
         while touched:
             low = touched & -touched

@@ -5,10 +5,10 @@ possible; else a producer is started: first one that ran before, then the cheape
 unsuitable mode is put into a suitable one, if all modules that read from it accept that (`switch`). If no PE has room
 for a module, other modules are moved away from one PE, as long as they fit elsewhere (`_clear`).
 
-A function here that returns False has left the draft as it was, with one exception: `hold`. A module whose inputs are
-being wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it is. Counts of
-tries limit the work (`fuel` for a function, a budget for all), so that a plan takes no longer on a full aircraft, and
-is the same on every machine.
+If a function of this file returns False, it has left the draft unchanged; only `hold` may leave changes. A module whose
+inputs are being wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it
+is. Counts of tries limit the work (`fuel` for a function, a budget for all), so that a plan takes no longer on a full
+aircraft, and is the same on every machine.
 
 *Adopting* serves in the same way, but starts only modules that ran before, in their old modes and places.
 """
@@ -31,10 +31,10 @@ Before = Sequence[tuple[int, int]]
 
 
 class Server:
-    """Serves functions in one draft."""
+    """Changes one draft so that functions are served."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, draft: Draft, before: Before) -> None:
-        """Begin with a draft in which nothing is served; `before`: where modules ran."""
+        """Begin with a draft that serves nothing; `before`: the modes and PEs in which modules ran."""
         self.draft = draft
         self.fuel = _FUEL
         self._budget = _BUDGET
@@ -46,12 +46,15 @@ class Server:
         self._tables, self._wanted, self._scene, self._before = tables, wanted, scene, before
 
     def is_served(self, goal: Goal) -> bool:
-        """Tell whether an output of a function runs."""
+        """Tell whether an output of the function runs in the draft."""
         mode = self.draft.mode
         return any(mode[module] >= 0 for module in goal.outputs)
 
     def serve(self, goal: Goal) -> bool:
-        """Serve a function as before, if possible, else in its best possible mode; tell whether it is served."""
+        """Serve a function as it was served before, or else in its best possible mode.
+
+        Tell whether it is served now.
+        """
         self.short = 0
         if self.is_served(goal):
             return True
@@ -60,12 +63,12 @@ class Server:
         return self.serve_in(modes)
 
     def serve_in(self, modes: Iterable[int]) -> bool:
-        """Run the first of these output modes that can run; tell whether one does."""
+        """Start the first of these output modes that can run; tell whether there is one."""
         self.fuel = _FUEL
         return any(self.run(self._tables.numbers.module_of[mode], mode) for mode in modes)
 
     def adopt(self, goals: Iterable[Goal]) -> None:
-        """Serve the functions that can run exactly as before: in the same modes, on the same PEs."""
+        """Serve those of the functions that can run exactly as before: in the same modes, on the same PEs."""
         self.adopting = True
         for goal in goals:
             self.fuel = len(self._before)
@@ -78,7 +81,7 @@ class Server:
     # Modules
 
     def run(self, module: int, mode: int, pe: int = -1) -> bool:
-        """Start a module and wire its needs, on `pe` alone if one is given; tell whether it runs."""
+        """Start a module and wire what its mode needs; tell whether it runs. `pe`: the only PE to try; -1: any PE."""
         if min(self.fuel, self._budget) <= 0 or not self._scene.possible >> mode & 1:
             return False
         if self.busy.bit_count() > _DEEPEST:
@@ -107,7 +110,7 @@ class Server:
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
-        """Yield PEs on which a mode fits: the module's old PE, then the emptiest first, then a PE cleared for it."""
+        """Yield the PEs to try for a mode: the module's old PE, then the emptiest first, then one that is cleared."""
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
         hosts = self._scene.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
@@ -127,7 +130,7 @@ class Server:
                 yield cleared
 
     def _clear(self, module: int, mode: int, pe: int) -> bool:
-        """Move modules away from a PE until a mode fits there: the smallest one that is enough, or else the largest."""
+        """Move modules away from a PE until a mode fits there: the smallest one that is enough, else the largest."""
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]
         left = [other for other in range(len(draft.mode)) if here >> other & 1]
@@ -147,7 +150,7 @@ class Server:
         return True
 
     def _frees(self, module: int, missing: tuple[int, int, int]) -> bool:
-        """Tell whether moving a module away frees all that is missing: CPU, RAM, flash."""
+        """Tell whether moving a module away frees enough CPU, RAM and flash (`missing`)."""
         tables, mode = self._tables, self.draft.mode[module]
         cpu, ram, flash = missing
         return tables.sizes.cpu[mode] >= cpu and tables.sizes.ram[mode] >= ram and tables.sizes.flash[module] >= flash
@@ -160,10 +163,9 @@ class Server:
         return any(hosts >> one & 1 and cpu[one] >= need and draft.move(module, one) for one in range(len(cpu)))
 
     def switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
-        """Put a running module into another mode; tell whether this was done.
+        """Put a running module into another mode; tell whether this was possible.
 
-        It is done only if all modules that read from the module accept the mode. may_worsen: also if a function loses
-        value.
+        All modules that read from the module must accept the mode. may_worsen: allow it even if a function loses value.
         """
         draft, tables, weight = self.draft, self._tables, self._wanted.weight
         old, pe = draft.mode[module], draft.pe[module]
@@ -188,7 +190,10 @@ class Server:
         return False
 
     def _feed_again(self, leaf: int, producer: int) -> bool:
-        """Wire a leaf to its old producer, unless the producer's mode was changed meanwhile."""
+        """Wire a leaf to a producer again, if the reading module still runs in the leaf's mode.
+
+        Tell whether it is wired.
+        """
         draft, tables = self.draft, self._tables
         consumer = tables.leaves.module[leaf]
         return draft.mode[consumer] == tables.leaves.mode[leaf] and draft.wire(leaf, consumer, producer)
@@ -196,7 +201,7 @@ class Server:
     # Gates
 
     def hold(self, node: Node, consumer: int, *, may_start: bool) -> bool:
-        """Make a gate hold with the fewest inputs. If this returns False the caller must undo to its own mark.
+        """Wire the fewest inputs with which a gate holds; tell whether it holds. After False the caller must undo.
 
         may_start: producers that do not run may be started.
         """
@@ -217,7 +222,7 @@ class Server:
         return len(held) == number
 
     def _held(self, inputs: Iterable[Node], most: int, consumer: int, *, may_start: bool) -> list[Node]:
-        """Make inputs of a gate hold, one after the other, until `most` of them do; return these inputs."""
+        """Make inputs of a gate hold, one after the other, until `most` of them do; return these."""
         held: list[Node] = []
         for one in inputs:
             if len(held) == most:
@@ -247,7 +252,10 @@ class Server:
         return False
 
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
-        """Wire a leaf to a producer in a mode; start the producer, or change its mode, if need be."""
+        """Wire a leaf to `module` in `mode`, which is started, or put into that mode, where needed.
+
+        Tell whether it is wired.
+        """
         draft = self.draft
         mark, now = draft.mark(), draft.mode[module]
         if self.adopting and self._before[module][0] != mode:

@@ -10,7 +10,7 @@ _WHOLE = 10**6  # a share of 1, as an integer
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """CPU in thousandths, memories in bytes."""
+    """The resources of modes and PEs: CPU in thousandths of a core, memories in bytes."""
 
     cpu: list[int]  # by mode
     ram: list[int]  # by mode

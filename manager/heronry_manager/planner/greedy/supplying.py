@@ -16,7 +16,7 @@ _FUEL: Final = 12  # modules tried for one input
 
 
 def supply(draft: Draft, server: Server, tables: Tables) -> None:
-    """Wire all inputs that earn points, as far as there is room."""
+    """Wire all optional and better inputs that earn points, as far as there is room."""
     server.moving = False
     for adopting in (True, False):
         server.adopting = adopting
@@ -38,13 +38,13 @@ def _go_through(draft: Draft, server: Server, tables: Tables) -> None:
 
 
 class _Supplier:
-    """Supplies the inputs of one module whose needs are met."""
+    """Wires more of the inputs of one module, which runs already."""
 
     def __init__(self, draft: Draft, server: Server, tables: Tables, module: int) -> None:
         self._draft, self._server, self._tables, self._module = draft, server, tables, module
 
     def supply(self, node: Node) -> None:
-        """Improve the inputs of a gate that holds."""
+        """Wire more inputs below a gate that holds already."""
         kind, number, inputs, _ = node
         if kind == LEAF:
             self._improve(number)
@@ -64,7 +64,7 @@ class _Supplier:
         return False
 
     def _improve(self, leaf: int) -> None:
-        """Wire a leaf to a producer of a version that is worth more than the present one."""
+        """Wire a leaf to a producer of a better version, if one can be found."""
         draft, worths = self._draft, self._tables.leaves.worth[leaf]
         now = worths[draft.mode[draft.feeder[leaf]]]
         for mode, module in self._tables.orders.dearest[leaf]:
@@ -78,7 +78,7 @@ class _Supplier:
             draft.undo(mark)
 
     def _choose(self, inputs: tuple[Node, ...]) -> None:
-        """Let another input of a XOR hold, if it is worth more."""
+        """Exchange the input of a XOR that holds for another one that is worth more."""
         held = next(one for one in inputs if self._holds(one))
         now = self._points(held)
         for one in inputs[: inputs.index(held)]:

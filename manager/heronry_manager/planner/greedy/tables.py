@@ -27,7 +27,7 @@ from heronry_manager.planner.greedy.wanted import Wanted, wanted_in
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """All tables of one spec."""
+    """One spec in the integers with which the greedy planner works."""
 
     numbers: Numbering
     sizes: Sizes
@@ -38,9 +38,10 @@ class Tables:
     _wanted: dict[str | None, Wanted] = field(default_factory=dict)
 
     def wanted(self, now: Situation) -> Wanted:
-        """Give the wanted functions of a situation; those of a phase with the spec's priorities are worked out once.
+        """Give the wanted functions of a situation, with their priorities.
 
-        Results for changed priorities are not kept, since there may be any number of them.
+        Those of each phase with the spec's priorities are worked out once. Results for changed priorities are not kept,
+        since there may be any number of them.
         """
         if now.priorities:
             return wanted_in(self.numbers, self.orders.price, now)

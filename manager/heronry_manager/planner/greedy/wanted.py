@@ -11,7 +11,7 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A wanted function."""
+    """A wanted function, in the integers of the tables."""
 
     name: str
     rank: int  # 0 (A) to 4 (E)
@@ -31,7 +31,7 @@ class Wanted:
     utility_bound: int  # level 2 is less than this: weight = critical classes * utility_bound + utility
 
     def score(self, modes: Sequence[int]) -> int:
-        """Give levels 1 and 2 as one number; `modes`: mode of each module, -1: it does not run."""
+        """Give the value at levels 1 and 2 as one number; `modes`: the mode of each module, -1 if it does not run."""
         weight = self.weight
         return sum(weight[modes[module]] for module in self.output_modules if modes[module] >= 0)
 
@@ -63,13 +63,12 @@ def wanted_in(numbers: Numbering, price: Sequence[int], now: Situation) -> Wante
 
 
 class _Appraiser:
-    """Computes the worth of functions in a situation."""
+    """Works out what the functions of a situation are worth."""
 
     def __init__(self, numbers: Numbering, now: Situation) -> None:
         self._numbers, self._now = numbers, now
 
     def goal(self, function: Function) -> Goal:
-        """Give the goal for a function."""
         modes = self.output_modes(function)
         return Goal(
             name=function.name,
@@ -80,12 +79,11 @@ class _Appraiser:
         )
 
     def output_modes(self, function: Function) -> list[int]:
-        """Give the modes of the outputs of a function."""
         numbers = self._numbers
         return [mode for name in function.outputs for mode in numbers.modes_of[numbers.module_number[name]]]
 
     def utility(self, function: Function, mode: int) -> int:
-        """Give the points that a mode adds to level 2 by serving a function; 0: the mode does not serve it."""
+        """Give the points that `mode` adds to level 2 by serving a function; 0: this mode does not serve it."""
         numbers, module = self._numbers, self._numbers.module_of[mode]
         if numbers.modules[module].name not in function.outputs:
             return 0
@@ -94,16 +92,13 @@ class _Appraiser:
 
 
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
-    """Give the sort key of a goal: class, then priority (if critical), then priority per price of its cheapest mode."""
+    """Give the sort key of a function: class, priority (if critical), priority per price of its cheapest mode."""
     cheapest = 1 + min((price[mode] for mode in goal.modes), default=0)
     return goal.rank, -goal.priority if goal.rank < len(CRITICAL_CLASSES) else 0, -(goal.priority * 10**9 // cheapest)
 
 
 def _class_weights(goals: Sequence[Goal]) -> list[int]:
-    """Give weights of the classes A to E; E has weight 0.
-
-    With these weights the sums of priorities compare as level 1 does.
-    """
+    """Give weights for the classes A to D, with which a weighted sum compares as level 1 does; E has weight 0."""
     weights = [0] * len(CRITICALITIES)
     weight = 1
     for rank in reversed(range(len(CRITICAL_CLASSES))):

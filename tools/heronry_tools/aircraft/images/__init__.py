@@ -4,8 +4,9 @@
 several modules share one, or where its variables have other names. The agent finds `CATALOGUE`, like the catalogues of
 other packages, by an entry point (`heronry.images` in pyproject.toml), and imports only the images that it runs.
 
-Images use `heronry_agent.module` alone. They read no clock and no random source: a step's context has its time, and the
-same inputs give the same outputs. Any input may be absent in any step, above all in the first steps. Each image
+An image imports only `heronry_agent.module` and `heronry_agent.parts`. The agent calls its `step` once per period, with
+the inputs that are present; `ctx.now_ns` is the time. An image reads no clock and no random source, so the same times
+and inputs give the same outputs. Any input may be absent in any period, above all in the first ones. Each image
 documents its behaviour in that case, and what it loses at a restart.
 """
 

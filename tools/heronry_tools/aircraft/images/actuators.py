@@ -33,7 +33,7 @@ class SurfaceServo(Module):
         self._angle_deg: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Move towards the demand; before the first demand command nothing."""
+        """Command the surface to the demand, no faster than the servo; nothing before the first demand."""
         demand_deg = number(inputs, self.demand)
         if demand_deg is not None:
             self._angle_deg = self._towards(held(demand_deg, self.stop_deg))
@@ -56,28 +56,28 @@ class ElevatorServo(SurfaceServo):
 
 
 class ReportingElevatorServo(ElevatorServo):
-    """An elevator servo that publishes its command, for the monitor.
+    """An elevator servo that publishes its last command, for the monitor of the servos.
 
-    The version of that datum differs for each servo, so a reader knows which servo is driven.
+    The spec gives the command of each servo a version of its own, so that a reader knows which servo is driven.
     """
 
     echo = "elevator_servo_command"
 
 
 class LimitedElevatorServo1(SurfaceServo):
-    """An elevator servo at the end of the first of three paths, which limits its demand."""
+    """The elevator servo of the first of three redundant paths; its demand is limited before it."""
 
     demand = "servo_demand_1"
 
 
 class LimitedElevatorServo2(SurfaceServo):
-    """The servo at the end of the second path."""
+    """The elevator servo of the second of three redundant paths."""
 
     demand = "servo_demand_2"
 
 
 class LimitedElevatorServo3(SurfaceServo):
-    """The servo at the end of the third path."""
+    """The elevator servo of the third of three redundant paths."""
 
     demand = "servo_demand_3"
 
@@ -89,7 +89,7 @@ class RudderServo(SurfaceServo):
 
 
 class Charge(Module):
-    """A charge that fires once, on the second demand in a row."""
+    """A charge that fires once, after two demands in a row."""
 
     demand: ClassVar[str]
 
@@ -99,7 +99,7 @@ class Charge(Module):
         self._fired = False
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Write 1 for fired, else 0; a period without a demand changes nothing."""
+        """Write 1 once the charge has fired, else 0; a period without a demand changes nothing."""
         demand = whole(inputs, self.demand)
         if demand is not None:
             self._demanded = self._demanded + 1 if demand != 0 else 0
@@ -124,7 +124,7 @@ class InflationValve(Module):
     """The gas valve of the wings; its opening is 0 to 1."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Open the valve as demanded; close it without a demand."""
+        """Open the valve as far as demanded; close it without a demand."""
         demand = number(inputs, "valve_demand")
         self.ctx.write(min(max(demand or 0.0, 0.0), 1.0))
         return {}

@@ -1,12 +1,14 @@
 """Air data: one static pressure out of three, and the airspeed.
 
-The voter publishes the middle of three pressures, so one wrong sensor never determines the output. It reports a sensor
-that has differed from the middle for a second without a break, and repeats the report each second (the operator may
-have cleared it). It reports a sensor only with all three pressures: if two differ, either may be wrong. It compares
-nothing in its first second, in which some data may be old. The name of a variable in the spec shows its sensor:
-`pressure_2` is measured by `device:pressure_sensor_2`.
+The voter publishes the middle of three pressures, so one wrong sensor never determines the output. Of two pressures
+that differ it publishes the one that is nearer to its last output.
 
-At a restart the voter begins the second anew, and forgets which of two pressures was nearer to the middle.
+The voter reports a sensor that has differed from the middle for a second without a break, and repeats the report each
+second (the operator may have cleared it). It reports only while all three pressures are present: of two that differ,
+either may be wrong. In its first second it reports nothing, since some data may be old. The name of a variable in the
+spec shows its sensor: `pressure_2` is measured by `device:pressure_sensor_2`.
+
+A restart loses the last output, and starts both seconds anew.
 """
 
 import statistics
@@ -67,10 +69,16 @@ def _differ(one_hpa: float, other_hpa: float) -> bool:
 
 
 class AirData(Module):
-    """Indicated airspeed from the pitot; in mode `compensated` also true airspeed, by the density at this pressure."""
+    """Indicated airspeed from the pitot.
+
+    In mode `compensated` also true airspeed, from the density at the static pressure.
+    """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the airspeeds for which there are pressures."""
+        """Publish the airspeeds in m/s.
+
+        Nothing is published without the pitot's pressure, and no true airspeed without the static pressure.
+        """
         differential = number(inputs, "differential_pressure")
         if differential is None:
             return {}

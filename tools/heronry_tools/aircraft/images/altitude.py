@@ -3,11 +3,11 @@
 *Fusion.* Pressure altitude has little noise and no delay, but an offset that changes slowly: the error of the sensor,
 and the difference of the day from the standard atmosphere. GPS height is right on average, but noisy. So a slow
 low-pass filter learns the offset between the two, and the offset is added to the pressure altitude. The result has
-little of the noise of the GPS, and not the error of the barometer.
+neither the noise of the GPS nor the offset of the barometer.
 
 GPS alone is filtered together with its rate (an alpha-beta filter), because a plain average lags behind in a climb.
 
-A restart loses the offset or the rate; the first pair of inputs sets them again.
+A restart loses the offset (fused) or the rate (GPS alone), which are then learned again.
 """
 
 from collections.abc import Mapping
@@ -35,7 +35,10 @@ class FusedAltitude(Module):
         self._rate_m_per_s = 0.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish an altitude; in `fused` the last offset is used when a GPS height is missing."""
+        """Publish an altitude.
+
+        Without a GPS height, mode `fused` uses the last offset and `gps_only` publishes nothing.
+        """
         gps_m = number(inputs, "gps_altitude")
         if self.ctx.mode == "gps_only":
             return {} if gps_m is None else {"altitude": self._tracked(gps_m)}
@@ -63,7 +66,7 @@ class FusedAltitude(Module):
 
 
 class FusedStaticAltitude(FusedAltitude):
-    """As `FusedAltitude`, from the voted pressure."""
+    """A `FusedAltitude` that reads the voted pressure."""
 
     pressure = "static_pressure"
 
@@ -74,12 +77,12 @@ class PressureAltitude(Module):
     pressure: ClassVar[str] = "absolute_pressure"
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish an altitude for each pressure."""
+        """Publish the altitude; nothing without a pressure."""
         static_hpa = number(inputs, self.pressure)
         return {} if static_hpa is None else {"altitude": atmosphere.altitude_m(static_hpa)}
 
 
 class StaticPressureAltitude(PressureAltitude):
-    """As `PressureAltitude`, from the voted pressure."""
+    """A `PressureAltitude` that reads the voted pressure."""
 
     pressure = "static_pressure"

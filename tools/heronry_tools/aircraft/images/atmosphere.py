@@ -1,6 +1,7 @@
 """The standard atmosphere: conversions between pressure and altitude, and between dynamic pressure and airspeed.
 
-The barometric images and the plant share these formulas, so that an altitude of the plant is read as the same altitude.
+The plant computes pressures from altitudes by these formulas, and the barometric images compute altitudes from
+pressures by the same ones, so that both have the same altitude.
 
 Source: ICAO Standard Atmosphere (ICAO Doc 7488, ISO 2533), geopotential altitude, layers from -2 to 47 km. A layer has
 a constant lapse rate L; with L = 0 pressure falls exponentially, else with the power g0 / (R L). Base pressures are
@@ -79,7 +80,7 @@ def density_kg_per_m3(static_hpa: float) -> float:
 
 
 def indicated_airspeed_m_per_s(differential_hpa: float) -> float:
-    """Indicated airspeed from the pitot's differential pressure, incompressible; 0 for suction."""
+    """Indicated airspeed for a differential pressure of the pitot, by the incompressible formula; 0 for suction."""
     return math.sqrt(2.0 * max(differential_hpa, 0.0) * _PA_PER_HPA / SEA_LEVEL_DENSITY_KG_PER_M3)
 
 

@@ -1,15 +1,15 @@
 """Attitude in three versions: gyros corrected by accelerometers, gyros alone, horizon sensor alone.
 
 Gyros react at once, but drift. Accelerometers show gravity on average, but are noisy. The complementary filter turns
-the angle by the gyros, and corrects it slowly towards the angle of the accelerometers. Without accelerometers it
-corrects towards the best glide with level wings, in which a glider flies most of the time. That bounds the drift, but
-in a long turn the angle is wrong. The horizon sensor does not drift, but is coarse.
+the angle by the gyros, and corrects it slowly towards a reference: the angle that the accelerometers show. Without
+accelerometers the reference is the best glide with level wings, in which a glider flies most of the time. That bounds
+the drift, but in a long turn the angle is wrong. The horizon sensor does not drift, but is coarse.
 
 Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive. When the nose
 points up, gravity is measured as a forward acceleration; when the right wing is low, as an acceleration to the left.
 
-After a restart the fused filter starts from the accelerometers. Gyros alone start from the best glide, and this error
-decreases only slowly; so this version is the worse one.
+After a restart the filter with accelerometers starts from their angle. The filter of gyros alone starts from the best
+glide; if that is wrong, the error decreases only slowly.
 """
 
 import math
@@ -28,7 +28,7 @@ _HORIZON_COUNTS = 1000  # contrast of a horizon that stands upright
 
 
 class AttitudeFilter(Module):
-    """Pitch and roll in degrees from body rates; in mode `fused` from accelerations as well."""
+    """Pitch and roll in degrees from body rates, in mode `fused` corrected by accelerations."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -36,7 +36,7 @@ class AttitudeFilter(Module):
         self._angles_deg: tuple[float, float] | None = None if ctx.mode == "fused" else _GLIDE_DEG
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Turn by the gyros, and correct towards the reference; publish nothing before the first attitude."""
+        """Publish the attitude; nothing without both rates, or before `fused` has had its first accelerations."""
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG
         pull_s = _GRAVITY_PULL_S if self.ctx.mode == "fused" else _GLIDE_PULL_S
@@ -65,7 +65,7 @@ class AttitudeFilter(Module):
 
 
 def _gravity_deg(inputs: Inputs) -> tuple[float, float] | None:
-    """Give the pitch and roll that gravity shows in the accelerations; None without both accelerations."""
+    """Give the pitch and roll in degrees that the accelerations show; None unless both are present."""
     forward_g, right_g = number(inputs, "longitudinal_acceleration"), number(inputs, "lateral_acceleration")
     if forward_g is None or right_g is None:
         return None

@@ -4,9 +4,9 @@ Signs are CANaerospace's. An elevator that goes down (positive) lowers the nose,
 positive deflection. A rudder that swings clockwise (positive) yaws to the right, and by their dihedral the wings then
 roll to the right: an inflatable wing has no ailerons.
 
-A loop gives the demand, limited to the range of the surface. Without a command it flies the best glide with level
-wings. A command beyond the limits is limited, whatever its source. Without an attitude nothing is published, and the
-servo stays where it is.
+A loop publishes the demanded angle of its surface, limited to the range of the surface. Without a command it flies the
+best glide with level wings. A command beyond the limits of attitude is limited, too, whatever its source. Without an
+attitude nothing is published, and the servo stays where it is.
 
 A restart loses the integral: the surface moves by at most the trim that was learned.
 """
@@ -49,16 +49,19 @@ class Pid:
         self._sum_deg_s = held(self._sum_deg_s + error_deg * period_s, self.trim_deg / self.integral)
 
     def output_deg(self, error_deg: float, rate_deg_per_s: float, gain: float = 1.0) -> float:
-        """Give the output for an error (demanded minus present angle) and a present rate."""
+        """Give the angle of the surface in degrees, before its limits, for an error of attitude and a present rate.
+
+        error_deg: demanded minus present angle. gain: a factor for the whole output.
+        """
         quick = gain * (self.proportional * error_deg - self.damping * rate_deg_per_s)
         return held(quick + self.integral * self._sum_deg_s, self.limit_deg)
 
 
 class PitchControl(Module):
-    """Elevator from pitch; in mode `scheduled` the gain falls with speed.
+    """Controls the pitch by the elevator; in mode `scheduled` the gain falls with airspeed.
 
-    The effect of a surface grows with the square of the speed. Without flow, on the balloon's line, a surface has no
-    effect, so no trim is learned.
+    The effect of a surface grows with the square of the airspeed. On the balloon's line there is no flow and a surface
+    has no effect, so no trim is learned there.
     """
 
     def __init__(self, ctx: Context) -> None:
@@ -80,14 +83,14 @@ class PitchControl(Module):
 
 
 def _gain(speed_m_per_s: float | None) -> float:
-    """Give the gain: 1 at the best glide, if the speed is unknown, and without flow."""
+    """Give the factor by which the gain differs from that at the best glide; 1 if the speed is unknown or nearly 0."""
     if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S:
         return 1.0
     return min(max((BEST_GLIDE_M_PER_S / speed_m_per_s) ** 2, 0.4), 1.5)
 
 
 class RollControl(Module):
-    """Rudder from roll; in mode `damped` also from the roll rate."""
+    """Controls the roll by the rudder; in mode `damped` also by the roll rate."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -120,7 +123,7 @@ class StateEstimator(Module):
 
 
 class ElevatorControl(Module):
-    """Elevator from `state_info`, the nose's error in degrees (the paper's Figure 3)."""
+    """Controls the elevator by `state_info`, the nose's error in degrees (the paper's Figure 3)."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

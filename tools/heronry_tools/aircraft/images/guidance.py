@@ -72,7 +72,7 @@ def _flares(inputs: Inputs) -> bool:
 
 
 def _bank_per_deg(inputs: Inputs) -> float:
-    """Give the bank in degrees per degree of turn.
+    """Give the bank in degrees that is commanded per degree of turn.
 
     It is larger in thin air and at speed, where a bank turns the aircraft more slowly.
     """
@@ -83,7 +83,7 @@ def _bank_per_deg(inputs: Inputs) -> float:
 
 
 class OrbitAutopilot(Module):
-    """The experiment: a circle over the field, with a glide that is steeper the higher the aircraft is.
+    """The experiment: commands a circle over the field, with a glide that is steeper the higher the aircraft is.
 
     An aircraft that reports that it hangs on its balloon is commanded to hang level.
     """
@@ -106,7 +106,7 @@ class OrbitAutopilot(Module):
         return {"pitch_command": self._pitch_deg(altitude_m, attitude[1] / 100.0), "roll_command": roll_deg}
 
     def _pitch_deg(self, altitude_m: float, roll_deg: float) -> float:
-        """Give the pitch: a steeper glide when high, and the nose slightly up in a bank, which loses lift."""
+        """Give the commanded pitch: a steeper glide when high; in a bank, which costs lift, a higher nose."""
         height_km = max(altitude_m - HOME_ALTITUDE_M, 0.0) / 1000.0
         glide_deg = max(BEST_GLIDE_PITCH_DEG - 0.2 * height_km, _STEEPEST_PITCH_DEG)
         return glide_deg + 1.5 * (1.0 - math.cos(math.radians(held(roll_deg, 60.0))))

@@ -24,17 +24,17 @@ _PER_DEGREE = 32_768.0
 
 
 def pixel_word(frame: int, index: int) -> int:
-    """Give the payload of a pixel word of the test pattern."""
+    """Give the payload (24 bits: three grey pixels) of the test pattern at `index` of the picture `frame`."""
     return (frame * 2_654_435_761 + index * 40_503) & _PAYLOAD_MASK
 
 
 def word(index: int, payload: int) -> int:
-    """Put index and payload together."""
+    """Give the 32-bit word with this index and payload."""
     return index << 24 | payload & _PAYLOAD_MASK
 
 
 class Imaging(Module):
-    """Sends the latest frame, one word per period; `full` or `preview`."""
+    """Sends the latest picture, one word per period, in mode `full` or `preview`."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -69,7 +69,7 @@ def _place(degrees: float | None) -> int:
 
 
 class ImageArchive(Module):
-    """Puts pictures together, and counts them in `whole_frames` and `spoilt_frames`."""
+    """Puts the received pictures together, and counts them in `whole_frames` and `spoilt_frames`."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

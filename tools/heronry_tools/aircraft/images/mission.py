@@ -1,11 +1,11 @@
 """The stage of the flight, by which the phases of the spec are entered.
 
-The stage only advances, and only when the signs of a later stage were present for some steps. The signs use the inputs
-that are present: an aircraft on its balloon has no airspeed, and a released one has. Without a pitot, an aircraft that
-is far below its highest point counts as released. Without any input the stage stays.
+The stage only advances, and only after the inputs have indicated a later stage for several periods. Any input may be
+missing. For example, an aircraft on its balloon has no airspeed and a released one has; without a pitot, an aircraft
+that is far below its highest point counts as released. Without any input the stage stays.
 
-A restart begins without a stage, and takes the one that the signs show. It loses the highest point, so without a pitot
-a released aircraft is recognized only after another long descent.
+A restart begins without a stage, and takes the one that the inputs indicate. It loses the highest point, so without a
+pitot a released aircraft is recognized only after another long descent.
 """
 
 from collections.abc import Mapping

@@ -1,13 +1,19 @@
 """The two events that end a flight: the logic of the parachute, and that of the balloon's line.
 
 The parachute has two inputs, the release command and the altitude. As in the paper (section 3.1), either input is
-enough to keep it shut. There are three reasons to open it. A release command. Without the command link, but with an
-altitude: an aircraft that has been high comes down through the opening altitude, since further down it would be too
-late for a command. And *by default*: neither input has been heard for some time, which is longer than a reconfiguration
-takes, and longer than the inputs need after a start.
+enough to keep it shut. It opens in one of three cases:
 
-The balloon's line is cut in one of three cases: on command; at the planned altitude, if the wings are known to be ready
-or nothing is known of them; or, whatever the wings are, at the highest altitude, where the balloon bursts by itself.
+- the release command is given;
+- the command link is lost, the altitude is known, and the aircraft, which has been high, comes down through the opening
+  altitude: further down it would be too late for a command;
+- *by default*: neither input has been present for a time that is longer than a reconfiguration takes, and longer than
+  the inputs need after a start.
+
+The balloon's line is cut in one of three cases:
+
+- the command to cut it is given;
+- the aircraft is at the planned altitude, and its wings are known to be ready or their state is unknown;
+- the aircraft is at the highest altitude, where the balloon bursts by itself, whatever the state of its wings.
 
 Neither module withdraws its output: once given, it stays. A module that is started again gives the output again if the
 reasons still hold. A parachute module that is started again below the opening altitude does not know that the aircraft
@@ -30,7 +36,7 @@ _BURST_M = 24_000.0
 
 
 class ChuteLogic(Module):
-    """Gives `chute_release`; 1 opens the parachute."""
+    """Decides when the parachute opens: `chute_release` is 1 to open it."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -59,7 +65,7 @@ class ChuteLogic(Module):
 
 
 class CutdownLogic(Module):
-    """Gives `balloon_cut`; 1 cuts the balloon's line."""
+    """Decides when the balloon's line is cut: `balloon_cut` is 1 to cut it."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

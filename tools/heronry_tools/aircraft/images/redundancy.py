@@ -1,4 +1,4 @@
-"""One module of each kind in `heronry_agent.parts`, with the variable names of the example specs."""
+"""One example image for each class of `heronry_agent.parts`, with the variable names of the example specs."""
 
 from heronry_agent.parts.choosers import FailOver, NVersion
 from heronry_agent.parts.comparators import ComparatorBetter, ComparatorNone, ComparatorSafer
@@ -60,19 +60,19 @@ class ElevatorLimiter(RateLimiter):
 
 
 class ElevatorLimiter1(ElevatorLimiter):
-    """The first of three paths to an elevator servo, each of which limits the demand for its own servo."""
+    """The limiter of the first of three redundant paths, each to an elevator servo of its own."""
 
     output = "servo_demand_1"
 
 
 class ElevatorLimiter2(ElevatorLimiter):
-    """The second path."""
+    """The limiter of the second of three redundant paths."""
 
     output = "servo_demand_2"
 
 
 class ElevatorLimiter3(ElevatorLimiter):
-    """The third path."""
+    """The limiter of the third of three redundant paths."""
 
     output = "servo_demand_3"
 

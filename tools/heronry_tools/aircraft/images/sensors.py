@@ -37,7 +37,7 @@ class SensorDriver(Module):
         return {} if given is None else given
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give the variables of a reading; None if the reading is impossible for this device."""
+        """Convert a reading to values by variable; None if the reading is impossible for this device."""
         raise NotImplementedError
 
 
@@ -47,20 +47,21 @@ class NumberSensor(SensorDriver):
     variable: ClassVar[str]
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give the number."""
+        """Give the number as the value of `variable`; None if the reading is not a number."""
         return {self.variable: float(raw)} if isinstance(raw, (int, float)) else None
 
 
 class TupleSensor(SensorDriver):
-    """A device that gives several integers at once; for each, in order: its variable and the units per count.
+    """A device whose reading is several integers.
 
-    An integer without a variable (None) is not used.
+    `fields` gives for each integer, in order, its variable and the units per count. An integer whose variable is None
+    is not used.
     """
 
     fields: ClassVar[tuple[tuple[str | None, float], ...]]
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Scale each integer to its variable's unit."""
+        """Convert each integer to the unit of its variable; None if the reading has another form."""
         if not isinstance(raw, tuple) or len(raw) != len(self.fields):
             return None
         return {variable: count * unit for (variable, unit), count in zip(self.fields, raw, strict=True) if variable}
@@ -105,7 +106,7 @@ class Horizon(SensorDriver):
     device = "horizon_sensor"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Limit both counts to the range of SHORT."""
+        """Give both counts, limited to the range of a SHORT."""
         if not isinstance(raw, tuple) or len(raw) != 2:
             return None
         return {"horizon_contrast": tuple(min(max(count, -_SHORT_LIMIT), _SHORT_LIMIT) for count in raw)}
@@ -190,7 +191,7 @@ class CommandReceiver(SensorDriver):
     device = "command_receiver"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give 1 for any number but 0."""
+        """Give both commands, each as 0 or 1; None if the reading is not a pair."""
         if not isinstance(raw, tuple) or len(raw) != 2:
             return None
         return {"release_command": int(raw[0] != 0), "cutdown_command": int(raw[1] != 0)}
@@ -208,5 +209,5 @@ class ChuteReceiver(SensorDriver):
     device = "receiver"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give 1 for any number but 0."""
+        """Give the command as 0 or 1; None if the reading is not a number."""
         return {"release_command": int(raw != 0)} if isinstance(raw, (int, float)) else None

@@ -1,29 +1,30 @@
 """The servo monitors: they compare a surface's command with its position, and report the device that has failed.
 
-*Detection.* A healthy servo would bring the surface to the command through a short lag. A difference from that position
-beyond the tolerance, for the whole delay and in several comparisons, is a failure. After a report the monitor waits
-while the manager activates the other servo.
+*Detection.* The monitor computes where a healthy servo, which has a short lag, would have brought the surface. A
+difference from that position beyond the tolerance, for the whole delay and in several comparisons, is a failure. After
+a report the monitor waits while the manager activates the other servo.
 
 *Which servo.* In `big_blue` each servo driver publishes its command with its own version, so the version of the datum
 shows which servo is driven. The monitor of the paper's Figure 3 has no such echo. It assumes that the first branch of
 the DEMUX drives, and, once the first servo was reported, the second branch. If the first servo is out of use for
-another reason the assumption is wrong, but harmless: the report names a device that is already down. This monitor does
-not know either whether the servo is driven at all. A surface also stands still while its driver is silent, or is held
-back on another PE, until another driver takes over. So this monitor waits for longer than a reconfiguration takes
-before it reports a servo.
+another reason the assumption is wrong, but harmless: the report names a device that is already down. The monitor of
+Figure 3 also does not know whether any servo is driven. A surface stands still, too, while its driver is silent or not
+authorized, until another driver takes over. So this monitor waits for longer than a reconfiguration takes before it
+reports a servo.
 
 *Servo or sensor.* The second servo is reported only if the surface has followed its commands for a while since the
 first one was reported. If not, the sensor is reported: two servos hardly fail within a short time, but one stuck
 potentiometer makes both look wrong, and reporting both would leave the aircraft without an elevator because of a
-sensor. A reported device that is still in use is reported again, and no other one: the operator may have cleared it.
+sensor. If a reported device is still in use and fails again, the same device is reported again: the operator may have
+cleared it.
 
 Not detected: a surface that is stuck at its commanded position, until the next command.
 
 The published health: 0 for healthy, else the device that was reported last: 1 or 2 for the servo of that number, 3 for
 the angle sensor.
 
-At its start the monitor expects the surface where it is. Without a command or an angle it does not compare. A restart
-forgets the reports; the next failure repeats them, which changes nothing.
+When the monitor starts, it takes the present position of the surface as the expected one. Without a command or an angle
+it does not compare. A restart forgets the reports; the next failure is reported again, which changes nothing.
 """
 
 from collections.abc import Mapping
@@ -46,7 +47,7 @@ _SENSOR = 3
 
 
 class SurfaceMonitor(Module):
-    """Monitors the elevator; a subclass knows the variable of the command and the servo that is driven."""
+    """Monitors the elevator; a subclass gives the variable of the command, and the servo that is driven."""
 
     command: ClassVar[str]
     health: ClassVar[str]
@@ -110,13 +111,13 @@ class SurfaceMonitor(Module):
 
 
 class ElevatorMonitor(SurfaceMonitor):
-    """The monitor that knows which servo is driven: the version of the echo is the number of the servo."""
+    """The monitor that knows which servo is driven: the version of the published command is the servo's number."""
 
     command = "elevator_servo_command"
     health = "servo_health"
 
     def working_servo(self, inputs: Inputs) -> int:
-        """Give the version of the echo."""
+        """Give the version of the command, which is the number of the servo that is driven."""
         return inputs[self.command].version
 
 
@@ -128,5 +129,5 @@ class ServoMonitor(SurfaceMonitor):
     delay_ns = _DELAY_WITHOUT_ECHO_NS
 
     def working_servo(self, inputs: Inputs) -> int:  # noqa: ARG002 (its inputs do not say)
-        """Give the first servo, or the second one if the first was reported."""
+        """Give 1, or 2 once the first servo was reported."""
         return 2 if 1 in self._accused else 1

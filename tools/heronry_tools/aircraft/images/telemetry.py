@@ -1,8 +1,8 @@
 """Outputs of the flight's data: telemetry for the radio, the display on the ground, the recorder on board.
 
-Telemetry repeats the present inputs at the rate of its mode and omits the missing ones, so a missing value is missing
-on the ground, too. In a byte of the status 255 stands for "missing". Display and recorder write one line of text per
-period: `name=value` for each present input, in a fixed order. A restart loses nothing.
+Telemetry repeats its present inputs at the rate of its mode and omits the missing ones, so that a value that is missing
+on board is missing on the ground, too. A byte of the status is 255 where its value is missing. Display and recorder
+write one line of text per period: `name=value` for each present input, in a fixed order. A restart loses nothing.
 """
 
 from collections.abc import Mapping
@@ -46,7 +46,10 @@ def _centidegrees(angle_deg: float) -> int:
 
 
 def _status(inputs: Inputs) -> tuple[int, ...]:
-    """Give stage of the mission, state of the wings, health of the servos, battery in 0.1 V; 255: unknown."""
+    """Give the four bytes of status; a byte is 255 where its value is missing.
+
+    They are the stage of the mission, the state of the wings, the health of the servos, and the battery in 0.1 V.
+    """
     voltage = number(inputs, "battery_voltage")
     decivolts = None if voltage is None else round(DECIVOLTS * voltage)
     states = (whole(inputs, name) for name in ("mission_stage", "wing_state", "servo_health"))
@@ -59,14 +62,14 @@ class LineWriter(Module):
     columns: ClassVar[tuple[str, ...]]
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Write one line, which begins with the host's time in ms."""
+        """Write one line, which begins with the time of the PE in ms."""
         words = [f"{self.ctx.now_ns // _NS_PER_MS}"]
         words += [f"{name}={value:g}" for name in self.columns if (value := number(inputs, name)) is not None]
         self.ctx.write(" ".join(words + self.more_words(inputs)))
         return {}
 
     def more_words(self, inputs: Inputs) -> list[str]:  # noqa: ARG002 (subclasses may have some)
-        """Give further words of the line, for values that are not single numbers."""
+        """Give further words of the line, for inputs that are not single numbers; a subclass may have some."""
         return []
 
 
@@ -99,7 +102,7 @@ class GroundDisplay(LineWriter):
     )
 
     def more_words(self, inputs: Inputs) -> list[str]:
-        """Give the attitude in degrees, and the status."""
+        """Give the attitude in degrees, and the bytes of status that are not missing."""
         words = []
         attitude, status = numbers(inputs, "telemetry_attitude", 2), numbers(inputs, "telemetry_status", 4)
         if attitude is not None:

@@ -1,8 +1,9 @@
 """The device table of the two shipped specs: what each sensor measures, and what each actuator moves.
 
-The aircraft reacts to its surfaces. Pitch and roll are those of the script plus a share of the elevator's and the
-rudder's angle. The share falls with the speed of the air, and the airframe adds a lag. On the balloon's line there is
-hardly any flow, so the surfaces have no effect.
+An actuator moves a *mechanism*, for example a surface or the gas in the wings (mechanism.py). The aircraft reacts to
+its surfaces. Pitch and roll are those of the scripted flight (flight.py) plus a share of the elevator's and the
+rudder's angle. The share falls with the airspeed, and the airframe adds a lag. On the balloon's line there is hardly
+any flow, so the surfaces have no effect.
 
 A sensor's reading is the value that the real device gives to its driver, in its own units: an inertial unit and a GPS
 receiver give integers, a pressure transducer hectopascals. Noise and bias are as large as those of such devices.
@@ -38,7 +39,7 @@ _GLIDE_M_PER_S = 18.0
 
 
 class Motion(Protocol):
-    """The aircraft's state on which readings depend: that of the script (`flight.Moment`), or of a dynamics model."""
+    """The state of the aircraft on which readings depend: from the script (`flight.Moment`), or a dynamics model."""
 
     @property
     def time_s(self) -> float: ...  # noqa: D102 - the names and units say it
@@ -64,9 +65,13 @@ class Motion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The conditions of a reading: the sensor's name, the time since take-off, the flight, and the mechanisms.
+    """All on which the reading of a sensor depends.
 
-    Positions are in the units of each mechanism (deg, hPa), rates in these units per second.
+    device: the name of the sensor.
+    time_ns: the time since take-off.
+    now: the state of the aircraft at that time.
+    position, rate: of a mechanism, by its name; in the unit of the mechanism (deg, hPa) and in that unit per second.
+    seed: of the noise; None for the noise of the scripted flight.
     """
 
     device: str
@@ -93,7 +98,7 @@ class Surroundings:
         return _PITCH_PER_ELEVATOR * flow * of("pitching"), _ROLL_PER_RUDDER * flow * of("rolling")
 
     def with_noise(self, value: float, sigma: float, axis: str = "") -> float:
-        """Add the noise of this device and axis at this time; devices and axes are independent of each other."""
+        """Return the value with noise of standard deviation `sigma`; each device and axis has noise of its own."""
         name = self.device + axis
         return value + sigma * noise(name if self.seed is None else f"{self.seed}/{name}", self.time_ns)
 
@@ -101,92 +106,92 @@ class Surroundings:
 Sensor = Callable[[Surroundings], Value]
 
 
-def _inertial_unit(around: Surroundings) -> tuple[int, ...]:
+def _inertial_unit(surroundings: Surroundings) -> tuple[int, ...]:
     """Pitch and roll rate in 0.001 deg/s, longitudinal and lateral acceleration in 0.001 g."""
-    pitch, roll = (math.radians(angle) for angle in around.attitude_deg)
-    pitch_rate, roll_rate = around.body_rates_deg_per_s
+    pitch, roll = (math.radians(angle) for angle in surroundings.attitude_deg)
+    pitch_rate, roll_rate = surroundings.body_rates_deg_per_s
     return (
-        round(1000.0 * around.with_noise(pitch_rate, 0.1, "q")),
-        round(1000.0 * around.with_noise(roll_rate, 0.1, "p")),
-        round(1000.0 * around.with_noise(math.sin(pitch), 0.01, "x")),
-        round(1000.0 * around.with_noise(-math.sin(roll) * math.cos(pitch), 0.01, "y")),
+        round(1000.0 * surroundings.with_noise(pitch_rate, 0.1, "q")),
+        round(1000.0 * surroundings.with_noise(roll_rate, 0.1, "p")),
+        round(1000.0 * surroundings.with_noise(math.sin(pitch), 0.01, "x")),
+        round(1000.0 * surroundings.with_noise(-math.sin(roll) * math.cos(pitch), 0.01, "y")),
     )
 
 
-def _rate_gyros(around: Surroundings) -> tuple[int, ...]:
+def _rate_gyros(surroundings: Surroundings) -> tuple[int, ...]:
     """Pitch and roll rate in 0.001 deg/s: noisier than those of the inertial unit, and never quite zero."""
-    pitch_rate, roll_rate = around.body_rates_deg_per_s
+    pitch_rate, roll_rate = surroundings.body_rates_deg_per_s
     return (
-        round(1000.0 * around.with_noise(pitch_rate + 0.05, 0.3, "q")),
-        round(1000.0 * around.with_noise(roll_rate - 0.04, 0.3, "p")),
+        round(1000.0 * surroundings.with_noise(pitch_rate + 0.05, 0.3, "q")),
+        round(1000.0 * surroundings.with_noise(roll_rate - 0.04, 0.3, "p")),
     )
 
 
-def _horizon(around: Surroundings) -> tuple[int, ...]:
+def _horizon(surroundings: Surroundings) -> tuple[int, ...]:
     """Contrast between warm ground and cold sky, along and across, in counts."""
-    along, across = (math.sin(math.radians(angle)) for angle in around.attitude_deg)
+    along, across = (math.sin(math.radians(angle)) for angle in surroundings.attitude_deg)
     return (
-        round(HORIZON_COUNTS * around.with_noise(along, 0.06, "x")),
-        round(HORIZON_COUNTS * around.with_noise(across, 0.06, "y")),
+        round(HORIZON_COUNTS * surroundings.with_noise(along, 0.06, "x")),
+        round(HORIZON_COUNTS * surroundings.with_noise(across, 0.06, "y")),
     )
 
 
-def _gps(around: Surroundings) -> tuple[int, ...]:
+def _gps(surroundings: Surroundings) -> tuple[int, ...]:
     """Latitude and longitude in 1e-7 deg, height in mm, track in 1e-5 deg: integers, as receivers report them."""
     return (
-        round(1e7 * around.with_noise(around.now.latitude_deg, 2e-5, "n")),
-        round(1e7 * around.with_noise(around.now.longitude_deg, 2e-5, "e")),
-        round(1e3 * around.with_noise(around.now.altitude_m, 4.0, "u")),
-        round(1e5 * around.now.track_deg),
+        round(1e7 * surroundings.with_noise(surroundings.now.latitude_deg, 2e-5, "n")),
+        round(1e7 * surroundings.with_noise(surroundings.now.longitude_deg, 2e-5, "e")),
+        round(1e3 * surroundings.with_noise(surroundings.now.altitude_m, 4.0, "u")),
+        round(1e5 * surroundings.now.track_deg),
     )
 
 
 def _pressure(bias_hpa: float) -> Sensor:
-    """Give a static pressure transducer, in hPa, with this bias."""
+    """Give the function that reads a static pressure transducer with this bias, in hPa."""
 
-    def read(around: Surroundings) -> float:
-        return max(around.with_noise(atmosphere.pressure_hpa(around.now.altitude_m) + bias_hpa, 0.02), 0.0)
+    def read(surroundings: Surroundings) -> float:
+        return max(surroundings.with_noise(atmosphere.pressure_hpa(surroundings.now.altitude_m) + bias_hpa, 0.02), 0.0)
 
     return read
 
 
-def _pitot(around: Surroundings) -> float:
-    return around.with_noise(atmosphere.differential_hpa(around.now.airspeed_m_per_s), 0.005)
+def _pitot(surroundings: Surroundings) -> float:
+    return surroundings.with_noise(atmosphere.differential_hpa(surroundings.now.airspeed_m_per_s), 0.005)
 
 
 def _angle_of(mechanism: str) -> Sensor:
-    """Give a potentiometer on a surface, in degrees."""
+    """Give the function that reads a potentiometer on a surface, in degrees."""
 
-    def read(around: Surroundings) -> float:
-        return around.with_noise(around.position(mechanism), 0.05)
+    def read(surroundings: Surroundings) -> float:
+        return surroundings.with_noise(surroundings.position(mechanism), 0.05)
 
     return read
 
 
-def _wing_pressure(around: Surroundings) -> float:
-    return max(around.with_noise(around.position("wing"), 1.0), 0.0)
+def _wing_pressure(surroundings: Surroundings) -> float:
+    return max(surroundings.with_noise(surroundings.position("wing"), 1.0), 0.0)
 
 
-def _ultraviolet(around: Surroundings) -> float:
-    """UV irradiance in W/m2: it grows with the share of the atmosphere that lies below."""
-    above = atmosphere.pressure_hpa(around.now.altitude_m) / atmosphere.SEA_LEVEL_PRESSURE_HPA
-    return max(around.with_noise(55.0 - 35.0 * above, 0.5), 0.0)
+def _ultraviolet(surroundings: Surroundings) -> float:
+    """UV irradiance in W/m2; the less air is above the aircraft, the larger it is."""
+    above = atmosphere.pressure_hpa(surroundings.now.altitude_m) / atmosphere.SEA_LEVEL_PRESSURE_HPA
+    return max(surroundings.with_noise(55.0 - 35.0 * above, 0.5), 0.0)
 
 
-def _battery(around: Surroundings) -> float:
-    return around.with_noise(12.6 - 0.004 * around.now.time_s, 0.01)
+def _battery(surroundings: Surroundings) -> float:
+    return surroundings.with_noise(12.6 - 0.004 * surroundings.now.time_s, 0.01)
 
 
-def _camera(around: Surroundings) -> int:
-    return around.time_ns * CAMERA_FRAMES_PER_S // NS_PER_S
+def _camera(surroundings: Surroundings) -> int:
+    return surroundings.time_ns * CAMERA_FRAMES_PER_S // NS_PER_S
 
 
-def _commands(around: Surroundings) -> tuple[int, ...]:
-    """Commands to release the parachute, and to cut the balloon's line; the ground gives the second at CUTDOWN_S."""
-    return (0, int(around.now.time_s >= CUTDOWN_S))
+def _commands(surroundings: Surroundings) -> tuple[int, ...]:
+    """Two commands: release the parachute (never), and cut the balloon's line (1 from CUTDOWN_S on)."""
+    return (0, int(surroundings.now.time_s >= CUTDOWN_S))
 
 
-def _chute_command(_around: Surroundings) -> int:
+def _chute_command(_surroundings: Surroundings) -> int:
     return 0
 
 
@@ -212,7 +217,7 @@ SENSORS: Mapping[str, Sensor] = {
 
 
 def felt_by(device: str) -> frozenset[str]:
-    """Give the mechanisms on which a device's reading depends."""
+    """Give the names of the mechanisms on which a device's reading depends."""
     felt: set[str] = set()
 
     def feel(mechanism: str) -> float:
@@ -223,7 +228,7 @@ def felt_by(device: str) -> frozenset[str]:
     return frozenset(felt)
 
 
-def reading(around: Surroundings) -> Value:
+def reading(surroundings: Surroundings) -> Value:
     """Give the reading of a healthy device; 0.0 for one that is not in the table."""
-    sensor = SENSORS.get(around.device)
-    return sensor(around) if sensor is not None else 0.0
+    sensor = SENSORS.get(surroundings.device)
+    return sensor(surroundings) if sensor is not None else 0.0

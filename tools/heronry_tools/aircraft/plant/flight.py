@@ -149,12 +149,12 @@ class Moment:
 
 
 def moment(time_ns: int) -> Moment:
-    """Give the aircraft of the script at a time (ns after take-off); before take-off it stands on the field."""
+    """Give the state of the aircraft at a time (ns after take-off); before take-off it stands on the field."""
     return Moment(max(time_ns, 0) / NS_PER_S)
 
 
 def wing_pressure_hpa(time_ns: int) -> float:
-    """Give the pressure in the wings at this time, for a plant in which the valve has not been moved yet."""
+    """Give the pressure in the wings at a time (ns after take-off), while no module has moved the valve yet."""
     return _WING_PRESSURE_HPA.at(max(time_ns, 0) / NS_PER_S)
 
 

@@ -1,6 +1,7 @@
-"""What the simulator asks of a plant: the scripted one, or one in a flight dynamics model, is behind the devices.
+"""The interface to a plant, which the simulator and the drivers of devices use.
 
-A plant is read and moved by the name of a device. The simulator calls with rising times.
+Behind it is the scripted plant (world.py), or one with a flight dynamics model. A plant is read and moved by the names
+of its devices. The simulator calls it with times that never decrease.
 """
 
 from collections.abc import Callable, Iterable
@@ -13,13 +14,13 @@ Failure = Literal["dead", "stuck", "bias", "loose"]
 
 
 class PlantOfDevices(Protocol):
-    """A world that devices read and move."""
+    """A plant: a physical world that devices read and move."""
 
     def read(self, device: str, now_ns: int) -> Value | None:
         """Give the present reading of a device; None if it does not answer. An actuator gives its last command."""
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
-        """Move an actuator; give the position that it takes, for the echo, or None if it does not move."""
+        """Move an actuator; returns the position that it takes, for the echo, or None if it does not move."""
 
     def make_safe(self, device: str, now_ns: int) -> None:
         """Take the safe action of an actuator that no module drives any more."""
@@ -35,19 +36,19 @@ class PlantOfDevices(Protocol):
 
 
 class PlantDevice:
-    """A device of a plant behind the interface of `heronry_agent.device`."""
+    """One device of a plant, as an object with the interface of `heronry_agent.device`."""
 
     def __init__(self, plant: PlantOfDevices, name: str, clock: Callable[[], int] | None = None) -> None:
-        """`clock` gives the time, in ns, at which the plant is read and moved; None: the caller's `now_ns` counts."""
+        """Take as time that of `clock` (ns); without a clock, the `now_ns` of each call."""
         self._plant, self._name, self._clock = plant, name, clock
 
     def read(self, now_ns: int) -> Reading:
-        """Give the present reading."""
+        """Give the present reading, valid unless the device does not answer."""
         value = self._plant.read(self._name, now_ns if self._clock is None else self._clock())
         return Reading(value, now_ns, value is not None)
 
     def command(self, value: Value, now_ns: int) -> Value | None:
-        """Move an actuator."""
+        """Move an actuator; returns the position that it takes, or None if it does not move."""
         return self._plant.write(self._name, value, now_ns if self._clock is None else self._clock())
 
     def make_safe(self, now_ns: int) -> None:

@@ -1,9 +1,9 @@
-"""The mechanism that actuators move: one value with inertia, pushed by the actuator that was driven last.
+"""The mechanism that actuators move: one value with inertia, moved by the last command of an actuator.
 
-Two servos on one surface share one mechanism, and the servo that was driven last holds it. The clutch of a failed servo
-slips, and the surface stays where it is until the other servo drives it. The state is the position at the last push,
-and its target. A mechanism that was not yet pushed is at its initial position. So a restarted process agrees with the
-others after it has heard one push, and after a few time constants.
+A *push* is a command to the mechanism. Two servos on one surface share one mechanism, and the servo that pushed last
+holds it. The clutch of a failed servo slips, and the surface stays where it is until the other servo pushes it. The
+state is the position at the last push, and the target of that push. Before its first push a mechanism is at its initial
+position. So in a restarted process it has the right position a few time constants after the first push.
 """
 
 import math
@@ -14,7 +14,7 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(slots=True)
 class Mechanism:
-    """A first-order lag; `rise_s` and `fall_s` are its time constants away from zero and back to it."""
+    """A first-order lag; `rise_s` and `fall_s` are its time constants for moving away from zero and back to zero."""
 
     rise_s: float
     fall_s: float

@@ -1,7 +1,7 @@
-"""Noise that is equal in every process: a function of a name and a time.
+"""Noise that is the same in every process: a function of a name and a time.
 
-A random generator has a state, so two processes that read one device at one time would differ. A hash has no state.
-Python's own `hash` of a text differs between processes; hence BLAKE2.
+A random generator has a state, so two processes that read one device at one time would get different noise. A hash has
+no state. Python's own `hash` of a text differs between processes; hence BLAKE2.
 """
 
 import hashlib

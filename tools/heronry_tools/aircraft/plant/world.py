@@ -3,15 +3,16 @@
 Most of the world is a script that depends only on the time since the origin (flight.py). A few mechanisms depend on
 actuators: the surfaces, the airframe that follows them, the gas in the wings.
 
-Each process has one `Plant`. The plants share only the origin, on one monotonic clock. A plant learns of an actuator of
-its own PE by `write`, and of an actuator elsewhere by `heard`, from an output echo on the bus:
+Each process has one `Plant`. The plants share only the origin, on one monotonic clock. A plant is told of an actuator
+of its own PE by `write`, and of an actuator of another PE by `heard`, from an output echo on the bus:
 
-- a lost or late echo: the mechanism lags here until the next echo; actuators are driven every period, so that is soon;
-- a doubled echo: it pushes to the same position, so nothing changes;
-- a restart: the script is right immediately, a mechanism after the first echo and a few tenths of a second.
+- if an echo is lost or late, the mechanism lags in this plant until the next echo, which follows in the next period;
+- if an echo arrives twice, it pushes to the same position, so nothing changes;
+- after a restart the script is right immediately, and a mechanism some tenths of a second after the first echo.
 
-Each device is healthy or was made to fail. Only this plant knows of a failure: fail a device at the PE to which it is
-connected. A failed actuator is not echoed (`write` returns None), so no other plant takes it as moved.
+A device is healthy until `fail` is called. Other plants do not learn of the failure, so a device must be failed in the
+process of the PE to which it is connected. A failed actuator is not echoed (`write` returns None), so no other plant
+moves it.
 """
 
 from collections.abc import Iterable
@@ -55,7 +56,7 @@ class Plant:
         }
 
     def open(self, name: str) -> PlantDevice:
-        """Give the device driver's object for a device."""
+        """Give the object through which a device driver reads or moves a device."""
         return PlantDevice(self, name)
 
     def read(self, device: str, now_ns: int) -> Value | None:
@@ -85,7 +86,7 @@ class Plant:
         """Do nothing: without a command an actuator of this plant stays where it is."""
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Note that an actuator was moved, on this PE or another; an actuator that has failed here does not move."""
+        """Move an actuator of this PE or of another, as an output echo shows; no effect on one that has failed here."""
         fault = self._faults.get(device)
         if fault is None or fault.how == "bias":
             self._move(device, value, now_ns)

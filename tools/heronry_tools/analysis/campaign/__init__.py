@@ -1,1 +1,1 @@
-"""Every set of faults: the plan for it, what it loses, and the smallest sets that lose a function."""
+"""Campaigns: the plan for every set of faults, what each set loses, and the smallest sets that lose a function."""

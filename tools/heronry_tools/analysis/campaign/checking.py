@@ -1,4 +1,4 @@
-"""Verification of a contingency file: every entry is verified, and every worth is computed again."""
+"""Verification of a contingency file: every plan is verified, and its worth is computed again."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, as_completed
@@ -20,7 +20,14 @@ _ENTRIES_IN_A_PART: Final = 256
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What a file has for one fault set in one phase; a safe mode has no worth."""
+    """One plan of a contingency file.
+
+    what: the fault set and the phase, or the safe mode, for which the plan is.
+    now: that situation.
+    configuration: the planned one.
+    objective: its worth by the file; None for a safe mode, which has no worth.
+    running: the modules and their PEs before the faults; None for a plan with nothing down.
+    """
 
     what: str
     now: Situation
@@ -30,7 +37,7 @@ class Entry:
 
 
 def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> list[str]:
-    """Verify a contingency file: one sentence for each error, in the order of the file."""
+    """Verify a contingency file; returns one sentence for each error, in the order of the file."""
     entries = iter(list(_entries(made)))
     parts = list(iter(lambda: list(islice(entries, _ENTRIES_IN_A_PART)), []))
     with Progress() as progress:
@@ -49,14 +56,14 @@ def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> lis
 
 
 def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
-    """Verify some entries: one sentence for each that is wrong."""
+    """Verify some plans; returns one sentence for each error."""
     return [f"{entry.what}: {wrong}" for entry in entries for wrong in _wrong(spec, entry)]
 
 
 def _wrong(spec: Spec, entry: Entry) -> Iterator[str]:
     yield from map(str, verify(spec, entry.now, entry.configuration))
     if entry.objective is not None and score(spec, entry.now, entry.configuration, entry.running) != entry.objective:
-        yield "its worth is not that of the file"
+        yield "its worth is not the one in the file"
 
 
 def _entries(made: Contingencies) -> Iterator[Entry]:

@@ -1,4 +1,4 @@
-"""The workers that make the plans of a sweep: this process, worker processes of it, or a Dask cluster.
+"""The workers that make the plans of a campaign: this process, worker processes of it, or a Dask cluster.
 
 A *question* asks for the plan of one fault set, and a *task* has some questions about one spec. `solved` answers a
 task. It is a plain function of picklable things, so that any `concurrent.futures.Executor` can run it, also that of a
@@ -48,7 +48,7 @@ def solved(task: Task) -> list[Outcome]:
 
 
 def _planner(spec: Spec) -> "Planner":
-    """The planner of this process; it is kept as long as all tasks are about one spec."""
+    """Give a planner for a spec; this process keeps it until it is asked for one of another spec."""
     from heronry_manager.planner.exact import Planner  # noqa: PLC0415 - verifying alone needs no solver
 
     if not _warm or _warm[0].spec != spec:
@@ -68,7 +68,7 @@ def _solved(planner: "Planner", task: Task, down: FaultSet) -> Outcome:
 
 
 def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]) -> Iterator[Answer]:
-    """Yield answers in the order in which they come; without an executor this process makes them one by one."""
+    """Yield each answer when it is known, in any order; without an executor this process makes the plans."""
     tasks = list(_tasks(spec, questions))
     if executor is None:
         for task in tasks:
@@ -126,4 +126,4 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _nothing(_: None) -> None:
-    """Do nothing when a worker process begins, since its first task makes its planner."""
+    """Do nothing when a worker begins: its first task makes its planner."""

@@ -12,9 +12,10 @@ function beside others can serve it alone.
 
 Every logical cut set also loses the function with real resources, but there a smaller set may do so, too.
 
-A function that the best plan of a phase *gives up* for a more important function is another case. A further fault may
-make the more important function impossible, and then this function is served again. So these sets are read from a
-sweep, and the smallest ones say nothing about the sets that contain them.
+The best plan of a phase may also *give up* a function that could be served, for a more important one. That is not a
+loss as defined above: a further fault may make the more important function impossible, and then the first one is served
+again. So the sets that contain such a set do not all give the function up. `given_up` looks at the best plan of every
+fault set (a sweep).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -30,7 +31,7 @@ from heronry_tools.console.errors import UserError
 
 @dataclass(frozen=True, slots=True)
 class CutSets:
-    """Cut sets of one function, up to an order."""
+    """The cut sets of one function, of at most `order` faults."""
 
     function: str
     order: int
@@ -39,7 +40,7 @@ class CutSets:
 
 
 def cut_sets(spec: Spec, function: str, scope: Scope, advance: Callable[[int], None] = lambda _: None) -> CutSets:
-    """Find all cut sets of a function in the scope's one phase; `advance` counts the sets examined."""
+    """Find the cut sets of a function in the one phase of `scope`; calls `advance(1)` for each set examined."""
     (phase,) = scope.phases
     spec = spec.in_phase(phase)
     logical, resources = (
@@ -49,7 +50,7 @@ def cut_sets(spec: Spec, function: str, scope: Scope, advance: Callable[[int], N
 
 
 def _smallest(servable: "Servable", scope: Scope, advance: Callable[[int], None]) -> Iterator[FaultSet]:
-    """Examine fault sets by size, except those that contain a cut set; gives the smallest that lose the function."""
+    """Yield the smallest sets that lose the function, smaller ones first; sets that contain one are not examined."""
     found: list[FaultSet] = []
     for size in scope.sizes():
         for down in scope.of_size(size):

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 
 def minimal(sets: Iterable[frozenset[str]]) -> list[frozenset[str]]:
-    """Keep the sets that contain no other one; smaller sets come first, sets of a size keep their order."""
+    """Give the sets that contain no other one, smaller sets first; sets of equal size keep their order."""
     found: list[frozenset[str]] = []
     for one in sorted(dict.fromkeys(sets), key=len):
         if not any(known < one for known in found):

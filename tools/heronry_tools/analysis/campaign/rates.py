@@ -27,7 +27,7 @@ _MOST_PAIRED = 300  # the likeliest sets; fewer sets make the lower bound lower,
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """Bounds of a probability within one hour; `at_most_per_h`: None where it is not known."""
+    """Bounds of a probability within one hour; `at_most_per_h` is None where no upper bound is known."""
 
     per_h: float  # at least
     at_most_per_h: float | None
@@ -79,7 +79,7 @@ def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]], scope: Scope) -
 
 
 def _at_least(chances: dict[str, float], sets: Iterable[frozenset[str]]) -> float:
-    """Give a lower bound of the probability that all elements of some set fail."""
+    """Give a lower bound of the probability that all elements of at least one of the sets fail."""
 
     def chance(faults: Iterable[str]) -> float:
         return prod(chances[element] for element in faults)
@@ -90,7 +90,10 @@ def _at_least(chances: dict[str, float], sets: Iterable[frozenset[str]]) -> floa
 
 
 def _more_than(order: int, rates: Collection[Fraction]) -> Fraction:
-    """Bound the probability that more than `order` elements fail: the sum over all sets of one element more."""
+    """Give an upper bound of the probability that more than `order` elements fail.
+
+    It is the sum of the probabilities of all sets of `order` + 1 elements.
+    """
     sums = [1.0] + [0.0] * (order + 1)  # over the elements so far: of all products of 0, 1, ... rates
     for rate in rates:
         for size in range(order + 1, 0, -1):

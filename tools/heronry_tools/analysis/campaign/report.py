@@ -13,7 +13,7 @@ _OFFENCES_SHOWN = 20
 
 
 def text_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
-    """Write tables, one paragraph a phase, and whether the requirements hold."""
+    """Write a campaign as text: tables for each phase, and whether each requirement holds."""
     kinds = f"up to {scope.faults} faults of {len(scope.elements)} elements"
     lines = [f"{spec.name}: {kinds}, {scope.set_count()} fault sets in each phase"]
     for one in surveys:
@@ -63,14 +63,14 @@ def _requirement_lines(requirement: Requirement, broken: list[Offence]) -> Itera
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Write columns of even width; the last one has no fixed width."""
+    """Write rows as lines of text with aligned columns."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
     for row in rows:
         yield "  ".join(text.ljust(width) for text, width in zip(row, [*widths, 0], strict=True)).rstrip()
 
 
 def json_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
-    """Write all results as JSON."""
+    """Write all results of a campaign as JSON."""
     document = {
         "spec": spec.name,
         "digest": spec.digest,

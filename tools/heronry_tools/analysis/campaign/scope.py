@@ -33,7 +33,10 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = False) -> "Scope":
-    """The scope from the command line, with the places in use if `places`; raises UserError."""
+    """Give the scope that the command line describes; raises UserError.
+
+    places: include the places in use, as far as the command line includes modules.
+    """
     from heronry_dg.situation import elements, situation  # noqa: PLC0415 - slow to import
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
 
@@ -48,12 +51,12 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = Fals
 
 
 def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
-    """Give the phases that are planned ahead: those that the spec names, else all; None for a spec without phases."""
+    """Give the phases that are planned ahead: those of the spec's `contingency`, else all; (None,) without phases."""
     return spec.contingency.phases or tuple(spec.phases) or (None,)
 
 
 def feasible(scope: "Scope") -> "Scope":
-    """Return a scope if it has at most MOST_SETS sets; raises UserError."""
+    """Return the scope unchanged; raises UserError if it has more than MOST_SETS sets."""
     sets = scope.set_count() * len(scope.phases)
     if sets > MOST_SETS:
         less = "fewer faults at once, fewer phases, or fewer --kinds of elements"
@@ -62,7 +65,7 @@ def feasible(scope: "Scope") -> "Scope":
 
 
 def jobs_of(arguments: argparse.Namespace) -> int:
-    """Give the number of processes that plan; raises UserError."""
+    """Give the number of processes that make plans; raises UserError."""
     jobs = cpus() if arguments.jobs is None else int(arguments.jobs)
     if jobs < 1:
         raise UserError(f"--jobs {jobs}: at least one process must plan")
@@ -75,7 +78,7 @@ def cpus() -> int:
 
 
 def kinds_of(text: str | None) -> tuple[str, ...]:
-    """Read the kinds of elements that may fail; raises UserError."""
+    """Read the kinds of elements that may fail, as in `pe,bus`; None means all. Raises UserError."""
     if text is None:
         return KINDS
     named = tuple(kind.strip() for kind in text.split(","))

@@ -1,7 +1,8 @@
-"""What survives a number of faults: the figures of a campaign, from the outcomes of its sweep.
+"""The figures of a campaign: what survives a number of faults.
 
-Every fault set of a size counts alike, however likely it is. A function counts as lost where the best plan does not
-serve it: because no plan can, or because the remaining resources go to a more important function.
+The plans for all fault sets are made before; here they are counted. Every fault set of a size counts alike, however
+likely it is. A function counts as lost where the best plan does not serve it: because no plan can, or because the
+remaining resources go to a more important function.
 """
 
 from collections import Counter

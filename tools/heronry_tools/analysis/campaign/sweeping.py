@@ -1,4 +1,8 @@
-"""A whole sweep: workers that plan, a journal of their answers, progress on the screen, and the contingency file."""
+"""A sweep: the plan for every fault set of a scope.
+
+Workers make the plans, a journal keeps them, so that a killed run can be continued, and the screen shows the progress.
+At the end the plans are written to a contingency file.
+"""
 
 import sys
 from collections.abc import Iterator
@@ -26,7 +30,7 @@ class Written:
 
 
 def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal | None = None) -> Sweep:
-    """Plan for every fault set of a scope; plans that the journal has are not made again."""
+    """Make the plan for every fault set of a scope; plans that the journal already has are taken from it."""
     known = {} if journal is None else journal.known
     swept = Sweep(spec, scope)
 
@@ -53,7 +57,7 @@ def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal 
 
 
 def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
-    """Number the configurations that a sweep of this scope has found, and add the safe mode of each phase."""
+    """Give the configurations that a sweep of this scope has found, numbered, with the safe mode of each phase."""
     from heronry_manager.planner.safe_mode import safe_mode  # noqa: PLC0415 - verifying alone needs no solver
 
     safe_modes = {phase: safe_mode(spec, phase, swept.running(phase) or {}) for phase in scope.phases}
@@ -61,12 +65,12 @@ def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
 
 
 def partial_of(file: Path) -> Path:
-    """Give the journal of the run that makes a contingency file."""
+    """Give the journal of a contingency file: the file in which a run keeps its plans until it is complete."""
     return file.with_name(f"{file.name}.partial")
 
 
 def sweep_into(file: Path, spec: Spec, scope: Scope, executor: Executor | None) -> Written:
-    """Write the contingency file of a scope; continues from FILE.partial, which a killed run has left.
+    """Write the contingency file of a scope; continues the journal FILE.partial that a killed run has left.
 
     Raises UserError where the file cannot be written, and JournalError while another run writes it.
     """

@@ -75,7 +75,7 @@ def _tell_plants(subject: Subject, findings: Findings, loss: "Loss") -> None:
 
 
 def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:
-    """Give the lost functions that have one of these classes in a phase of the loss, as texts.
+    """Give the functions that are of one of these classes in a phase in which they are lost, each with its text.
 
     The most critical function comes first.
     """
@@ -138,13 +138,13 @@ def _voter(dependence: Dependence, findings: Findings, place: Place, module: Mod
 
 
 def _gate_place(subject: Subject, module: Module, mode: str, path: str) -> Place:
-    """Place of the first input below a gate."""
+    """Give the place in the file of the first input of a gate."""
     below = [at == path or at.startswith(f"{path}." if path else "") for at, _ in module.modes[mode].leaves()]
     return subject.leaf_places(module.name, mode)[below.index(True)]
 
 
 def _placement_rules(subject: Subject, findings: Findings) -> None:
-    """Find placement rules that keep modules from running beside each other at all."""
+    """Find placement rules because of which some modules can never run at the same time."""
     spec = subject.spec
     bound = _bound_together(spec)
     for index, group in enumerate(spec.separate):
@@ -166,7 +166,7 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
 
 
 def _bound_together(spec: Spec) -> dict[str, str]:
-    """Give the group of each module: modules that `together` binds, directly or through others, have one group."""
+    """Give a group for each module; modules that `together` binds, directly or through others, have one group."""
     bound = {name: name for name in spec.modules}
     for group in spec.together:
         joined = {bound[name] for name in group}
@@ -185,7 +185,10 @@ def _room_to_separate(spec: Spec, findings: Findings, place: Place, group: Seque
 
 
 def _placed(spec: Spec, module: str, placed: dict[str, str], tried: set[str]) -> bool:
-    """Find a PE that no other module has, moving others if needed (augmenting paths)."""
+    """Give the module a PE of its own in `placed`; tells whether that is possible.
+
+    Other modules may be moved for it (augmenting paths). `tried` are the PEs that the search has already considered.
+    """
     for pe in homes(spec, module):
         if pe not in tried:
             tried.add(pe)

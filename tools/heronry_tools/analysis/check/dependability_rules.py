@@ -14,8 +14,8 @@ from heronry_dg.rules.samples import DRIVER, ROOM, RUNS, doubled
 FAMILY: Final = Family("DG4", "dependability: single faults and redundancy", fast=False)
 
 _PLANNED: Final = (
-    "The planner makes the best plan without the element, in every phase in which all critical functions fit "
-    "with everything up."
+    "The planner makes the best plan without the element, in every phase whose critical functions can "
+    "all be served with everything up."
 )
 _IMAGINED: Final = "Redundancy that one fault defeats costs weight and adds nothing."
 
@@ -129,8 +129,8 @@ DEMUX_SHARES = FAMILY.warning(
     "DG410",
     "demux-shares",
     what="All branches of a DEMUX are lost with one element, though the demanded variable is still there.",
-    why=f"A DEMUX is there so that another output takes over. {_IMAGINED} Seen from the graph alone, with resources "
-    "without end.",
+    why=f"A DEMUX is there so that another output takes over. {_IMAGINED} The rule looks at the graph alone, as if "
+    "resources were unlimited.",
     fix="Put the actuators on different PEs, on different sides of a gateway, and feed them separately.",
     bad=_two_lamps("tail"),
     good=_two_lamps("nav"),

@@ -22,7 +22,7 @@ _Versions = tuple[int, int]  # best and worst version that serves
 
 @dataclass(slots=True)
 class ForcedTraffic:
-    """By bus and variable, the lowest rate at which it must be published, in millihertz."""
+    """The lowest rate at which each variable must be published on each bus, in millihertz."""
 
     spec: Spec
     rates: dict[str, dict[str, int]] = field(default_factory=dict)
@@ -32,12 +32,12 @@ class ForcedTraffic:
         return {name: frame_bits(self.spec, name) * rate for name, rate in self.rates.get(bus, {}).items()}
 
     def overloaded(self, capacities: Mapping[str, int]) -> Iterator[str]:
-        """Name the buses that must carry more than they may; `capacities` in thousandths of a bit/s."""
+        """Name the buses that must carry more than their capacity (in thousandths of a bit/s)."""
         yield from (bus for bus in self.rates if sum(self.mbit_per_s(bus).values()) > capacities[bus])
 
 
 def forced_traffic(possible: Candidates) -> ForcedTraffic:
-    """Work out what must be published when every function of `possible` that can be served is."""
+    """Work out what must be published if all functions of `possible` are served that can be served."""
     found = ForcedTraffic(possible.spec)
     outputs = (
         frozenset(one for one in function.outputs if one in possible.modules)
@@ -64,7 +64,7 @@ def forced_traffic(possible: Candidates) -> ForcedTraffic:
 def _publish(
     possible: Candidates, found: ForcedTraffic, variable: str, givers: set[tuple[str, str]], readers: frozenset[str]
 ) -> None:
-    """Note a variable on the buses that every route from one of its givers to one of its readers crosses."""
+    """Add a variable on each bus that lies on every route from one of its givers to one of its readers."""
     ways = [
         frozenset(possible.left.route(here, there) or ())
         for here in {pe for module, _ in givers for pe in possible.modules[module].pes()}
@@ -79,13 +79,16 @@ def _publish(
 
 
 def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _Versions]:
-    """Variables that each of some modules needs in each of its modes."""
+    """Give the variables that every one of the readers needs in every one of its modes."""
     every = [_needed(mode.needs) for name in sorted(readers) for mode in possible.modules[name].modes()]
     return reduce(_both, every)
 
 
 def _needed(needs: Expression | None) -> dict[str, _Versions]:
-    """Give the variables without which an expression cannot hold, each with the versions that can serve."""
+    """Give the variables without which a gate expression cannot hold.
+
+    Each has the best and the worst version that the expression accepts.
+    """
     if needs is None:
         return {}
     if isinstance(needs, Leaf):

@@ -1,7 +1,8 @@
 """DG6xx: images. These rules are about the code that a spec names, as far as it is found on this computer.
 
-images.py checks these rules in a spec that loads. The check runs code that is not heronry's, so `check --fast`, which a
-hook runs at every commit, leaves it out. The head of heronry_dg/rules/rule.py shows how a rule is added.
+images.py checks these rules in a spec that loads. The check imports code that is not part of heronry. So `check
+--fast`, which a hook runs at every commit, leaves it out. The head of heronry_dg/rules/rule.py shows how a rule is
+added.
 """
 
 from typing import Final
@@ -22,7 +23,7 @@ IMAGE_NOT_LOADED = FAMILY.warning(
     what="An image `package.module:Class` is found on this computer, and cannot be loaded.",
     why=(
         "On a PE it would fail in the same way, when the PE loads its code. An image whose package is not on this "
-        "computer is not looked at: the code of a node need not be here."
+        "computer is not checked, since the code of a node need not be here."
     ),
     fix="Mend the code, or the name; `heronry module try IMAGE` shows the traceback.",
     bad=_lamp("heronry_agent.module:Modul"),

@@ -1,8 +1,8 @@
 """The plants of class A and B that one fault takes off every control path; DG405.
 
 The check looks at every phase. It considers a plant that the best plan with everything up has on a path. The plant is
-lost with an element if the contingency plan without the element has the plant on no path. Elements that leave the
-planner the same choice are planned once.
+lost with an element if the contingency plan without the element has the plant on no path. Elements after whose loss the
+planner has the same choices (a device and its only driver) share one plan.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,10 @@ _CLASSES: Final = ("A", "B")
 
 
 def lost_plants(planning: Planning) -> Iterator[Loss]:
-    """Give every element with which a plant is lost; a module is left out if the loss of its device loses the same."""
+    """Give each element with which plants are lost, with these plants.
+
+    A module is left out if the loss of its device loses the same plants.
+    """
     spec = planning.spec
     if not any(plant.criticality in _CLASSES for plant in spec.plants.values()):
         return
@@ -46,7 +49,7 @@ def lost_plants(planning: Planning) -> Iterator[Loss]:
 
 
 def _on_path(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """Plants of class A and B that a configuration has on a control path."""
+    """Give the plants of class A and B that a configuration has on a control path."""
     graph = plan_graph(spec, configuration)
     found = loops(graph)
     return frozenset(

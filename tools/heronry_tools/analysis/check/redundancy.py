@@ -1,9 +1,10 @@
 """Elements on which all alternatives depend, from the graph alone: DG410 to DG412.
 
-An expression depends on an element when it cannot hold without that element, even with unlimited resources
-(`heronry_dg.why_not` computes that). Alternatives that all depend on one element give no protection from its faults.
-Two kinds of elements are left out. If the loss of an element also stops the reader, no module misses the alternatives.
-And without the manager's bus nothing runs at all.
+Alternatives are the inputs of a XOR or a voter, or the ends of a DEMUX. An expression depends on an element when it
+cannot hold without that element, even with unlimited resources (`heronry_dg.why_not` computes that). Alternatives that
+all depend on one element give no protection from its faults. Two kinds of elements do not count: an element whose loss
+also stops the module that reads the alternatives, since then no module misses them; and the manager's bus, without
+which nothing runs at all.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +30,7 @@ class Alternatives:
 
     @property
     def is_choice(self) -> bool:
-        """Tell whether one input holds at a time, instead of several that vote."""
+        """Tell whether exactly one input is used at a time; if not, several inputs vote."""
         return bounds(self.gate)[1] == 1
 
 
@@ -44,7 +45,7 @@ class Dependence:
         self._without = {element: feasible(spec, Situation(frozenset({element}))) for element in named}
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
-        """Elements without which no end of a DEMUX can run, although the variable of the DEMUX can be given."""
+        """Give the elements without which no end of a DEMUX can run, although its variable can be given."""
         ends = [self.spec.modules[name] for name in demux.ends]
         if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()
@@ -53,13 +54,13 @@ class Dependence:
         return unserved - self._where(lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
-        """Every XOR and voter of a mode whose inputs could all hold with everything up."""
+        """Yield every XOR and voter of a mode whose inputs could all hold with everything up."""
         for path, gate in _gates(mode.needs):
             if _chooses(gate) and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])
 
     def shown(self, shared: frozenset[str]) -> str:
-        """Name the shared elements; the PE and the driver of a shared device are left out."""
+        """Name the shared elements in a text; the PE and the driver of a shared device are left out."""
         spec = self.spec
         implied = {f"pe:{device.pe}" for device in spec.devices.values() if f"device:{device.name}" in shared}
         implied |= {f"module:{m.name}" for m in spec.modules.values() if f"device:{m.device}" in shared}
@@ -67,7 +68,7 @@ class Dependence:
         return listed(f"{kind} '{name}'" for kind, _, name in named)
 
     def _of(self, needs: Expression, reader: Module) -> frozenset[str]:
-        """Elements without which an expression cannot hold, though its reader has a PE to run on."""
+        """Give the elements without which an expression cannot hold, though a PE can still run its reader."""
         silent = self._where(lambda found: not found.can_hold(needs, _NEVER_LOST))
         return silent - self._where(lambda found: not found.left.hosts(reader))
 
@@ -105,7 +106,7 @@ def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
 
 
 def _gates(needs: Expression | None, path: str = "") -> Iterator[tuple[str, Gate]]:
-    """Every gate of an expression with its path."""
+    """Yield every gate of an expression with its path."""
     if needs is None or isinstance(needs, Leaf):
         return
     yield path, needs

@@ -23,7 +23,7 @@ from heronry_tools.analysis.check import dependability_rules, image_rules, resou
 
 
 def _slow(module: str) -> Check:
-    """Give the check of a family that is not fast; its file is imported when the check is called."""
+    """Give the check of a slow family; its file is imported only when the check is called."""
 
     def check(subject: Subject, findings: Findings) -> None:
         import_module(f"heronry_tools.analysis.check.{module}").check(subject, findings)
@@ -51,6 +51,6 @@ RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, 
 
 
 def checks_of(*, fast: bool) -> dict[str, Check]:
-    """Give the checks by the beginning of their codes; `fast`: only those that need no solver."""
+    """Give the checks, each under the beginning of its codes; with `fast` only those that need no solver."""
     slow = {family.prefix for family in FAMILIES if not family.fast}
     return {prefix: check for prefix, check in CHECKS.items() if not (fast and prefix in slow)}

@@ -1,7 +1,7 @@
 """DG3xx: resources. With everything up, what is wanted has room, bandwidth and time.
 
-resources.py checks them in a spec that loads. Every rule is about the system with nothing down: DG4xx is about faults.
-How a rule is added is shown in heronry_dg/rules/rule.py.
+resources.py checks these rules in a spec that loads. Every rule is about the system with nothing down; DG4xx is about
+faults. The head of heronry_dg/rules/rule.py shows how a rule is added.
 """
 
 from typing import Final
@@ -91,7 +91,7 @@ NEVER_FITS = FAMILY.error(
     "never-fits",
     what="A function cannot be served with everything up, even if nothing else were wanted.",
     why=f"Each of its modules fits some PE, but not all that it needs fit together. {_CHECKED}",
-    fix="Give the PEs or buses on its way more room, loosen a placement rule, or remove the function.",
+    fix="Give the PEs or buses that its modules need more room, loosen a placement rule, or remove the function.",
     bad=_on_one_pe("tail"),
     good=_on_one_pe("nav"),
 )

@@ -47,7 +47,7 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 def _fits(subject: Subject, findings: Findings, module: Module) -> None:
-    """Compare each mode of a module with the PEs on which it may run."""
+    """Report the module if all its modes are too large for every PE on which it may run, else each such mode."""
     spec = subject.spec
     hosts = hosts_when_all_is_up(spec, module)
     large = [mode for mode in module.modes.values() if not any(fits(spec, module, mode, pe) for pe in hosts)]
@@ -85,7 +85,7 @@ def _lacking(pe: Pe, module: Module, mode: Mode) -> str:
 
 
 def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
-    """Compare the reserve of a bus with what management sends there all the time."""
+    """Report a bus whose reserve is less than the management frames that it always carries."""
     reserved, (own, passing) = bus.bitrate * bus.reserve, _management_bits_per_s(subject.spec, bus)
     if own + passing <= reserved:
         return
@@ -122,7 +122,7 @@ def _is_swamped(spec: Spec, bus: Bus) -> bool:
 
 
 class _Serving:
-    """Finds the functions that cannot be served with everything up, and the reason for each."""
+    """Finds the functions that cannot be served with everything up, and reports the reason for each."""
 
     def __init__(self, subject: Subject, findings: Findings) -> None:
         from heronry_tools.analysis.check import servable  # noqa: PLC0415 - loads the solver, which listing the rules does not need
@@ -146,7 +146,7 @@ class _Serving:
             self._each_phase(critical - never)
 
     def _never_fits(self, name: str) -> bool:
-        """Tell whether a function cannot be served even if nothing else is wanted, and report why."""
+        """Tell whether a function cannot be served even if no other one is wanted; if so, report why."""
         if not self._planning.all_at_once([name]).impossible:
             return False
         wanted = [phase for phase in self._phases if name in self._wanted[phase]]
@@ -155,12 +155,12 @@ class _Serving:
             self._tell_late(late, f"'{name}'")
         elif not self._overloads([name], wanted) and not self._unlimited.all_at_once([name]).impossible:
             sentence = f"function '{name}' cannot be served with everything up, even if nothing else were wanted"
-            hint = "its modules fit one by one, not together: check PEs, buses and placement rules on its way"
+            hint = "its modules fit alone, but not together: check the PEs, buses and placement rules that they need"
             self._findings.add(rules.NEVER_FITS, self._subject.place("functions", name), sentence, hint)
         return True
 
     def _each_phase(self, possible: frozenset[str]) -> None:
-        """Find critical functions that the best plan of a phase gives up, and the functions for which it does so."""
+        """Report, for each phase, the critical functions that its best plan gives up."""
         crowded: dict[str, list[Phase]] = {}
         for phase in self._phases:
             wanted = self._critical[phase] & possible
@@ -186,7 +186,7 @@ class _Serving:
         self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
 
     def _overloads(self, functions: Collection[str], at: list[Phase]) -> bool:
-        """Tell whether the data that some functions force onto a bus are too much for it, and for which bus."""
+        """Report the buses that cannot carry the data which these functions need; tell whether there are any."""
         from heronry_tools.analysis.check.forced_traffic import forced_traffic  # noqa: PLC0415 - loads the planner's candidates
 
         possible = self._planning.candidates_for(functions)
@@ -205,7 +205,7 @@ class _Serving:
         return bool(overloaded)
 
     def _tell_late(self, configuration: "Configuration", served: str) -> None:
-        """Report the data that are late in a configuration; no legal configuration serves `served`."""
+        """Report the data that would be late; `served` names the functions that therefore cannot be served."""
         published = hops(survivors(self._spec, Situation()), configuration)
         times = self._planning.times
         for late in times.late(published):

@@ -2,8 +2,7 @@
 
 The exact planner answers both questions. It first gets a cheap problem: only these functions are wanted, all with the
 same priority. If all of them can be served together, every best plan of a phase that wants no other critical function
-serves them, because the planner reaches the bound of a level of the objective where it can. Only if they cannot all be
-served is the whole phase planned, with its priorities.
+serves them, too. The whole phase, with its priorities, is planned only if they cannot all be served.
 
 Identifiers, and with them response times, are always those of the whole spec, since these are used on the bus.
 """
@@ -34,13 +33,13 @@ NOTHING_ASKED: Final[Mapping[str, int]] = MappingProxyType({})
 
 
 def without_deadlines(spec: Spec) -> Spec:
-    """Return the same spec without deadlines; data that never arrive are still too late."""
+    """Return the same spec without deadlines; a datum that can never arrive is still counted as late."""
     variables = {name: replace(one, deadline_ns=_NO_DEADLINE_NS) for name, one in spec.variables.items()}
     return replace(spec, variables=variables)
 
 
 def without_limits(spec: Spec) -> Spec:
-    """Return the same spec with room and time for everything, and no placement rules: only its logic is left."""
+    """Return the same spec with unlimited resources and time, and without placement rules: only its logic is left."""
     pes = {name: replace(pe, cpu_millis=PLENTY, ram=PLENTY, flash=PLENTY) for name, pe in spec.pes.items()}
     buses = {name: replace(bus, bitrate=PLENTY) for name, bus in spec.buses.items()}
     return replace(without_deadlines(spec), pes=pes, buses=buses, separate=(), together=())
@@ -48,9 +47,10 @@ def without_limits(spec: Spec) -> Spec:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A configuration that serves all required functions; without one, whether it is proven that there is none.
+    """A configuration that serves all required functions, if one was found.
 
-    With elements down, the configuration may be one from another question, which serves more functions.
+    configuration: None if none was found; with elements down it may have been found for another question. proven:
+    without a configuration, whether it is proven that there is none.
     """
 
     configuration: Configuration | None
@@ -75,13 +75,13 @@ class Planning:
 
     @cached_property
     def times(self) -> ResponseTimes:
-        """Response times on the buses of the spec."""
+        """Give the response times on the buses of the spec."""
         return ResponseTimes(self.spec)
 
     def in_phase(self, phase: Phase) -> "Planning":
-        """Give the `Planning` for the spec of a phase, in which inputs of other phases are closed.
+        """Give the `Planning` for the spec in a phase, in which inputs that belong to other phases are closed.
 
-        Itself if none is closed.
+        It is this object itself if no input is closed.
         """
         planned = self.spec.in_phase(phase)
         if planned is self.spec:
@@ -89,7 +89,7 @@ class Planning:
         return self._of_phase.setdefault(phase, Planning(planned))
 
     def possible(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> frozenset[str]:
-        """Tell which of some functions could be served, if each module had its PE to itself."""
+        """Give those of the functions that could be served if each module had its PE to itself."""
         modules = self.candidates_for(functions, down).modules
         return frozenset(name for name in functions if any(one in modules for one in self.spec.functions[name].outputs))
 
@@ -118,7 +118,10 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration known from another question that serves some functions with these elements down."""
+        """Give a configuration of an earlier answer that still serves these functions with these elements down.
+
+        least: as in `all_at_once`. Returns None where no earlier answer has one.
+        """
         lost = lost_elements(self.spec, Situation(down))
         alive = (known for known, used in self._known if used.isdisjoint(lost))
         return next((known for known in alive if self._serves(known, functions, least)), None)
@@ -130,12 +133,15 @@ class Planning:
         return self._plans[phase]
 
     def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
-        """Name those functions that the best plan of a phase gives up; with elements down, the contingency plan."""
+        """Name those of the functions that the plan of a phase gives up.
+
+        The plan is the best one with everything up; with `down` it is the contingency plan.
+        """
         found = self.contingency(phase, down) if down else self.healthy(phase)
         return frozenset(name for name in functions if not found.functions[name].served)
 
     def contingency(self, phase: Phase, down: frozenset[str]) -> Plan:
-        """Give the plan of a phase with some elements down, made from its best plan with everything up."""
+        """Give the plan of a phase after the loss of some elements, when its best plan with everything up runs."""
         running = placement(self.healthy(phase).configuration)
         return plan(self.spec, Situation(down, phase=phase), running, effort=_EFFORT)
 
@@ -152,9 +158,9 @@ class Planning:
         down: frozenset[str] = frozenset(),
         least: Mapping[str, int] = NOTHING_ASKED,
     ) -> Candidates:
-        """Give the candidates of a plan that wants only these functions, each as much as the others.
+        """Give the candidates of a plan that wants only these functions, all with the same priority.
 
-        A mode is worth 1 where it is at least as good as required, and nothing otherwise.
+        A mode is worth 1 where its value is at least that in `least`, and 0 otherwise.
         """
         wanted = {
             name: replace(

@@ -4,9 +4,9 @@ A function is lost with an element when the best plan with everything up serves 
 without the element does not. Only phases whose critical functions can all be served with everything up are checked; the
 other phases are reported as DG303.
 
-Few plans are needed. Elements that leave the planner the same choice (a device and its only driver) are planned once,
-as in a sweep. A function that no candidate can serve is lost. If all other functions of all phases can still be served
-together, no plan loses one of them; only if they cannot, each phase is planned.
+Few plans are needed. Elements after whose loss the planner has the same choices (a device and its only driver) share
+one plan. A function whose output no module could still give is lost without a plan. If all the other functions of all
+phases can be served together, none of them is lost. Only if they cannot, each phase is planned.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,16 +24,20 @@ Lost = Mapping[str, tuple[Phase, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """The functions that are lost with one element."""
+    """The functions that are lost with one element.
+
+    element: the element.
+    functions: the phases in which each function is lost.
+    """
 
     element: str
     functions: Lost
 
 
 def losses(planning: Planning) -> Iterator[Loss]:
-    """Find every element whose loss alone loses a critical function.
+    """Yield every element whose loss alone loses a critical function.
 
-    A module is left out if its device loses the same.
+    A module is left out if the loss of its device loses the same functions.
     """
     spec = planning.spec
     critical = _fitting(planning)
@@ -49,7 +53,7 @@ def losses(planning: Planning) -> Iterator[Loss]:
 
 
 def single_elements(spec: Spec) -> Iterator[str]:
-    """List the elements that one fault takes away; of a replicated bus one channel, whose loss has no effect."""
+    """Yield the elements that one fault can take away; a replicated bus is none, since one fault takes one channel."""
     for element in elements(spec):
         kind, _, name = element.partition(":")
         if kind != "channel" and (kind != "bus" or spec.buses[name].channels == 1):
@@ -57,7 +61,7 @@ def single_elements(spec: Spec) -> Iterator[str]:
 
 
 def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
-    """Give the critical functions of those phases in which all of them are served with everything up."""
+    """Give, by phase, the critical functions; only phases in which all of them can be served with everything up."""
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
     if _differs_by_phase(planning, by_phase):
         fits = {phase: planning.in_phase(phase).all_at_once(names) for phase, names in by_phase.items()}
@@ -68,7 +72,7 @@ def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
 
 
 def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
-    """List the critical functions that a fault loses, in the spec's order."""
+    """Give the critical functions that a fault loses, each with the phases; in the spec's order."""
     if _differs_by_phase(planning, critical):
         each = {phase: _lost_in(planning.in_phase(phase), phase, wanted, down) for phase, wanted in critical.items()}
         lost = {name: tuple(phase for phase in critical if name in each[phase]) for name in planning.spec.functions}
@@ -84,7 +88,7 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
 
 
 def _differs_by_phase(planning: Planning, by_phase: Mapping[Phase, frozenset[str]]) -> bool:
-    """Tell whether some input is closed in one of the phases."""
+    """Tell whether any phase closes an input."""
     return any(planning.in_phase(phase) is not planning for phase in by_phase)
 
 
@@ -96,6 +100,6 @@ def _lost_in(planning: Planning, phase: Phase, wanted: frozenset[str], down: fro
 
 
 def device_of(spec: Spec, element: str) -> str:
-    """Give the device of a module as an element; for a module without a device, a name that is no element."""
+    """Give the device of a module as an element; an empty text for another element."""
     kind, _, name = element.partition(":")
     return f"device:{spec.modules[name].device}" if kind == "module" else ""

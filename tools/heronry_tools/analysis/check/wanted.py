@@ -14,12 +14,12 @@ def phases(spec: Spec) -> tuple[Phase, ...]:
 
 
 def wanted_functions(spec: Spec, phase: Phase) -> frozenset[str]:
-    """Functions whose priority in a phase is not 0."""
+    """Name the functions whose priority in a phase is not 0."""
     return frozenset(name for name, function in spec.functions.items() if function.priority_in(phase) > 0)
 
 
 def critical_functions(spec: Spec, phase: Phase) -> frozenset[str]:
-    """Functions of class A to D whose priority in a phase is not 0."""
+    """Name the functions of class A to D whose priority in a phase is not 0."""
     least = CRITICALITIES[-1]
     return frozenset(
         name for name in wanted_functions(spec, phase) if spec.functions[name].criticality_in(phase) != least

@@ -1,14 +1,14 @@
 """The least cut of a component graph: the least bandwidth that the radio must carry between two sides.
 
-Nodes are the leaves that have a vertex in the graph, except plants. A port costs its weight once if any consumer is on
-the other side: it is a net, not a sum of edges. Leaves that are pinned to a side stay there, and there must be two
-sides. If there are several least cuts, the result is the one in which the first side keeps most leaves; least cuts form
-a lattice, so there is exactly one.
+The nodes of the cut are the leaves of the component graph that have a vertex, except plants. A port costs its weight
+once if any of its consumers is on the other side, however many they are: it is a net, not a sum of edges. Leaves that
+are pinned to a side stay there, and there must be two sides. If there are several least cuts, the result is the one in
+which the first side keeps most leaves; least cuts form a lattice, so there is exactly one.
 
 The cut is found by maximum flow: the leaves pinned to the first side are the source, those of the second side the sink.
-A net is an arc of its weight between two nodes of its own. Arcs lead to the first of these nodes from each leaf of the
-net, and from the second back to each leaf (Lawler 1973). The first side keeps all leaves that cannot reach the sink
-over the capacity that the flow has left.
+Each net becomes an arc of its weight between two nodes of its own. Arcs lead to the first of these nodes from each leaf
+of the net, and from the second back to each leaf (Lawler 1973). After the maximum flow, the first side keeps all leaves
+from which no arc with free capacity leads to the sink.
 
 Source: the paper, section 3.4: "a minimum-cut was determined to partition the components".
 """
@@ -23,14 +23,18 @@ from heronry_pcs.graph import Graph, PcsError, parent
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """A least cut: its sum in thousandths of a bit/s, and the leaves on each side, sorted."""
+    """A least cut.
+
+    mbit_per_s: what the radio carries, in thousandths of a bit/s.
+    sides: the leaves on each side, sorted.
+    """
 
     mbit_per_s: int
     sides: Mapping[str, list[str]]
 
 
 def least_cut(graph: Graph, first: str | None = None) -> Cut:
-    """Find the least cut; `first`: the first side, by default the side of the file's first pinned leaf.
+    """Find the least cut; `first` is the side that keeps most leaves, by default that of the first pinned leaf.
 
     Raises PcsError `sides` where leaves are not pinned to exactly two sides.
     """
@@ -48,7 +52,7 @@ def least_cut(graph: Graph, first: str | None = None) -> Cut:
 
 
 def _nets(graph: Graph, nodes: Mapping[str, str | None]) -> dict[str, set[str]]:
-    """Give for each port that costs something the leaves that it joins."""
+    """Give for each port of a weight above 0 the leaves that it joins: its producer and its consumers."""
     nets: dict[str, set[str]] = {}
     for start, end in sorted(graph.edges):
         producer, consumer = parent(start), parent(end)
@@ -63,7 +67,7 @@ def _weight(graph: Graph, vertex: str) -> int:
 
 
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
-    """Give the maximum flow from node 0 to node 1, and the nodes that can still reach node 1 then."""
+    """Give the maximum flow from node 0 to node 1, and the nodes from which free capacity leads to node 1."""
     network = SimpleMaxFlow()
     network.add_arc_with_capacity(0, 1, 0)  # both nodes are there, even if nothing leads to them
     node = max(number.values(), default=1)

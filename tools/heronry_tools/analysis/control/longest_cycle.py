@@ -1,8 +1,8 @@
 """The longest component-cycle of a block, with CP-SAT.
 
 The model has one arc per direction of each pair of neighbors, and a loop at each member that the cycle leaves out,
-under AddCircuit. A pair of arcs there and back is no cycle. The limit is the solver's own count of its work, so that
-the bounds are the same on every machine. If the limit is reached, the lower and the upper bound differ.
+under AddCircuit. Two arcs there and back between two members are no cycle. The search ends at `effort`, the solver's
+own count of its work, so that the bounds are the same on every machine. Then the lower and the upper bound differ.
 """
 
 from typing import Final
@@ -15,9 +15,9 @@ MOST_MEMBERS: Final = 400  # of a block that is searched: in a larger one the se
 
 
 def longest_cycle(block: Touching, through: frozenset[str], effort: float = EFFORT) -> Bounds:
-    """Search for a longest cycle among those that pass the members `through`; serves as `Search` of heronry_pcs.cycles.
+    """Search a block for a longest cycle among those that pass the members `through`.
 
-    A block of more than `MOST_MEMBERS` is not searched.
+    It serves as `Search` of heronry_pcs.cycles. A block of more than `MOST_MEMBERS` is not searched.
     """
     if len(block) > MOST_MEMBERS:
         return bounds_alone(block, through)

@@ -40,14 +40,17 @@ class Subject:
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """Give the side that a cut favours: the manager's side of a spec.
+        """Give the side that is to keep most leaves in a cut: for a spec the manager's side.
 
-        None: the side of the file's first pinned leaf.
+        A graph that was read from a file has none; then the result is None.
         """
         return managers_side(self.planned.spec) if self.planned is not None else None
 
     def critical_plants(self) -> frozenset[str] | None:
-        """Give the members that must be on a path: the plants of class A and B of a spec; None for a file."""
+        """Give the plants that must be on a control path: those of class A and B of a spec.
+
+        A graph that was read from a file has no classes; then the result is None.
+        """
         if self.planned is None:
             return None
         plants = self.planned.spec.plants.values()
@@ -72,14 +75,14 @@ def load_subject(text: str, plan_file: str | None = None) -> Subject:
 
 
 def graph_path(text: str) -> Path | None:
-    """Give the file of a graph, by its path or as a shipped one; None where the text names something else."""
+    """Give the file of a graph, named by its path or by the name of a shipped graph; None for any other text."""
     if text.endswith(SUFFIXES):
         return Path(text)
     return shipped_graph_path(text) if text in shipped_graph_names() and not Path(text).exists() else None
 
 
 def shipped_spec_of(plan: str) -> Spec | None:
-    """Find the shipped spec for which a plan was made, by the digest in the plan; None where there is none."""
+    """Find the shipped spec for which a plan (JSON) was made, by the digest in the plan; None where there is none."""
     try:
         digest = json.loads(plan)["spec"]
     except (ValueError, KeyError, TypeError):
@@ -89,7 +92,7 @@ def shipped_spec_of(plan: str) -> Spec | None:
 
 
 def load_planned(spec: Spec, plan_file: str | None) -> Planned:
-    """Read the plan in a file, or make the best one with everything up; raises UserError."""
+    """Read the plan in a file, or make the best plan with everything up; raises UserError."""
     if plan_file is None:
         from heronry_manager.planner.exact import plan  # noqa: PLC0415 - the solver is slow to import
 

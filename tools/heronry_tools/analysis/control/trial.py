@@ -1,4 +1,7 @@
-"""A reconfiguration script, tried on a graph or on a plan without flying it; a plan's devices and plants follow."""
+"""A reconfiguration script, tried on a graph or on a plan without an aircraft.
+
+On a plan, a script moves and wires modules; their devices and plants follow.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,9 +17,12 @@ from heronry_tools.analysis.control.subject import Planned, Subject
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The graphs before and after a script; they are equal if the script has errors.
+    """The result of a script.
 
-    For a plan, also the reasons why the resulting configuration is not legal.
+    statements: their number.
+    errors: errors of the script; where there are any, nothing is changed.
+    before, after: the graphs before and after the script.
+    violations: for a plan, the reasons why the resulting configuration is not legal; None for a graph.
     """
 
     statements: int
@@ -27,7 +33,7 @@ class Trial:
 
 
 def try_script(text: str, subject: Subject) -> Trial:
-    """Apply a script to the graph or plan of a command."""
+    """Apply a script to the graph or the plan of a subject."""
     if subject.planned is not None:
         return _on_plan(text, subject.graph, subject.planned)
     outcome = interpret(text, subject.graph)

@@ -2,12 +2,13 @@
 
 A single point of failure of a function is one element whose loss loses the function, though the healthy system serves
 it. Only critical functions (classes A to D) that the phase wants are examined. A plan for each element would take
-minutes. Most losses are decided without a plan:
+minutes, so most losses are decided without a plan:
 
-1. A function that `feasible` rules out is lost in every plan.
-2. If a known configuration, less what died, is legal and serves all the other functions, then nothing else is lost: the
-   best plan is worth no less. That holds unless the loss makes room for a function that the healthy system has to leave
-   out. Idle modules in the configuration do no harm; they could be stopped.
+1. A function that cannot be served even with unlimited resources (`feasible`) is lost in every plan.
+2. A configuration from an earlier plan is reduced to what still works without the element. If it is legal and serves
+   all functions that rule 1 leaves, none of them is lost, since the best plan is worth no less. This is not concluded
+   if the loss makes room for a function that the healthy system has to leave out. Idle modules in the configuration do
+   no harm; they could be stopped.
 3. For each remaining element a plan is made. Its configuration is known from then on, for the next phase and spec too.
 """
 
@@ -28,7 +29,13 @@ from heronry_manager.planner.exact import plan
 
 @dataclass(frozen=True, slots=True)
 class PhaseConsequences:
-    """The consequences of a spec in one phase, with nothing down."""
+    """The consequences of a spec in one phase, with nothing down.
+
+    served: the module and mode that serve each function, "not wanted", or None where it is not served.
+    hangs_on: the single points of failure of each critical function that is served.
+    bus_bits_per_s: the load of each bus.
+    cpu_millis: the load of all PEs, in thousandths of a core.
+    """
 
     served: Mapping[str, str | None]  # function -> mode and value; None: not served
     hangs_on: Mapping[str, tuple[str, ...]]  # critical function that is served -> its single points of failure
@@ -38,12 +45,12 @@ class PhaseConsequences:
 
 @dataclass(slots=True)
 class Consequences:
-    """Works out consequences; the plans of one spec are tried on the next spec."""
+    """Works out consequences; configurations planned for one spec are tried on the next spec, too."""
 
     known: list[Configuration] = field(default_factory=list)
 
     def of(self, spec: Spec) -> dict[str | None, PhaseConsequences]:
-        """Consequences of a spec by phase; under None for a spec without phases."""
+        """Give the consequences of a spec by phase; under None for a spec without phases."""
         return {phase: self._in_phase(spec, phase) for phase in spec.phases or (None,)}
 
     def _in_phase(self, spec: Spec, phase: str | None) -> PhaseConsequences:
@@ -74,7 +81,7 @@ class Consequences:
         return {name: tuple(culprits) for name, culprits in costs.items()}
 
     def _lost(self, spec: Spec, now: Situation, critical: list[Function]) -> list[str]:
-        """Critical functions that no plan serves in a situation."""
+        """Name those of the critical functions that no plan serves in a situation."""
         found = feasible(spec, now)
         can_run = [f for f in _critical(spec, now.phase) if any(found.can_run(spec.modules[one]) for one in f.outputs)]
         possible = [function for function in can_run if function in critical]
@@ -103,7 +110,7 @@ def _served(spec: Spec, found: Plan) -> Iterator[tuple[str, str | None]]:
 
 
 def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[Function]) -> bool:
-    """Tell whether a configuration, without its lost modules and wires, is legal and serves the wanted functions."""
+    """Tell whether what still works of a known configuration is legal and serves the wanted functions."""
     left = _remains(spec, now, known)
     if not all(any(output in left.modules for output in function.outputs) for function in wanted):
         return False
@@ -111,7 +118,7 @@ def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[F
 
 
 def _remains(spec: Spec, now: Situation, known: Configuration) -> Configuration:
-    """Give the part of a configuration that still works: every module has a PE, every wire has a producer."""
+    """Give the part of a configuration that still works: each module has a PE and its inputs, each wire a producer."""
     left = survivors(spec, now)
     modules = {
         name: running

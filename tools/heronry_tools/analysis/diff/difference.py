@@ -1,7 +1,7 @@
 """The difference of two specs: their elements, the consequences phase by phase, and the findings of `heronry check`.
 
-A phase that only the new spec has is compared with the old spec's first one, since there is no other; so is a spec
-without phases. A phase that only the old spec has is not compared.
+A phase is compared with the phase of the same name in the old spec. If the old spec has none, it is compared with the
+old spec's first phase. A phase that only the old spec has is not compared.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,10 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """Single points of failure of one function: those that are gone, those that are new, and those that are left."""
+    """The change in the single points of failure of one function.
+
+    gone, new, left: the elements that are no longer one, that have become one, and that still are one.
+    """
 
     gone: tuple[str, ...]
     new: tuple[str, ...]
@@ -27,7 +30,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class PhaseDifference:
-    """Old and new values of everything that differs in one phase."""
+    """Old and new values, in this order, of all that differs in one phase."""
 
     phase: str | None
     against: str | None  # the phase of the old spec
@@ -37,7 +40,7 @@ class PhaseDifference:
     cpu_millis: tuple[int, int]
 
     def is_none(self) -> bool:
-        """Tell whether nothing changed."""
+        """Tell whether old and new values are all equal."""
         return not (self.functions or self.hangs_on or self.buses) and self.cpu_millis[0] == self.cpu_millis[1]
 
 
@@ -53,7 +56,7 @@ class Difference:
 
 
 def difference(old: Spec, new: Spec, findings: FindingsChange) -> Difference:
-    """Compare two specs, about which `heronry check` has findings."""
+    """Compare two specs; `findings` are the differing findings of `heronry check`."""
     changes = element_changes(old, new)
     return Difference(old, new, changes, tuple(_phases(old, new)) if changes else (), findings)
 
@@ -80,7 +83,7 @@ def _changed(old: Mapping[str, V], new: Mapping[str, V], missing: V) -> dict[str
 
 
 def _moved(old: Mapping[str, tuple[str, ...]], new: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Moved]]:
-    """Give the changes for each function that both specs serve or that is new; none for a function no longer served."""
+    """Yield the functions of the new spec whose single points of failure have changed, each with the change."""
     for function, points in new.items():
         was = old.get(function, ())
         moved = Moved(

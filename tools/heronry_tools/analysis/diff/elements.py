@@ -1,8 +1,9 @@
-"""What changed in the file: elements added, removed and changed, field by field, with the keys of the spec.
+"""The changes of a spec's file: elements added, removed and changed, field by field, with the keys of the spec.
 
 Every element becomes a flat map from field to text, in the units in which a spec is written; two specs are compared map
 by map. A renamed element appears as one removed and one added. Where order carries meaning (modes, branches, phases)
-the order is a field. Comments, another spelling of a shorthand, and the order of other elements are no change.
+the order is a field. A change in comments, in the spelling of a shorthand, or in the order of other elements is not
+listed.
 """
 
 from collections.abc import Iterator, Mapping
@@ -47,7 +48,7 @@ class ElementChange:
 
 
 def element_changes(old: Spec, new: Spec) -> tuple[ElementChange, ...]:
-    """List every element that differs between two specs, in their order."""
+    """List every element that differs between two specs, in the order of the old spec, then of the new one."""
     before, after = dict(_elements(old)), dict(_elements(new))
     return tuple(
         ElementChange(element, _change(element, before, after), changes)
@@ -120,7 +121,7 @@ def _mode(spec: Spec, mode: Mode) -> Fields:
 
 
 def _flat(element: object) -> Fields:
-    """Give the fields of a model element, except its name and its parts, as a spec writes them."""
+    """Give the fields of a model element as texts, as a spec writes them, without its name and its nested elements."""
     found: dict[str, str] = {}
     for field in fields(element):  # type: ignore[arg-type]
         if field.name not in ("name", "modes", "needs", "outputs"):
@@ -129,7 +130,7 @@ def _flat(element: object) -> Fields:
 
 
 def _named(field: str, value: object) -> Fields:
-    """Write a field under the key of the spec; nothing for a field that is left out."""
+    """Give a field under its key in the spec; nothing for a field that is not compared."""
     if value is None or value in ((), frozenset(), {}):
         return {}
     key, parts = _UNITS.get(field, (field, 1))
@@ -155,7 +156,7 @@ def _text(value: object) -> str:
 
 
 def _entry(key: object, value: object) -> str:
-    """Write an entry of `gives`, or of a map by phase, whose default has no name."""
+    """Write one entry of `gives`, or of a map by phase, in which the key None stands for the default."""
     return _text(value) if key is None else f"{key}: {_text(value)}"
 
 
@@ -167,7 +168,7 @@ def _bytes(count: int) -> str:
 
 
 def expression_text(spec: Spec, needs: Expression) -> str:
-    """A gate expression in one line; versions are named where an input does not take all."""
+    """Write a gate expression in one line, with versions where an input does not take all."""
     if isinstance(needs, Leaf):
         return f"{needs.demux or needs.variable}{accepted_versions(spec, needs)}"
     inputs = ", ".join(expression_text(spec, one) for one in needs.inputs)

@@ -1,7 +1,7 @@
 """Findings that `heronry check` has for one spec and not for the other.
 
-Two findings are the same when code and sentence are the same: lines move with every change, and a sentence names its
-elements.
+Two findings are the same when their codes and sentences are the same. Lines are not compared, since they move with
+every change.
 """
 
 from collections import Counter
@@ -14,7 +14,11 @@ from heronry_tools.analysis.check.registry import RULES, checks_of
 
 @dataclass(frozen=True, slots=True)
 class FindingsChange:
-    """Findings that are new in the new spec, findings of the old spec that are gone, and the number that stay."""
+    """The change in the findings of two specs.
+
+    old, new: findings that only the old spec has, and findings that only the new spec has.
+    stay: the number of findings that both have.
+    """
 
     old: Assessed
     new: Assessed
@@ -22,7 +26,7 @@ class FindingsChange:
 
 
 def findings_change(old_name: str, old: bytes, new_name: str, new: bytes) -> FindingsChange:
-    """Check two specs by every rule, and compare."""
+    """Check two specs by every rule, and compare their findings."""
     before, after = _assessed(old_name, old), _assessed(new_name, new)
     old_alone, new_alone = _beyond(before, after), _beyond(after, before)
     return FindingsChange(old_alone, new_alone, len(after.findings) - len(new_alone.findings))
@@ -33,7 +37,7 @@ def _assessed(name: str, data: bytes) -> Assessed:
 
 
 def _beyond(one: Assessed, other: Assessed) -> Assessed:
-    """Findings about one file that the other file does not have."""
+    """Give the findings of `one` that `other` does not have."""
     left = Counter(map(_said, other.findings))
     alone: list[Finding] = []
     for finding in one.findings:

@@ -1,6 +1,7 @@
 """A difference as a Mermaid picture: what changed, and its neighbours, old and new in one graph.
 
-New elements are green, removed elements red and dashed, changed elements amber; the neighbours keep their looks.
+New elements are green, removed elements red and dashed, changed elements amber. Neighbours, which did not change, are
+plain.
 """
 
 from collections.abc import Container, Iterator
@@ -23,7 +24,7 @@ _SHAFTS = {"added": "==>", "removed": "-.->", "": "-->"}
 
 
 class Arrow(NamedTuple):
-    """One flow of data; its modes by name, since V1 may be another mode in the other spec."""
+    """One flow of data in the picture, with modes by name, since V1 may be another mode in the other spec."""
 
     source: str
     target: str

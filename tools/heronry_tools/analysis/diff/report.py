@@ -39,10 +39,7 @@ def _counted(count: int) -> str:
 
 
 def _findings_lines(findings: FindingsChange) -> Iterator[str]:
-    """Lines about findings that are new, and findings that are gone.
-
-    Errors come first, since such a spec cannot fly.
-    """
+    """Yield lines about new findings, errors first, and about findings that are gone."""
     for title, assessed in (("check says newly:", findings.new), ("check no longer says:", findings.old)):
         if assessed.findings:
             yield title

@@ -1,8 +1,8 @@
-"""Everything that could keep a function from being served, as a list of assumptions that can be relaxed.
+"""All that could keep a function from being served, as a list of assumptions that can be relaxed.
 
-An assumption that is *relaxed* no longer holds: an element is up again, a capacity is unlimited, a rule is gone,
-another function may be lost. `relaxed` changes the question accordingly: the spec, the elements that are down, and the
-functions that must be served. The planner answers it.
+An assumption that is *relaxed* no longer holds: an element is up again, a capacity is unlimited, a rule is gone, or
+another function need not be served. `relaxed` changes the question accordingly: the spec, the elements that are down,
+and the functions that must be served. The planner answers it.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -20,7 +20,7 @@ MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
 
 @dataclass(frozen=True, slots=True)
 class Assumption:
-    """One assumption that could be relaxed; `name` is an element, a PE, a bus, a function, or the number of a rule."""
+    """One assumption that could be relaxed; `name` is an element, a PE, a bus, a function, or the index of a rule."""
 
     kind: Kind
     name: str
@@ -28,7 +28,11 @@ class Assumption:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """The question whether these functions can be served together, each with its least value, with elements down."""
+    """The question whether some functions can all be served.
+
+    down: the elements that are down.
+    least: the functions, each with the least value with which it must be served.
+    """
 
     spec: Spec
     down: frozenset[str]
@@ -36,9 +40,9 @@ class Question:
 
 
 def assumptions(question: Question, goal: str) -> list[Assumption]:
-    """List all assumptions: those that explain least come first, elements that are down come last.
+    """List all assumptions that may keep the function `goal` from being served, in the order of relaxation.
 
-    `reasons` relaxes them in this order.
+    Those that explain least come first, such as other functions; elements that are down come last.
     """
     return list(_assumptions(question, goal))
 
@@ -112,7 +116,7 @@ def capacity(spec: Spec, one: Assumption) -> int:
 
 
 def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
-    """Return the same spec with another capacity."""
+    """Return the same spec with another amount of a capacity."""
     if one.kind == "bandwidth":
         bus: Bus = replace(spec.buses[one.name], bitrate=amount)
         return replace(spec, buses={**spec.buses, one.name: bus})

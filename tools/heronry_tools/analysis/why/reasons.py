@@ -5,14 +5,15 @@ serve every other function as well as the plan does. The plan is the best one, s
 finds out why.
 
 *Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other. If
-the goal is still impossible without an assumption, it stays relaxed (a deletion filter). The rest is irreducible: if
-any one of them were relaxed too, the goal would be possible. There may be other irreducible sets; the assumptions that
-explain least are relaxed first.
+the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The remaining set
+is irreducible: if any one of its assumptions were relaxed, too, the goal would be possible. There may be several
+irreducible sets; the assumptions that explain least are relaxed first, so that they are not in the set that is shown.
 
 *Repairs.* A repair must relax something of every irreducible set. The smallest repair is found as a smallest hitting
-set of the irreducible sets that are known; if that is no repair, it shows a further irreducible set. A repair can only
-bring back elements that are down, or add CPU, memory or bandwidth. The amount of a capacity that is needed is found by
-bisection. A repair counts only if the planner, given the repaired system, really serves the function.
+set of the irreducible sets that are known. If the planner cannot reach the goal with it, a further irreducible set is
+found, and the search is repeated. A repair can only bring back elements that are down, or add CPU, memory or bandwidth.
+The amount of a capacity that is needed is found by bisection. A repair counts only if the planner, given the repaired
+system, really serves the function.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -49,7 +50,7 @@ Possible = Callable[[Iterable[Assumption]], bool]
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """A repair: elements that come back, and capacities with the amount that is needed."""
+    """A repair: the elements to bring back, and the capacities to enlarge, each with the amount that is needed."""
 
     restore: tuple[str, ...]
     capacities: tuple[tuple[Assumption, int], ...]
@@ -68,7 +69,7 @@ class Explanation:
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
-    """Explain how a function is served in a situation, with the phase's fault-free plan running."""
+    """Explain how a function is served in a situation, if the plan with everything up ran before the faults."""
     healthy = plan(spec, Situation(phase=now.phase))
     found = explained(spec, plan(spec, now, placement(healthy.configuration)) if now.down else healthy)
     report = found.functions[function.name]
@@ -110,7 +111,7 @@ def _is_possible(question: Question) -> bool:
 def _irreducible(
     these: Sequence[Assumption], possible: Possible, without: Iterable[Assumption] = ()
 ) -> list[Assumption]:
-    """Reduce assumptions that make the goal impossible to a smallest subset that does so: each one in it is needed."""
+    """Reduce `these` to an irreducible set of assumptions; the assumptions of `without` are relaxed already."""
     gone = list(without)
     kept = list(these)
     for one in these:
@@ -138,9 +139,9 @@ def _repairs(
 
 
 def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator[tuple[Assumption, ...]]:
-    """Give sets of assumptions whose relaxation makes the goal possible, smaller ones first.
+    """Yield sets of assumptions of `soft` whose relaxation makes the goal possible, smaller ones first.
 
-    None contains another one.
+    No set contains another one.
     """
     cores: list[frozenset[Assumption]] = []
     found: list[frozenset[Assumption]] = []
@@ -158,7 +159,7 @@ def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator
 def _smallest_hitting(
     cores: Sequence[frozenset[Assumption]], found: Sequence[frozenset[Assumption]]
 ) -> tuple[Assumption, ...] | None:
-    """Find a smallest set that has a member of every core and contains no known repair."""
+    """Find a smallest set that has a member of every irreducible set (`cores`) and contains no known repair."""
     names = sorted(frozenset[Assumption]().union(*cores), key=lambda one: (MENDABLE.index(one.kind), one.name))
     for size in range(min(_MOST_PARTS, len(names)) + 1):
         for parts in combinations(names, size):
@@ -169,7 +170,10 @@ def _smallest_hitting(
 
 
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
-    """Find the amount needed of each capacity, one after the other; capacities not measured yet are unlimited."""
+    """Give a repair with the amount needed of each capacity.
+
+    While one capacity is measured, those that follow are unlimited.
+    """
     capacities = [one for one in parts if one.kind in CAPACITIES]
     repaired = relaxed(question, parts)
     needed = []

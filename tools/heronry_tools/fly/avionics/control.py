@@ -1,11 +1,13 @@
-"""The inner loops of the EAV: from commands of the flight management to demands of surfaces and throttle.
+"""The inner control loops of the EAV: from the commands of the flight management to commands for surfaces and throttle.
 
-Each block is one component of the paper's Figure 13. Gains are the soft ones of docs/flights.md, which stand 150 ms
-from sensor to servo. Angles in degrees; pitch up, roll right and course clockwise are positive; an elevator that goes
-down (positive) lowers the nose, an aileron demand rolls to its side, a positive rudder yaws to the left.
+Each class is one component of the paper's Figure 13. The gains are the low ones of docs/flights.md, which tolerate 150
+ms from sensor to servo. Angles are in degrees. Pitch up, roll to the right and course clockwise are positive. An
+elevator that goes down (positive) lowers the nose; a positive aileron rolls to the right; a positive rudder yaws to the
+left.
 
-What a loop does without an optional input is told at its class. Without a required one it publishes nothing, and the
-servo stays where it is. A restart loses the integrals: the trim is learned anew in about a second.
+The docstring of a class says what its loop does without an optional input. Without a required input, the loop publishes
+nothing, and the servo stays where it is. A restart loses the integrals, so the loop needs about a second to find the
+trim again.
 """
 
 import math
@@ -23,19 +25,17 @@ _SLOWEST_M_PER_S = 11.0
 
 
 def trim_alpha_deg(airspeed_m_per_s: float) -> float:
-    """Angle of attack in straight flight at an airspeed."""
+    """Return the angle of attack of the EAV in straight flight at an airspeed."""
     flow = 0.5 * _AIR_KG_PER_M3 * max(airspeed_m_per_s, _SLOWEST_M_PER_S) ** 2
     return math.degrees((_MASS_KG * _G / (flow * _AREA_M2) - _LIFT_AT_ZERO) / _LIFT_PER_RAD)
 
 
 def angle_deg(value_deg: float) -> float:
-    """Bring an angle into -180..180."""
+    """Bring an angle into the range -180..180 degrees by whole turns."""
     return math.remainder(value_deg, 360.0)
 
 
 class _Loop(Module):
-    """A loop with an integral."""
-
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._integral = 0.0
@@ -51,10 +51,10 @@ class _Loop(Module):
 
 
 class VerticalSpeedControl(_Loop):
-    """Pitch command from vertical speed: angle of attack by airspeed, path angle, and feedback of the error."""
+    """Computes the pitch command from the vertical speed: trimmed angle of attack, path angle, feedback."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the pitch command; without airspeed that of the reference speed is assumed."""
+        """Publish the pitch command; without a measured airspeed, assume the reference airspeed."""
         command, up = number(inputs, "vertical_speed_command"), number(inputs, "velocity_up")
         if command is None or up is None:
             return {}
@@ -66,10 +66,13 @@ class VerticalSpeedControl(_Loop):
 
 
 class PitchControl(_Loop):
-    """Elevator from pitch; without a command it holds the pitch of level flight at the reference speed."""
+    """Computes the elevator command from the pitch.
+
+    Without a pitch command, the loop holds the pitch of level flight at reference speed.
+    """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the elevator's demand."""
+        """Publish the elevator command."""
         pitch, rate = number(inputs, "pitch_angle"), number(inputs, "pitch_rate") or 0.0
         if pitch is None:
             return {}
@@ -79,10 +82,10 @@ class PitchControl(_Loop):
 
 
 class CourseControl(Module):
-    """Roll command from the course over ground."""
+    """Computes the roll command from the error of the course over ground."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the roll command; near the ground the wings stay nearly level."""
+        """Publish the roll command: at most 25 degrees, and 8 degrees in the flare and its transition."""
         command = number(inputs, "course_command")
         north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
         if command is None or north is None or east is None:
@@ -93,10 +96,10 @@ class CourseControl(Module):
 
 
 class RollControl(Module):
-    """Aileron from roll; without a command it holds the wings level."""
+    """Computes the aileron command from the roll; without a roll command, the loop holds the wings level."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the aileron's demand."""
+        """Publish the aileron command."""
         roll, rate = number(inputs, "roll_angle"), number(inputs, "roll_rate") or 0.0
         if roll is None:
             return {}
@@ -104,10 +107,10 @@ class RollControl(Module):
 
 
 class YawDamper(Module):
-    """Rudder against the yaw rate, less that of the turn which the roll angle makes."""
+    """Computes the rudder command from the yaw rate, less the yaw rate of a coordinated turn at this bank."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the rudder's demand."""
+        """Publish the rudder command."""
         rate, roll = number(inputs, "yaw_rate"), number(inputs, "roll_angle")
         if rate is None:
             return {}
@@ -116,10 +119,10 @@ class YawDamper(Module):
 
 
 class AirspeedControl(_Loop):
-    """Throttle from airspeed; a command of 0 closes the throttle."""
+    """Computes the throttle command from the airspeed; an airspeed command of 0 closes the throttle."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the throttle's demand."""
+        """Publish the throttle command."""
         airspeed, command = number(inputs, "airspeed"), number(inputs, "airspeed_command")
         if command is not None and command <= 0.0:
             return {"throttle_demand": 0.0}

@@ -1,10 +1,10 @@
-"""Drivers of the EAV's and the rover's devices: from the numbers of a device to data in their units.
+"""Modules that read the sensors and command the actuators of the EAV and its rover.
 
-They decide nothing but whether there is a datum: a device that does not answer gives none. A servo keeps its last
-command without a demand, and before the first demand commands nothing. The camera's driver also says when the camera
-has seen nothing for `BLIND_NS`, and reports it as failed.
+They convert the whole numbers of a device to data in SI units and degrees. If a sensor does not answer, its module
+publishes no datum. If a servo's module gets no command, it repeats the last one; before the first command it sends
+nothing. The camera's module also reports the camera as failed after `BLIND_NS` without a new image.
 
-A restart loses nothing but, in the camera's driver, which image was the last.
+A restart loses nothing, except that the camera's module publishes the newest image once more.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _INERTIAL = (
 
 
 class InertialUnit(Module):
-    """Rates (deg/s), attitude (deg) and velocity (m/s) of an inertial unit."""
+    """Publishes what an inertial unit measures: angular rates (deg/s), attitude (deg), velocity (m/s)."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a driver has no inputs)
         """Publish what the unit has measured."""
@@ -47,8 +47,6 @@ class Pitot(Module):
 
 
 class _Receiver(Module):
-    """A receiver's position in the runway's frame (m)."""
-
     names: ClassVar[tuple[str, str, str]]
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
@@ -60,19 +58,19 @@ class _Receiver(Module):
 
 
 class DifferentialReceiver(_Receiver):
-    """The receiver with corrections."""
+    """Publishes the position of the receiver with differential corrections, in the runway's frame (m)."""
 
     names = ("differential_x", "differential_y", "differential_height")
 
 
 class SatelliteReceiver(_Receiver):
-    """The receiver without corrections."""
+    """Publishes the position of the receiver without corrections, in the runway's frame (m)."""
 
     names = ("gps_x", "gps_y", "gps_height")
 
 
 class CameraImages(Module):
-    """Angles of the aircraft in each new image (0.1 mrad), and the age of the image (ms)."""
+    """Publishes azimuth and elevation of the aircraft in each new image (0.1 mrad), and the image's age (ms)."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -80,7 +78,7 @@ class CameraImages(Module):
         self._seen_ns = ctx.now_ns  # when there was a new image, or the start
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
-        """Publish an image once."""
+        """Publish each new image once."""
         now_ns = self.ctx.now_ns
         reading = self.ctx.read()
         if isinstance(reading, tuple) and len(reading) == 3:
@@ -95,7 +93,7 @@ class CameraImages(Module):
 
 
 class HeadEncoder(Module):
-    """Direction to which the rover's head points (0.1 mrad)."""
+    """Publishes the direction in which the rover's head points: azimuth and elevation (0.1 mrad)."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
         """Publish the direction."""
@@ -104,7 +102,7 @@ class HeadEncoder(Module):
 
 
 class SurfaceSensor(Module):
-    """Position of a surface in its unit."""
+    """Publishes the position of a control surface, in the unit of its sensor."""
 
     names: ClassVar[str]
 
@@ -133,14 +131,12 @@ class RudderSensor(SurfaceSensor):
 
 
 class ThrottleSensor(SurfaceSensor):
-    """The throttle's position, 0 to 1."""
+    """Publishes the position of the throttle, 0 to 1."""
 
     names = "throttle_position"
 
 
 class _Servo(Module):
-    """Drives a servo to a demand."""
-
     demand: ClassVar[str]
     limit: ClassVar[float] = 25.0
     echo: ClassVar[str]
@@ -150,7 +146,7 @@ class _Servo(Module):
         self._command: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Command the demand; without one, the last command."""
+        """Command the servo to what its inputs demand; without a demand, repeat the last command."""
         demand = number(inputs, self.demand)
         if demand is not None:
             self._command = held(demand, self.limit)
@@ -161,34 +157,34 @@ class _Servo(Module):
 
 
 class ElevatorServo(_Servo):
-    """Angle in deg, positive down."""
+    """Drives an elevator servo: angle in deg, positive down."""
 
     demand, echo = "elevator_demand", "elevator_command"
 
 
 class AileronServo(_Servo):
-    """Angle in deg, positive for a roll to the right."""
+    """Drives an aileron servo: angle in deg, positive for a roll to the right."""
 
     demand, echo, limit = "aileron_demand", "aileron_command", 20.0
 
 
 class RudderServo(_Servo):
-    """Angle in deg, positive for a yaw to the left."""
+    """Drives a rudder servo: angle in deg, positive for a yaw to the left."""
 
     demand, echo = "rudder_demand", "rudder_command"
 
 
 class Throttle(_Servo):
-    """Share of full thrust."""
+    """Drives a throttle servo: share of full thrust, 0 to 1."""
 
     demand, echo, limit = "throttle_demand", "throttle_command", 1.0
 
 
 class PanTilt(Module):
-    """Drives the rover's head to a demanded direction."""
+    """Drives the rover's head in the commanded direction."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Command the demand, if there is one."""
+        """Command the head to the direction that its inputs demand; without a demand, command nothing."""
         datum = inputs.get("head_demand")
         if datum is not None and isinstance(datum.value, tuple):
             self.ctx.write(datum.value)

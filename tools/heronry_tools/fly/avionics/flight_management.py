@@ -3,19 +3,21 @@
     approach ──► glide slope ──► flare transition ──► flare ──► (on the ground)
         any of them ──► go-around (climb straight ahead, then level)
 
-- *approach*: level, until the estimated landing point has come to the desired one.
-- *glide slope*: 5 degrees, and more or less by the distance between the estimated landing point and the desired one,
-  within 0 to 10 degrees.
-- *flare transition*, from `TRANSITION_M`: the sink rate goes over into that of the flare.
-- *flare*, from `FLARE_M`: throttle closed, a constant sink rate.
+- *approach*: level flight, until the estimated landing point reaches the desired one.
+- *glide slope*: a descent of 5 degrees. It is made steeper or shallower, within 0 to 10 degrees, to bring the
+  estimated landing point to the desired one.
+- *flare transition*, below `TRANSITION_M`: the sink rate changes steadily to that of the flare.
+- *flare*, below `FLARE_M`: throttle closed, a constant sink rate.
 
-What it decides depends on its mode, that is on what the plan could supply. In `precise` its position is good enough to
-land. In `forced` there is no better one, and it lands all the same. In `waiting` the position is not good enough: it
-stays level on approach until that changes, or until it is too far. On the glide slope it goes around, unless it is
-below `DECISION_M`: there it is committed, and lands.
+The mode of the module tells what position the plan could supply, and the module decides accordingly:
 
-It does not know which sensor its position comes from. A restart loses the stage, which follows anew from height and
-position: one that begins below the decision height is committed as well.
+- *precise*: the position is good enough to land.
+- *forced*: the position is not good enough, but there is no better one; the aircraft lands with it.
+- *waiting*: the position is not good enough. On approach the aircraft stays level until that changes, or until the
+  landing point is too far. On the glide slope it goes around, but below `DECISION_M` it always lands.
+
+The module does not know which sensor its position comes from. A restart loses the stage. The restarted module finds its
+stage again from height and position; if it starts below the decision height, it lands.
 """
 
 import math
@@ -43,7 +45,7 @@ _LONGEST_M = 110.0  # an estimated landing point beyond this is too far to be me
 
 
 class Stage(IntEnum):
-    """The stage of the landing, as it is published."""
+    """Stage of the landing, as the module publishes it."""
 
     START = 0
     APPROACH = 1
@@ -58,7 +60,12 @@ _LEVEL = (Stage.START, Stage.APPROACH)
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the flight management knows in one step; m, m/s; `headwind_m_per_s` 0 where unknown."""
+    """What the flight management knows in one step.
+
+    x_m, y_m, height_m: position in the runway's frame
+    ground_speed_m_per_s: speed over ground
+    headwind_m_per_s: headwind; 0 if it is not known
+    """
 
     x_m: float
     y_m: float
@@ -69,7 +76,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """What it commands; an airspeed of 0 closes the throttle."""
+    """Commands of the flight management to the control loops; an airspeed of 0 closes the throttle."""
 
     vertical_speed_m_per_s: float
     course_deg: float
@@ -77,13 +84,16 @@ class Commands:
 
 
 class FlightManagement:
-    """The stages, without a bus: `step` once per period."""
+    """The sequence of stages of a landing, without the inputs and outputs of a module.
+
+    The caller calls `step` once per period.
+    """
 
     def __init__(self) -> None:
         self.stage = Stage.START
 
     def step(self, now: Situation, *, mode: str) -> Commands:
-        """Go to the stage that follows, and give its commands."""
+        """Go to the next stage if it is due, and return the commands for this step."""
         self.stage = self._next(now, mode)
         course = held(-math.degrees(_RAD_PER_M * now.y_m), _COURSE_LIMIT_DEG)
         airspeed = REFERENCE_M_PER_S + 0.5 * min(max(now.headwind_m_per_s, 0.0), 8.0)
@@ -123,7 +133,7 @@ class FlightManagement:
 
 
 def _landing_point_m(now: Situation) -> float:
-    """Where the nominal slope from here meets the runway."""
+    """Return the x at which a descent from the present position, on the nominal slope, meets the runway."""
     return now.x_m + now.height_m / math.tan(math.radians(_NOMINAL_DEG))
 
 
@@ -133,7 +143,7 @@ def _on_slope(now: Situation) -> float:
 
 
 class FlightManagementSystem(Module):
-    """The flight management as a module."""
+    """The flight management system as a module."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -142,12 +152,12 @@ class FlightManagementSystem(Module):
         self._mode = ctx.mode
 
     def mode_changed(self) -> bool:
-        """Keep the stage; a better position than before allows another approach."""
+        """Keep the stage through a change of the mode."""
         self._mode = self.ctx.mode
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish commands; without position or velocity the last commands stand, as nothing is published."""
+        """Publish the commands; without position or velocity publish nothing, so the last commands stay in force."""
         x, y, height = (number(inputs, name) for name in ("position_x", "position_y", "height"))
         north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
         self.known = None

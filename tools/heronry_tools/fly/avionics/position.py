@@ -1,12 +1,13 @@
-"""Where the aircraft is: from a receiver alone, or from the tracking filter with the rover's images.
+"""Modules that estimate the position of the aircraft, from a receiver alone or with the rover's images.
 
-Positions are in the runway's frame, height is that of the wheels above the runway. The version of what is published
-says what it is good for: 1 to land, 2 and 3 not. Only the filter, while it has images, and the differential receiver
-give version 1.
+Positions are in the runway's frame; height is that of the wheels above the runway. The version of the published
+position tells its accuracy: version 1 is good enough to land, versions 2 and 3 are not. Only the differential receiver
+and the filter, as long as it gets images, give version 1.
 
-Without velocity nothing is published: a position of 10 Hz cannot steer. A restart of a receiver's estimator costs
-nothing. One of the filter costs what its images had taught it: it begins again at the receiver's position, or without
-a receiver by an image and the nominal approach, and needs some seconds of images; a change of its mode keeps it.
+Without velocity these modules publish nothing, since a receiver's position comes at only 10 Hz and cannot steer. A
+restart of a receiver's estimator loses nothing. A restart of the tracking filter loses what it has learnt from images:
+it begins again at the receiver's position, or without a receiver where an image meets the nominal approach, and needs
+some seconds of images. A change of the mode loses nothing.
 """
 
 from collections.abc import Mapping
@@ -27,7 +28,7 @@ _MRAD_TENTHS = 10_000.0
 
 
 def velocity(inputs: Inputs) -> tuple[float, float, float] | None:
-    """Velocity along x, y and up, or None."""
+    """Return the velocity along x, along y and upwards (m/s); None if a component is missing."""
     north, east, up = (number(inputs, f"velocity_{axis}") for axis in ("north", "east", "up"))
     return None if north is None or east is None or up is None else (north, east, up)
 
@@ -38,7 +39,7 @@ def _position(inputs: Inputs, receiver: str) -> tuple[float, float, float] | Non
 
 
 class _ReceiverPosition(Module):
-    """Position of a receiver, carried on by the velocity between its fixes."""
+    """Estimates the position from a receiver's positions, and from the velocity between two of them."""
 
     receiver: ClassVar[str]
 
@@ -71,19 +72,19 @@ def _age_s(inputs: Inputs, receiver: str) -> float:
 
 
 class DifferentialPosition(_ReceiverPosition):
-    """Position of the receiver with corrections: good enough to land."""
+    """Position from the receiver with corrections: good enough to land."""
 
     receiver = "differential"
 
 
 class SatellitePosition(_ReceiverPosition):
-    """Position of the receiver without corrections: not good enough to land."""
+    """Position from the receiver without corrections: not good enough to land."""
 
     receiver = "gps"
 
 
 class TrackedPosition(Module):
-    """Position of the tracking filter; in mode `coasting` without new images."""
+    """Position from the tracking filter; in mode `coasting` the filter gets no new images."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -93,11 +94,11 @@ class TrackedPosition(Module):
         self._since_ns = ctx.now_ns
 
     def mode_changed(self) -> bool:
-        """Keep what the images have taught."""
+        """Keep the state of the filter through a change of the mode."""
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Advance by the velocity, use what is new, and publish."""
+        """Advance the filter by the velocity, give it the new measurements, and publish its position."""
         moving, now_ns = velocity(inputs), self.ctx.now_ns
         fix = _position(inputs, "gps")
         if moving is None:
@@ -136,7 +137,10 @@ class TrackedPosition(Module):
             tracking.use_receiver([at + speed * age_ns / NS_PER_S for at, speed in zip(fix, moving, strict=True)])
 
     def _use_image(self, tracking: TrackingFilter, inputs: Inputs) -> None:
-        """Use an image once; angles and age are two data, and belong together only if they arrived together."""
+        """Give the filter each image once.
+
+        Angles and age of an image are separate data; they are used if both have arrived at nearly the same time.
+        """
         angles, age_ms = numbers(inputs, "image_angles", 2), number(inputs, "image_age")
         if angles is None or age_ms is None:
             return

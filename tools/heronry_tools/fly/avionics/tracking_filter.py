@@ -1,16 +1,16 @@
 """Where the aircraft is, from a camera beside the runway and the aircraft's velocity: an extended Kalman filter.
 
-Eight states: position x, y, h in the runway's frame (m), the bias of the receiver's position in x, y, h (m), and the
-bias of the camera's azimuth and elevation (rad). The position is carried forward by the measured velocity, whose error
-is its process noise; a bias stays.
+The filter has eight states: the position x, y, h in the runway's frame (m), the bias of the receiver's position in x,
+y, h (m), and the bias of the camera's azimuth and elevation (rad). The measured velocity carries the position forward;
+its error is the process noise of the position. The biases are constant.
 
-Three things of real images are part of the filter:
+The filter copes with three faults of real images:
 
-- *They are late.* An image shows the position at its exposure. The filter keeps the way flown since, and compares the
-  image with the present position less that way.
-- *Some are wrong.* An angle further from its expected value than `GATE_SIGMA` is refused.
-- *The filter may be wrong.* After `REFUSALS` refused angles of an axis in a row the position becomes uncertain again,
-  else one early outlier would lock out all images to come.
+- *Images are late.* An image shows the position at its exposure. The filter remembers the way flown since then, and
+  compares the image with the present position less that way.
+- *Some images are wrong.* The filter refuses an angle that is further than `GATE_SIGMA` from the expected one.
+- *The filter may be wrong itself.* When `REFUSALS` angles of one axis in a row have been refused, the filter makes its
+  position uncertain again. Otherwise one early outlier would lock out all later images.
 
 Measurements are scalars and are used one after the other, so no matrix is inverted.
 
@@ -46,10 +46,10 @@ Camera = tuple[float, float, float]
 
 
 class TrackingFilter:
-    """The filter's state; times are on the clock of the PE on which it runs."""
+    """An extended Kalman filter for the position; times are on the clock of the PE on which it runs."""
 
     def __init__(self, camera_m: Camera, start_m: Sequence[float], now_ns: int) -> None:
-        """camera_m: place of the camera. start_m: a position from the receiver, with its bias still unknown."""
+        """Begin at `start_m`, a position of the receiver with unknown bias; `camera_m` is the camera's position."""
         self._camera_m = camera_m
         self.state = [*start_m, *([0.0] * 5)]
         self.covariance = [[0.0] * STATES for _ in range(STATES)]
@@ -83,11 +83,11 @@ class TrackingFilter:
         return made
 
     def sigma(self, index: int) -> float:
-        """Standard deviation of one state, as the filter itself holds it."""
+        """Return the standard deviation of a state, as the filter estimates it."""
         return math.sqrt(max(self.covariance[index][index], 0.0))
 
     def advance(self, velocity_m_per_s: Sequence[float], now_ns: int) -> None:
-        """Carry the position forward to `now_ns` with the velocity along x, y and h."""
+        """Carry the position forward to `now_ns`, with the velocity along x, along y and upwards."""
         dt_s = (now_ns - self._now_ns) / NS_PER_S
         if dt_s <= 0.0:
             return
@@ -103,14 +103,17 @@ class TrackingFilter:
             self._ways.popleft()
 
     def use_receiver(self, position_m: Sequence[float]) -> None:
-        """Take a position of the receiver: the true one, its bias, and noise."""
+        """Correct the state by a position of the receiver, which contains its bias and noise."""
         for i, measured in enumerate(position_m):
             row = [0.0] * STATES
             row[i] = row[BIAS_X + i] = 1.0
             self._use(row, measured - self.state[i] - self.state[BIAS_X + i], _RECEIVER_M2)
 
     def use_image(self, azimuth_rad: float, elevation_rad: float, exposed_ns: int) -> None:
-        """Take the angles of an image exposed at `exposed_ns`; an image older than the filter's memory is left."""
+        """Correct the state by the angles of an image; an image older than the filter's memory has no effect.
+
+        exposed_ns: when the image was taken.
+        """
         if exposed_ns < self._ways[0][0]:
             return
         self._use_angle(0, azimuth_rad, exposed_ns)
@@ -129,7 +132,7 @@ class TrackingFilter:
         self._use(row, error, _IMAGE_RAD2)
 
     def _doubt(self) -> None:
-        """Make the position uncertain again, and forget how it hangs together with the biases."""
+        """Make the position uncertain again, and uncorrelated with the biases."""
         self._refused = [0, 0]
         self.resets += 1
         for i in (X, Y, H):
@@ -138,7 +141,7 @@ class TrackingFilter:
             self.covariance[i][i] = _START_M2
 
     def _since(self, exposed_ns: int) -> tuple[float, float, float]:
-        """Way flown since a moment, by interpolation."""
+        """Return the distance flown since a time along x, y and h, interpolated between remembered times."""
         later_ns, later = self._now_ns, self._way_m
         for time_ns, way in reversed(self._ways):
             if time_ns <= exposed_ns:
@@ -149,7 +152,7 @@ class TrackingFilter:
         return self._way_m[0] - later[0], self._way_m[1] - later[1], self._way_m[2] - later[2]
 
     def _expected(self, axis: int, since_m: tuple[float, float, float]) -> tuple[float, list[float]]:
-        """Give the angle that an image should show, and its derivatives by the states."""
+        """Return the angle that an image should show, and its derivative with respect to each state."""
         ahead = self._camera_m[0] - (self.state[X] - since_m[0])
         right = self.state[Y] - since_m[1] - self._camera_m[1]
         up = self.state[H] - since_m[2] - self._camera_m[2]

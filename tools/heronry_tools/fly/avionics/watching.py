@@ -1,13 +1,13 @@
-"""What watches devices, and the loop of the rover's tracking head.
+"""Modules that watch devices, and the control loop of the rover's tracking head.
 
-- `AccuracyMonitor`: a receiver's position must move as the velocity says. Where it is further than `MOST_M` from where
-  a window of `WINDOW_S` of velocity brings it, three times in a row, the receiver has lost its corrections, and is
-  reported. It sees a loss that shows within the window; one that grows more slowly it does not see. In its first
-  window it only looks, as sensors that start at different times do not agree at once.
-- `SurfaceMonitor`: a surface must stand where its servo was commanded to, as fast as the servo moves. It reports the
-  device of the servo that is driven, which the version of the command tells.
-- `TrackingHead`: points the camera to the aircraft that it sees, closing its own loop on the rover; without an image
-  for a second it returns to the approach.
+- `AccuracyMonitor` compares a receiver's position with the one expected from the velocity over the last `WINDOW_S`.
+  If they differ by more than `MOST_M` three times in a row, the receiver has lost its corrections, and the monitor
+  reports it. The monitor detects an error that grows within the window, but not one that grows more slowly. It reports
+  nothing in its first window, since sensors that start at different times do not agree at once.
+- `SurfaceMonitor` compares the position of a surface with its command, at the speed at which the servo can move. It
+  reports the servo that is driven at the time; the version of the command tells which one that is.
+- `TrackingHead` points the camera at the aircraft that the camera sees. The loop closes on the rover itself. After a
+  second without an image, the head turns back to the approach.
 """
 
 from collections import deque
@@ -66,7 +66,7 @@ class AccuracyMonitor(Module):
 
 
 class SurfaceMonitor(Module):
-    """Reports the servo of a surface that does not stand where it was commanded to."""
+    """Reports the servo of a surface that does not follow its commands."""
 
     surface: ClassVar[str]
     position: ClassVar[str] = "angle"
@@ -80,7 +80,7 @@ class SurfaceMonitor(Module):
         self._apart_s = 0.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare the angle with those of a servo that follows its commands."""
+        """Compare the surface's position with the range that a healthy servo could have reached."""
         angle, command = number(inputs, f"{self.surface}_{self.position}"), number(inputs, f"{self.surface}_command")
         if angle is None or command is None:
             return {}
@@ -123,7 +123,7 @@ class ThrottleMonitor(SurfaceMonitor):
 
 
 class TrackingHead(Module):
-    """Demands of the head the direction in which the aircraft was seen."""
+    """Commands the rover's head to the direction in which the camera saw the aircraft."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

@@ -1,1 +1,1 @@
-"""Flight dynamics models in JSBSim; the only part of the product that imports it."""
+"""The models of the aircraft in JSBSim; no other part of the product imports JSBSim."""

@@ -1,19 +1,20 @@
-"""BIG BLUE III in JSBSim: hangs on its balloon, fills its wings, is released, glides home, lands.
+"""BIG BLUE III in JSBSim: it rises below its balloon, inflates its wings, is released, glides home and lands.
 
-The devices are those of the shipped spec `big_blue`, with the readings of `heronry_tools.aircraft.plant.devices`: the
-same sensors with the same errors, on an aircraft that flies where its surfaces steer it.
+The devices are those of the shipped spec `big_blue`. Their readings and errors come from
+`heronry_tools.aircraft.plant.devices`, as in the scripted plant; but here the surfaces steer the aircraft.
 
-Balloon. Gas lifts with the weight and 12 N, whatever the height; the bag grows as the air thins, so its drag falls with
-the third root of the density: 5 m/s near the ground, 7 m/s at 20 km. The line pulls above the centre of gravity. A burn
-wire cuts it for good; a charge opens the parachute for good, and folds the wings. Wings that hold less than the
-pressure of firm ones carry that share of their forces, until light has cured their skin.
+Balloon. The gas lifts 12 N more than the weight, at any height. The bag grows as the air thins, so its drag falls with
+the third root of the density: the aircraft rises at 5 m/s near the ground, and at 7 m/s at 20 km. The line pulls above
+the centre of gravity. A burn wire cuts the line for good. A charge opens the parachute for good, and folds the wings.
+Wings with less than the pressure of firm wings carry only that share of their forces, until light has cured their skin.
 
-Time. On the line the surfaces have no effect, so nothing is lost if that hour passes faster than the avionics' clock:
-there the plant makes `pace` steps for one. It stops doing so before the height at which the line may be cut, and while
-the valve fills the wings. All angular rates are read as the avionics' clock sees them.
+Time. On the line the surfaces have no effect, so nothing is lost if this hour passes faster than the avionics' clock.
+The plant makes `pace` steps there for each step of the avionics. It keeps to the avionics' clock near the ground, above
+the lowest height at which the line may be cut, and while the valve inflates the wings. All angular rates are measured
+by the avionics' clock.
 
-Inertial units of this aircraft measure with three gyros and their own airspeed: they give rates of the angles of pitch
-and roll, and accelerations without those of the path. So a turn is not felt as level flight.
+Inertial units. The gyros of this aircraft give the rates of the pitch and roll angles; its accelerometers are corrected
+with the airspeed for the acceleration of the path. So the unit does not take a turn for level flight.
 """
 
 import math
@@ -76,7 +77,10 @@ _STARTS: dict[Start, _StartingPoint] = {
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The aircraft at one time as its sensors meet it; the names are those of the scripted plant's `Moment`."""
+    """State of the aircraft from which sensors make their readings.
+
+    The fields are named as in the scripted `Moment`.
+    """
 
     time_s: float
     altitude_m: float
@@ -91,7 +95,10 @@ class Motion:
 
 
 class BigBluePlant:
-    """BIG BLUE III from one of its phases on; see `heronry_tools.fly.plant`."""
+    """The plant of BIG BLUE III, from the beginning of one phase of its mission.
+
+    `heronry_tools.fly.plant` explains plants.
+    """
 
     def __init__(
         self,
@@ -102,9 +109,10 @@ class BigBluePlant:
         pace: int = 1,
         watch: Callable[[Truth], None] | None = None,
     ) -> None:
-        """pace: steps of the plant for one of the avionics while the aircraft hangs on its line.
+        """Place the aircraft at the beginning of `start`.
 
-        watch: gets the state after each step near the ground, once the line is cut.
+        pace: steps of the plant for one step of the avionics, while the aircraft hangs on its line
+        watch: is called with the state after each step near the ground, once the line is cut
         """
         self._seed, self._air, self.pace, self._watch = seed, air, pace, watch
         point = _STARTS[start]
@@ -129,13 +137,16 @@ class BigBluePlant:
     # What devices do
 
     def advance(self, time_ns: int) -> None:
-        """Step the model up to the last step at or before `time_ns`; no effect when that is past."""
+        """Step the model up to the last step at or before `time_ns`.
+
+        An earlier time than the present one has no effect.
+        """
         due = time_ns * STEPS_PER_S // NS_PER_S
         while self._ticks < due:
             self._tick()
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Advance, and give the present reading of a device; None if it does not answer."""
+        """Advance to `now_ns`, and return the reading of a sensor; None if it does not answer."""
         self.advance(now_ns)
         how, frozen, offset = self._failed.get(device, (None, None, 0.0))
         match how:
@@ -149,7 +160,10 @@ class BigBluePlant:
                 return frozen
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
-        """Advance, then command an actuator; give the command that it has taken, or None if it takes none."""
+        """Advance to `now_ns` and command an actuator.
+
+        Return the command that it accepted, None if it accepted none.
+        """
         self.advance(now_ns)
         if device in self.servos.pushes:
             return self.servos.command(device, _as_number(device, value))
@@ -165,10 +179,13 @@ class BigBluePlant:
         return value
 
     def make_safe(self, device: str, now_ns: int) -> None:
-        """Do nothing: without a command an actuator of this aircraft stays where it is."""
+        """Do nothing: an actuator of this aircraft holds its position without a command."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail; a charge or a wire that has failed does not fire, a valve stays as it is."""
+        """Make a device fail as `how` says.
+
+        A charge or a burn wire that has failed does not fire; a valve that has failed does not move.
+        """
         self.advance(now_ns)
         if device in self.servos.pushes:
             self.servos.fail(device, how, offset)
@@ -176,17 +193,20 @@ class BigBluePlant:
             self._failed[device] = how, self._reading(device, now_ns), offset
 
     def heal(self, device: str) -> None:
-        """End a device's failure."""
+        """Repair a device."""
         self._failed.pop(device, None)
         self.servos.heal(device)
 
     @property
     def world_s(self) -> float:
-        """Time in the world since the start: more than that of the avionics, by the pace on the line."""
+        """Return the time since the start in the plant, in s.
+
+        On the line it passes faster there than on the avionics' clock.
+        """
         return self._steps / STEPS_PER_S
 
     def truth(self) -> Truth:
-        """Give the present state; x to north and y to east of home."""
+        """Return the present state; x is north of home, y is east of home."""
         fdm = self._model.fdm
         north_m, east_m, up_m = self._model.position_m()
         return Truth(
@@ -252,7 +272,7 @@ class BigBluePlant:
         self._steps += 1
 
     def _shape(self, dt_s: float) -> float:
-        """Give the share of the wings' shape: by their pressure, until their skin has cured."""
+        """Return the share of their full forces that the wings carry, after a step of `dt_s`."""
         firm = min(self._pressure_hpa(self._now_ns()) / _FIRM_HPA, 1.0)
         if self._firm_s >= _CURES_S:
             return 1.0
@@ -260,7 +280,7 @@ class BigBluePlant:
         return firm
 
     def _pull(self) -> None:
-        """Pull at the line: the lift of the gas, and the drag of the bag in the air around it."""
+        """Apply the force of the line: the lift of the gas and the drag of the bag in the air around it."""
         fdm = self._model.fdm
         if not self.hangs:
             fdm["external_reactions/line/magnitude"] = 0.0

@@ -68,7 +68,7 @@ _NEAR_GROUND_FT = 5.0
 
 
 class EavPlant:
-    """The EAV from a start on final; see `heronry_tools.fly.plant`."""
+    """The plant of the EAV, from a start on final approach; `heronry_tools.fly.plant` explains plants."""
 
     def __init__(
         self,
@@ -83,12 +83,14 @@ class EavPlant:
         watch: Callable[[Truth], None] | None = None,
         probe: LatencyProbe | None = None,
     ) -> None:
-        """start_m: x, y and height. corrections_lost_s: from when on the differential receiver is inaccurate.
+        """Place the aircraft in trimmed flight on final approach.
 
-        height_bias_m: a constant error of its height, besides the usual ones.
-
-        perfect: all sensors but the camera without errors. watch: gets the state after each step near the ground.
-        probe: steps the pitch rate that is measured.
+        start_m: x, y and height
+        corrections_lost_s: from when on the differential receiver is inaccurate; None if it stays accurate
+        height_bias_m: a constant error of the differential receiver's height, in addition to its usual errors
+        perfect: whether all sensors but the camera have no errors
+        watch: is called with the state after each step near the ground
+        probe: adds steps to the measured pitch rate, to measure the latency to the servo
         """
         self._seed, self._air, self._perfect = seed, air, perfect
         self._lost_s, self._watch, self._probe = corrections_lost_s, watch, probe
@@ -121,13 +123,16 @@ class EavPlant:
     # What devices do
 
     def advance(self, time_ns: int) -> None:
-        """Step the model up to the last step at or before `time_ns`; no effect when that is past."""
+        """Step the model up to the last step at or before `time_ns`.
+
+        An earlier time than the present one has no effect.
+        """
         due = time_ns * STEPS_PER_S // NS_PER_S
         while self._steps < due:
             self._step()
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Advance, and give the present reading of a device; None if it does not answer."""
+        """Advance to `now_ns`, and return the reading of a sensor; None if it does not answer."""
         self.advance(now_ns)
         fault = self._failed.get(device)
         if fault is None:
@@ -141,7 +146,10 @@ class EavPlant:
         return frozen
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
-        """Advance, then command an actuator; give the command that it has taken, or None if it takes none."""
+        """Advance to `now_ns` and command an actuator.
+
+        Return the command that it accepted, None if it accepted none.
+        """
         self.advance(now_ns)
         if device == "pan_tilt":
             if not isinstance(value, tuple) or len(value) != 2:
@@ -158,7 +166,7 @@ class EavPlant:
         """Do nothing: a servo holds its angle without a command."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail; the camera is `dead` when it sees nothing."""
+        """Make a device fail; a `dead` camera gives no new images."""
         self.advance(now_ns)
         if device in self.servos.pushes:
             self.servos.fail(device, how, offset)
@@ -168,14 +176,14 @@ class EavPlant:
             self._failed[device] = how, self._reading(device, now_ns), offset
 
     def heal(self, device: str) -> None:
-        """End a device's failure."""
+        """Repair a device."""
         self._failed.pop(device, None)
         self.servos.heal(device)
         if device == "camera":
             self.camera.blind = False
 
     def truth(self) -> Truth:
-        """Give the present state."""
+        """Return the present state."""
         fdm = self._model.fdm
         north_m, east_m, up_m = self._model.position_m()
         touching = tuple(name for name, is_down in _CONTACTS.items() if fdm[is_down])
@@ -196,13 +204,13 @@ class EavPlant:
         )
 
     def slow_errors(self) -> tuple[float, ...]:
-        """Give the present biases of the receiver without corrections (x, y, height in m) and of the camera (rad)."""
+        """Return the present biases of the receiver without corrections (x, y, height in m) and of the camera (rad)."""
         return *(self._errors[f"gps/{axis}"].slow for axis in "xyh"), *self.camera.bias_rad
 
     # The world
 
     def _trimmed(self) -> tuple[float, float]:
-        """Trim for level flight without wind; give the elevator's angle and the throttle for it."""
+        """Trim the aircraft for level flight without wind; return the elevator's angle and the throttle needed."""
         fdm = self._model.fdm
         fdm.do_trim(_FULL_TRIM)
         elevator_deg = fdm["fcs/pitch-trim-cmd-norm"] * FIRST_SURFACE_DEG["elevator"]
@@ -302,7 +310,7 @@ class EavPlant:
 
 
 def _shifted(value: Value, offset: float) -> Value:
-    """Add an offset to a number, or to each number of a tuple."""
+    """Return a number plus `offset`, or a tuple with `offset` added to each number."""
     if isinstance(value, tuple):
         return tuple(item + round(offset) for item in value)
     return value + offset if isinstance(value, (int, float)) else value

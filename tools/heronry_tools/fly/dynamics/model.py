@@ -1,7 +1,7 @@
-"""Loads an aircraft into JSBSim, silently, and converts its units.
+"""Loads an aircraft into JSBSim without its banner, and converts the units of JSBSim.
 
-JSBSim prints a banner unless `JSBSIM_DEBUG` is 0 in the environment before its first object is made; it accepts
-misspelt properties without a word, so every property that is written is asked for first (`Model.put`).
+JSBSim prints a banner, unless `JSBSIM_DEBUG` is 0 in the environment before its first object is made. JSBSim accepts
+misspelt properties without a message, so `Model.put` checks that a property exists before it is written.
 """
 
 import math
@@ -20,20 +20,26 @@ _M_PER_RAD_EAST = 6_378_137.0
 
 
 class Air(Protocol):
-    """The wind around an aircraft (`wind` has them)."""
+    """The moving air around an aircraft."""
 
     def begin(self, model: "Model") -> None:
-        """Set up wind and turbulence before the first step."""
+        """Prepare wind and turbulence, before the first step."""
 
     def step(self, model: "Model", height_m: float) -> None:
-        """Set the wind at the aircraft's height before each step."""
+        """Set the wind at the aircraft for the next step; call this before each step.
+
+        height_m: height of the aircraft above the ground.
+        """
 
 
 class Model:
-    """One aircraft in JSBSim; values in SI units and degrees where the names say so."""
+    """One aircraft in JSBSim; quantities are in SI units and degrees unless a name says otherwise."""
 
     def __init__(self, aircraft: str, *, seed: int, models: Path = _MODELS) -> None:
-        """Load `models`/aircraft/NAME/NAME.xml; raises UserError without JSBSim, or where it cannot load the file."""
+        """Load the file `models`/aircraft/NAME/NAME.xml, where NAME is `aircraft`.
+
+        Raises UserError if JSBSim is not installed, or cannot load the file.
+        """
         os.environ.setdefault("JSBSIM_DEBUG", "0")
         try:
             import jsbsim  # noqa: PLC0415 - only a flight in the model needs it
@@ -50,12 +56,15 @@ class Model:
         self.fdm["simulation/randomseed"] = seed % 2**31
 
     def put(self, name: str, value: float) -> None:
-        """Write a property that exists; raises KeyError for one that does not."""
+        """Set a property of JSBSim; raises KeyError if JSBSim does not have it."""
         self.fdm[name]  # JSBSim would create it
         self.fdm[name] = value
 
     def start(self, *, north_m: float, east_m: float, up_m: float, airspeed_m_per_s: float, heading_deg: float) -> None:
-        """Place the aircraft in level flight, its centre of gravity `up_m` above the runway, and trim it."""
+        """Place the aircraft in level flight and trim it.
+
+        up_m: height of the centre of gravity above the runway.
+        """
         fdm = self.fdm
         fdm["ic/lat-geod-deg"] = math.degrees(north_m / _M_PER_RAD_NORTH)
         fdm["ic/long-gc-deg"] = math.degrees(east_m / _M_PER_RAD_EAST)
@@ -69,7 +78,7 @@ class Model:
         fdm["propulsion/engine[0]/set-running"] = 1
 
     def position_m(self) -> tuple[float, float, float]:
-        """North, east and up of the centre of gravity, from the runway's aiming point."""
+        """Return the centre of gravity relative to the runway's aiming point: to north, to east, up."""
         fdm = self.fdm
         return (
             fdm["position/lat-geod-rad"] * _M_PER_RAD_NORTH,

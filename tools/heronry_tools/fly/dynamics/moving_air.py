@@ -1,4 +1,4 @@
-"""The wind and the gusts of `atmosphere` around an aircraft in JSBSim."""
+"""Sets the wind and the gusts of `atmosphere` in JSBSim."""
 
 from heronry_tools.fly.atmosphere import Air, Wind
 from heronry_tools.fly.dynamics.model import M_PER_FT, Model
@@ -6,17 +6,20 @@ from heronry_tools.fly.plant import STEPS_PER_S
 
 
 class MovingAir:
-    """The air of one flight: equal seeds and heights give equal air."""
+    """The air of one flight; equal seeds and equal heights give equal air."""
 
     def __init__(self, seed: int, wind: Wind) -> None:
         self._air = Air(seed, wind)
 
     def begin(self, model: Model) -> None:
-        """Switch JSBSim's own turbulence off: it has no effect below 1 000 ft, and draws chance of its own."""
+        """Switch JSBSim's own turbulence off.
+
+        It has no effect below 1 000 ft, and its random numbers do not come from the flight's seed.
+        """
         model.put("atmosphere/turb-type", 0)
 
     def step(self, model: Model, height_m: float) -> None:
-        """Set the speed of the air at the aircraft, for one step of the plant."""
+        """Set the velocity of the air at the aircraft, for one step of the plant."""
         fdm = model.fdm
         north, east, down = self._air.step(
             1.0 / STEPS_PER_S, height_m, fdm["velocities/vt-fps"] * M_PER_FT, fdm["attitude/psi-rad"]

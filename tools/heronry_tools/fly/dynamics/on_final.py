@@ -1,7 +1,7 @@
 """Makes the plant of a mission: the Exploration Aerial Vehicle (EAV) on final approach.
 
-The wind and the errors are drawn from the mission's seed. Where latencies are measured, the air is still and only the
-camera has errors.
+The wind and the sensor errors are drawn from the mission's seed. In a mission that measures latencies, the air is still
+and only the camera has errors.
 """
 
 from heronry_tools.fly.dynamics.eav import EavPlant
@@ -12,7 +12,7 @@ from heronry_tools.fly.record import Recorder
 
 
 def eav_on_final(mission: Mission, recorder: Recorder, probe: LatencyProbe | None) -> EavPlant:
-    """Give the plant of a mission; the recorder watches it near the ground."""
+    """Return the plant of a mission; `recorder` gets its state near the ground, `probe` steps its pitch rate."""
     if probe is not None:
         return EavPlant(mission.seed, perfect=True, watch=recorder.watch, probe=probe)
     return EavPlant(

@@ -1,7 +1,7 @@
-"""The device driver of a flight in real time: readings from the plant process, commands to it.
+"""The device driver of a flight in real time: it gets readings from the plant process, and sends commands to it.
 
-The plant process of the flight has a folder, which the environment variable HERONRY_FLIGHT names: `readings` is shared
-memory, `commands` a datagram socket. So no call waits for the plant process, however busy the computer is.
+The plant process has a folder, which the environment variable HERONRY_FLIGHT names. In the folder, `readings` is shared
+memory and `commands` is a datagram socket, so no call waits for the plant process, however busy the computer is.
 """
 
 import json
@@ -20,13 +20,16 @@ _OLDEST_NS = 500_000_000  # readings of a plant process that is gone are none
 
 
 class FlightDevice:
-    """One device of the plant process."""
+    """One sensor or actuator of the plant process."""
 
     def __init__(self, driver: "FlightDriver", name: str) -> None:
         self._driver, self._name = driver, name
 
     def read(self, now_ns: int) -> Reading:
-        """Give the newest reading; None from a device that does not answer, or without a plant process."""
+        """Return the newest reading.
+
+        Its value is None if the device does not answer or the plant process has stopped.
+        """
         snapshot = self._driver.reader.newest()
         value = snapshot.readings.get(self._name)
         if now_ns - snapshot.time_ns > _OLDEST_NS:
@@ -34,20 +37,23 @@ class FlightDevice:
         return Reading(value, snapshot.time_ns, value is not None)
 
     def command(self, value: Value, now_ns: int) -> Value | None:  # noqa: ARG002 - the plant process has a clock
-        """Send a command; None from an actuator that takes none, or where the plant process does not listen."""
+        """Send a command and return it; None if the actuator accepts none or it could not be sent."""
         if self._name in self._driver.reader.newest().refusing or not self._driver.send(self._name, value):
             return None
         return value
 
     def make_safe(self, now_ns: int) -> None:
-        """Do nothing: without a command a servo holds its angle."""
+        """Do nothing: a servo holds its angle without a command."""
 
 
 class FlightDriver:
-    """Opens the devices of one PE."""
+    """Gives one PE its devices in the plant process."""
 
     def __init__(self, origin_ns: int, environment: Mapping[str, str] = os.environ) -> None:  # noqa: ARG002
-        """Raises KeyError where no flight is named, and FileNotFoundError where it has no plant process."""
+        """Find the plant process.
+
+        Raises KeyError if HERONRY_FLIGHT is not set, and FileNotFoundError if the plant process has not made its files.
+        """
         folder = Path(environment[FOLDER])
         self.reader = Reader(folder / READINGS)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
@@ -58,14 +64,14 @@ class FlightDriver:
         return FlightDevice(self, name)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:  # noqa: ARG002
-        """Give the actuators whose echoes are needed: none, as one plant moves everything itself."""
+        """Return the actuators whose output echoes this driver needs: none, as one plant moves everything."""
         return frozenset()
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
         """Ignore an echo."""
 
     def send(self, device: str, value: Value) -> bool:
-        """Send a command; False where it could not be sent at once."""
+        """Send a command; return False if it could not be sent at once."""
         try:
             self._socket.send(json.dumps([device, value]).encode())
         except OSError:
@@ -73,5 +79,5 @@ class FlightDriver:
         return True
 
     def close(self) -> None:
-        """Close the socket; the agent ends with its driver open."""
+        """Close the socket for commands."""
         self._socket.close()

@@ -1,8 +1,8 @@
-"""One landing in real time: a plant process, a manager and an agent per PE, on software buses.
+"""One landing in real time: processes for the plant, for a manager and for an agent per PE, on software buses.
 
-The first configuration is let run before the aircraft is released: it waits until its servos are driven. Faults come by
-the clock of the flight, or by its height. Killed are processes of PEs; devices fail in the plant process. All processes
-end with the flight, however it ends (`Fleet`).
+The aircraft is held in place until the first configuration runs and its servos are driven. Faults are injected at a
+time of the flight, or below a height. A fault of a PE kills its process; a fault of a device happens in the plant
+process. All processes end with the flight, however the flight ends (`Fleet`).
 """
 
 import json
@@ -31,9 +31,9 @@ _LOOK_S = 0.05
 
 
 def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | None = None) -> dict[str, Any]:
-    """Fly a mission; gives what the plant process tells at the end. Raises UserError where a process ends early.
+    """Fly a mission, and return the last JSON message of the plant process; raises UserError if a process ends early.
 
-    record_file: gets the record of the flight as JSON.
+    record_file: where the plant process writes the record of the flight, as JSON
     """
     unfit = [str(blow) for blow in mission.blows if blow.element.startswith("bus:")]
     if unfit:
@@ -94,17 +94,20 @@ class _Plant:
 
     @property
     def height_m(self) -> float:
-        """Present height of the wheels."""
+        """Return the present height of the wheels above the runway."""
         return self._reader.newest().height_m
 
     def fail(self, device: str, how: str) -> None:
-        """Let a device fail."""
+        """Make a device fail."""
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps({"fail": device, "how": how}).encode() + b"\n")
         self._process.stdin.flush()
 
     def said(self, wait_s: float) -> list[dict[str, Any]]:
-        """Give what the process has said, after at most `wait_s`; raises UserError when it has ended."""
+        """Return the messages that the plant process sends within `wait_s`, perhaps none.
+
+        Raises UserError if the process has ended.
+        """
         assert self._process.stdout is not None
         stream = self._process.stdout.fileno()
         if not select.select([stream], [], [], wait_s)[0]:
@@ -117,7 +120,7 @@ class _Plant:
 
 
 class _Flight:
-    """The flight from the start of its processes to its end."""
+    """One flight, from the start of its processes to its end."""
 
     def __init__(self, fleet: Fleet, plant: _Plant, mission: Mission, events: int) -> None:
         self._fleet, self._plant, self._events = fleet, plant, events
@@ -125,7 +128,7 @@ class _Flight:
         self._released_ns: int | None = None
 
     def run(self) -> dict[str, Any]:
-        """Wait for the end; the manager's events are read, so that it never waits for a reader."""
+        """Run the flight to its end; return the last message of the plant process."""
         begun_s = time.monotonic()
         while True:
             for line in self._plant.said(_LOOK_S):

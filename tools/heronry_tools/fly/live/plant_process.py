@@ -3,10 +3,12 @@
     python -m heronry_tools.fly.live.plant_process FOLDER MISSION
 
 MISSION is a JSON object {"seed", "wind", "corrections_lost_s", "longest_s", "probed", "record"}. The aircraft is held
-at its start, trimmed and with no speed over ground, until every surface has been driven for a second: agents load the
-code of their modules meanwhile. On standard output come JSON lines: `{"released_ns"}`, then at the end one with the
-touchdown and with how late the process was. On standard input it takes `{"fail": DEVICE, "how": HOW}`, and it ends when
-that ends.
+at its start, trimmed and without speed over ground, until every surface has been driven for a second. In that time the
+agents load the code of their modules.
+
+Standard output gets two JSON lines: `{"released_ns"}` when the aircraft is released, and at the end one with the
+touchdown and with the delays of the process. Standard input takes lines `{"fail": DEVICE, "how": HOW}`; when it is
+closed, the process ends.
 """
 
 import json
@@ -40,7 +42,7 @@ _STOOD_STILL_NS = 100_000_000
 
 
 class PlantProcess:
-    """The plant, its clock, and its two doors."""
+    """The plant with its clock, its shared readings and its socket for commands."""
 
     def __init__(self, folder: Path, mission: Mission, record_file: Path | None) -> None:
         self._mission, self._record_file = mission, record_file
@@ -56,7 +58,7 @@ class PlantProcess:
         self._writer = Writer(folder / READINGS)
 
     def run(self) -> None:
-        """Fly until a second after the touchdown, to the longest time, or until standard input ends."""
+        """Fly until a second after the touchdown, until the longest time is over, or until standard input is closed."""
         due_ns = before_ns = time.monotonic_ns()
         while not self._is_over():
             now_ns = time.monotonic_ns()
@@ -114,7 +116,10 @@ class PlantProcess:
         self._writer.write(Snapshot(now_ns, truth.height_m, readings, refusing))
 
     def _wait_until(self, due_ns: int) -> bool:
-        """Wait, and execute what comes on standard input; False when that has ended."""
+        """Wait until `due_ns` and execute commands of standard input meanwhile.
+
+        Return False if standard input is closed.
+        """
         while True:
             left_s = (due_ns - time.monotonic_ns()) / NS_PER_S
             ready, _, _ = select.select([0], [], [], max(left_s, 0.0))
@@ -141,7 +146,7 @@ class PlantProcess:
 
 
 def _at_rest(reading: Value | None) -> Value | None:
-    """Give the reading of an inertial unit without its velocities, the last three."""
+    """Return the reading of an inertial unit with its three velocities, the last numbers, set to 0."""
     return (*reading[:-3], 0, 0, 0) if isinstance(reading, tuple) else reading
 
 

@@ -1,10 +1,11 @@
 """Readings of all devices in a file that processes share: one writes it 120 times a second, the others read it.
 
-A reader must never wait for the writer (`heronry_agent.device`). So the file has several slots. The writer fills the
-slot after the newest one, and then raises the count at the head of the file. A reader takes the slot of the count, and
-takes it again if the writer has meanwhile come so far that it may have written into it.
+A reader must never wait for the writer (`heronry_agent.device`). So the file has several slots, and a number at its
+head that counts the writes. The writer fills the slot after the newest one, then increments the number. A reader copies
+the slot that the number points to. If the writer has come so far meanwhile that it may have overwritten this slot, the
+reader copies again.
 
-The file is made whole before its name appears, so a reader finds it complete or not at all.
+The file is complete before it gets its name, so a reader finds either all of it or no file.
 """
 
 import json
@@ -24,7 +25,7 @@ _HEAD_BYTES = 64
 
 
 class Snapshot(NamedTuple):
-    """Readings at one time."""
+    """The readings of all devices at one time."""
 
     time_ns: int  # on the monotonic clock of this computer
     height_m: float
@@ -44,7 +45,7 @@ class Writer:
         self._file, self._unfinished = file, unfinished
 
     def write(self, snapshot: Snapshot) -> None:
-        """Make a snapshot the newest one."""
+        """Write the readings of all devices; from then on readers get these."""
         readings = {name: value for name, value in snapshot.readings.items() if value is not None}
         form = [snapshot.time_ns, snapshot.height_m, readings, sorted(snapshot.refusing)]
         data = json.dumps(form, separators=(",", ":")).encode()
@@ -59,16 +60,16 @@ class Writer:
 
 
 class Reader:
-    """Reads the newest snapshot."""
+    """Reads, from the file, the snapshot that was written last."""
 
     def __init__(self, file: Path) -> None:
-        """Open the file; raises FileNotFoundError before the writer has written."""
+        """Open the file; raises FileNotFoundError if the writer has not made it yet."""
         with file.open("rb") as opened:
             self._memory = mmap.mmap(opened.fileno(), 0, prot=mmap.PROT_READ)
         self._held: tuple[int, Snapshot] | None = None
 
     def newest(self) -> Snapshot:
-        """Give the newest snapshot."""
+        """Return the snapshot that was written last."""
         while True:
             (count,) = _HEAD.unpack_from(self._memory)
             if self._held is not None and self._held[0] == count:

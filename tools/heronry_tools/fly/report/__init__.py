@@ -1,4 +1,4 @@
-"""Pictures of flights: one HTML file with SVG, which needs nothing else."""
+"""Pictures of flights: an HTML file with SVG, which needs no other file."""
 
 from heronry_tools.fly.report.dispersion_page import dispersion_page
 from heronry_tools.fly.report.flight_page import flight_page

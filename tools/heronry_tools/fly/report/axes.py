@@ -1,7 +1,7 @@
-"""A panel: two axes with units, and what is drawn between them, as SVG.
+"""A panel in SVG: two axes with units, and the curves between them.
 
-Colours are those of Okabe and Ito, which the common kinds of colour blindness keep apart; lines differ in their dashes
-as well. Sizes are for a picture 1 000 px wide.
+The colours are those of Okabe and Ito, which people with the common kinds of colour blindness can tell apart; lines
+have different dashes too. Sizes are for a picture 1 000 px wide.
 """
 
 import math
@@ -34,7 +34,7 @@ _Row = TypeVar("_Row")
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Maps a range of values to a range of pixels; a range of nothing is widened."""
+    """Maps a range of values to a range of pixels; a range with equal ends is widened."""
 
     least: float
     most: float
@@ -42,12 +42,12 @@ class Scale:
     end_px: float
 
     def px(self, value: float) -> float:
-        """Give the pixel of a value."""
+        """Return the pixel of a value."""
         share = (value - self.least) / (self.most - self.least)
         return self.begin_px + share * (self.end_px - self.begin_px)
 
     def ticks(self, count: int) -> list[float]:
-        """Give about `count` round values within the range."""
+        """Return about `count` round values within the range."""
         step = _round_step((self.most - self.least) / count)
         first = math.ceil(self.least / step - 1e-9)
         last = math.floor(self.most / step + 1e-9)
@@ -55,7 +55,7 @@ class Scale:
 
 
 def span(values: Iterable[Value], *, least: float = 0.0, margin: float = 0.05) -> tuple[float, float]:
-    """Give the range of values, with a margin, and at least `least` wide."""
+    """Return a range that contains all values with a margin, and is at least `least` wide."""
     known = [value for value in values if value is not None and math.isfinite(value)]
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
     lacking = max(least - (high - low), 0.0) / 2.0
@@ -66,7 +66,7 @@ def span(values: Iterable[Value], *, least: float = 0.0, margin: float = 0.05) -
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """Two axes in a picture; `top` and `height` in px. The labels carry the units."""
+    """A panel in a picture; `top` and `height` are in px, the labels name the units."""
 
     across: Scale
     up: Scale
@@ -74,19 +74,19 @@ class Panel:
     up_label: str
 
     def line(self, xs: Sequence[Value], ys: Sequence[Value], colour: str, dash: str = "") -> str:
-        """Draw a line that breaks where a value is not known."""
+        """Draw a line, with a gap where a value is None."""
         style = f' stroke-dasharray="{dash}"' if dash else ""
         return f'<path class="series" stroke="{colour}"{style} d="{self._way(xs, ys)}"/>'
 
     def band(self, xs: Sequence[Value], low: Sequence[Value], high: Sequence[Value], colour: str) -> str:
-        """Fill between two lines, where both are known."""
+        """Fill the area between two lines, where both have values."""
         rows = [(x, a, b) for x, a, b in _thinned(zip(xs, low, high, strict=True)) if None not in (x, a, b)]
         ahead = [f"{self.across.px(x):.1f},{self._held(b):.1f}" for x, _, b in rows if x is not None and b is not None]
         back = [f"{self.across.px(x):.1f},{self._held(a):.1f}" for x, a, _ in rows if x is not None and a is not None]
         return f'<polygon points="{" ".join(ahead + back[::-1])}" fill="{colour}" fill-opacity="0.22"/>'
 
     def points(self, xs: Sequence[float], ys: Sequence[float], colour: str, shape: str = "circle") -> Iterator[str]:
-        """Draw single points: a circle, or a cross for what failed."""
+        """Draw single points: circles, or crosses for landings that failed."""
         for x, y in zip(xs, ys, strict=True):
             across, up = self.across.px(x), self._held(y)
             if shape == "circle":
@@ -139,18 +139,21 @@ class Panel:
 def panel(
     across: tuple[float, float], up: tuple[float, float], labels: tuple[str, str], top: float, height: float
 ) -> Panel:
-    """Make a panel of the picture's whole width."""
+    """Return a panel as wide as the picture."""
     return Panel(Scale(*across, LEFT, WIDTH - RIGHT), Scale(*up, top + height, top), *labels)
 
 
 def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") -> str:
-    """Write words at a place."""
+    """Write text at a position in px."""
     name = f' class="{kind}"' if kind else ""
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{name}>{escape(words)}</text>'
 
 
 def legend(entries: Sequence[tuple[str, str, str]], top: float) -> Iterator[str]:
-    """Draw a row of (name, colour, dash); dash `band` is a filled one, `point` and `cross` are single points."""
+    """Draw a row of (name, colour, dash).
+
+    The dash `band` is drawn as a filled area, `point` and `cross` as single points, every other dash as a line.
+    """
     x = float(LEFT)
     for name, colour, dash in entries:
         match dash:
@@ -168,13 +171,13 @@ def legend(entries: Sequence[tuple[str, str, str]], top: float) -> Iterator[str]
 
 
 def picture(height: float, title: str, parts: Iterable[str]) -> str:
-    """Put a picture together."""
+    """Return the SVG of a picture that consists of `parts`."""
     size = f'width="{WIDTH}" height="{height:.0f}" viewBox="0 0 {WIDTH} {height:.0f}"'
     return "\n".join([f'<svg {size} role="img"><title>{escape(title)}</title>', *parts, "</svg>"])
 
 
 def number(value: float) -> str:
-    """Write a tick's value: no exponent, no sign of zero."""
+    """Write the number at a tick, without an exponent and without a sign before zero."""
     written = f"{value:.6f}".rstrip("0").rstrip(".")
     return "0" if written in ("-0", "") else written
 

@@ -1,7 +1,7 @@
-"""The report of many flights of one kind: the share of acceptable landings, where and how hard they touched down.
+"""The report of many flights of one aircraft: which landings are acceptable, where and how hard they touch down.
 
-`height_bias_m`, where the flights know it, is the constant error of height of the sensor that steers: landings against
-it show the bias that a landing stands.
+If results have a `height_bias_m`, the constant error of the height by which the aircraft steers, the report shows the
+share of acceptable landings against that error.
 """
 
 from collections import Counter
@@ -33,7 +33,7 @@ _FEWEST = 3  # flights of a bin that has a share
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """What the dispersion knows of one flight."""
+    """What the report needs to know of one flight."""
 
     seed: int
     touchdown: Touchdown | None
@@ -43,12 +43,12 @@ class Landing:
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Why it is not acceptable."""
+        """Return the criteria that the landing does not meet; empty for an acceptable landing."""
         return causes(self.touchdown, self.site)
 
 
 def dispersion_page(title: str, landings: Sequence[Landing]) -> str:
-    """Draw the report of many flights."""
+    """Return the HTML of the report of many flights."""
     touched = [landing for landing in landings if landing.touchdown is not None]
     parts = [f"<h1>{escape(title)}</h1>", *_share(landings)]
     if touched:
@@ -105,7 +105,7 @@ def _scatter(landings: Sequence[Landing]) -> str:
 def _around_home(
     good: Sequence[Touchdown], bad: Sequence[Touchdown], norths: Sequence[float], easts: Sequence[float]
 ) -> str:
-    """Draw a map, north up, of equal scales, with the circle in which a landing is acceptable."""
+    """Draw a map, north up, with equal scales and with the circle in which a landing is acceptable."""
     radius = acceptance.FIELD.distance_m
     reach = max(1.2 * radius, *(1.05 * abs(value) for value in (*norths, *easts)))
     height = 600.0
@@ -125,7 +125,7 @@ def _points(drawn: Panel, good: Sequence[Touchdown], bad: Sequence[Touchdown]) -
 
 
 def _sinks(landings: Sequence[Landing]) -> str:
-    """Draw the cumulative distribution: the share of landings with at most a sink."""
+    """Draw the cumulative distribution of the sink rate at the touchdown."""
     sinks = sorted(landing.touchdown.sink_m_per_s for landing in landings if landing.touchdown is not None)
     shares = [100.0 * (index + 1) / len(sinks) for index in range(len(sinks))]
     on_field = landings[0].site == "field"
@@ -142,7 +142,7 @@ def _sinks(landings: Sequence[Landing]) -> str:
 
 
 def _by_bias(landings: Sequence[Landing]) -> str:
-    """Draw the acceptable share in bins of the height's bias, with the interval of each bin."""
+    """Draw the share of acceptable landings in bins of the height error, with the interval of each share."""
     bins: dict[int, list[bool]] = {}
     for landing in landings:
         if landing.height_bias_m is not None:

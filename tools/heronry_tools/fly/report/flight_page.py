@@ -1,7 +1,8 @@
-"""The report of one flight: ground track, and over one axis of time the profile, speeds, errors, places and loads.
+"""The report of one flight: its ground track, and panels over time for profile, speeds, errors, loads and places.
 
-Marks (faults, reconfigurations, touchdown) are numbered lines through every panel; a table says what each one is. Modes
-or phases are the shaded strips at the top of the profile. A panel without data is left out.
+The panel of places shows the PE of each module. Marks (faults, reconfigurations, touchdown) are numbered lines through
+all panels, and a table explains the numbers. Shaded strips at the top of the profile show modes or phases. A panel
+without data is left out.
 """
 
 import math
@@ -43,7 +44,7 @@ _AXES = (("x_m", "along"), ("y_m", "across"), ("height_m", "height"))
 
 
 def flight_page(record: FlightRecord) -> str:
-    """Draw the report of a flight; the same record gives the same bytes."""
+    """Return the HTML of a flight's report; equal records give equal bytes."""
     title = f"{record.spec}: {record.title}" if record.title else record.spec
     parts = [f"<h1>{escape(title)}</h1>", *_verdict(record)]
     if record.times_s:
@@ -53,7 +54,7 @@ def flight_page(record: FlightRecord) -> str:
 
 
 def page(title: str, parts: Sequence[str]) -> str:
-    """Put an HTML page together."""
+    """Return an HTML page that consists of `parts`."""
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
     return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>\n' + "\n".join(parts) + "\n</body></html>\n"
 
@@ -102,7 +103,7 @@ def _ground_track(record: FlightRecord) -> str:
 
 
 def _map(record: FlightRecord) -> str:
-    """Draw a map, north up and of equal scales, with the circle in which a landing is acceptable."""
+    """Draw a map, north up, with equal scales and with the circle in which a landing is acceptable."""
     norths, easts = record.columns["x_m"], record.columns["y_m"]
     is_far = max(abs(value or 0.0) for value in (*norths, *easts)) > _FAR_M
     unit, factor, height = ("km", 1e-3, 380.0) if is_far else ("m", 1.0, 480.0)
@@ -166,7 +167,7 @@ class _Series:
 
 @dataclass(frozen=True, slots=True)
 class _Chart:
-    """One panel over time: its series, and the (low, high) of a band around zero."""
+    """One panel over time: its lines, and a band around zero from low to high values."""
 
     label: str
     series: tuple[_Series, ...]
@@ -291,7 +292,10 @@ def _stripes(record: FlightRecord, drawn: Panel, factor: float) -> Iterator[str]
 
 
 def _lanes(record: FlightRecord, reach: tuple[float, float], factor: float, top: float) -> tuple[list[str], float]:
-    """Draw for each module in which PE and mode it ran; what never changes is left out where there is much else."""
+    """Draw for each module a row that shows, over time, the PE and mode in which it ran.
+
+    If some modules have moved, changed or ended, only these get a row.
+    """
     lanes: dict[str, list[Stretch]] = {}
     for stretch in record.stretches:
         if stretch.kind == "place":

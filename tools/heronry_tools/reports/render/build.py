@@ -16,13 +16,13 @@ from heronry_tools.reports.render.marks import Marks
 
 
 def build(spec: Spec, marks: Marks, function: Function | None = None) -> Graph:
-    """Make the graph of a spec, or of what contributes to one of its functions."""
+    """Make the graph of a spec; with a function, of all that may contribute to this function."""
     modules = list(spec.modules.values()) if function is None else _contributors(spec, function)
     return _Builder(spec, marks).graph(modules, whole=function is None)
 
 
 def _contributors(spec: Spec, function: Function) -> list[Module]:
-    """Modules whose data may reach a function, in the spec's order."""
+    """Name the modules whose data may reach a function, in the spec's order."""
     found, frontier = set(function.outputs), list(function.outputs)
     while frontier:
         module = spec.modules[frontier.pop()]

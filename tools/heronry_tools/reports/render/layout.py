@@ -1,9 +1,10 @@
 """The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
-Within a column every symbol should be at the height of the symbols to which edges join it, and no two symbols may be
-closer than a gap. This least-squares problem has an exact solution (pool adjacent violators); it is computed column by
-column, from left to right and back. Between two columns an edge is one curve. Across a column it is straight, at a
-height of its own. Feedback runs below the graph and back.
+Symbols stand in columns. An edge that passes a column has a *way-point* there (ordering.py), and each piece of it, from
+one column to the next, is a *segment*. Within a column every symbol should be at the height of the symbols to which
+edges join it, and no two symbols may be closer than a gap. This least-squares problem has an exact solution (pool
+adjacent violators); it is computed column by column, from left to right and back. Between two columns an edge is one
+curve. Across a column it is straight, at a height of its own. Feedback edges run back below the graph.
 """
 
 from collections.abc import Iterator, Mapping
@@ -36,7 +37,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A piece of edges: straight, from `start` to `leave`, then a curve to `enter`, then straight to `end`."""
+    """A segment: straight from `start` to `leave`, then a curve to `enter`, then straight to `end`."""
 
     edges: tuple[int, ...]
     start: Point
@@ -56,7 +57,13 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """A graph with places."""
+    """The places of a graph's symbols and edges, in pixels.
+
+    width, height: of the whole picture.
+    boxes: the box of each symbol, by its key.
+    curves: the segments.
+    loops: the feedback edges.
+    """
 
     width: int
     height: int
@@ -113,7 +120,7 @@ class _Placing:
         )
 
     def _in_ports(self) -> dict[int, int]:
-        """Give the heights in a target's box at which edges end: side by side, in the order of their arrival."""
+        """Give the height at which each edge ends in its target's box: side by side, in the order of arrival."""
         place = {key: number for column in self._layers.columns for number, key in enumerate(column)}
         comers: dict[tuple[str, int | None], list[tuple[int, int]]] = {}
         for segment in self._layers.segments:
@@ -168,7 +175,7 @@ class _Placing:
                         self._move(column, place, level)
 
     def _move(self, column: tuple[str, ...], place: int, level: int) -> None:
-        """Move a way-point to a level, or as near to it as its neighbours leave room."""
+        """Move a way-point to a height, or as near to it as its neighbours in the column allow."""
         if place > 0:
             above = column[place - 1]
             level = max(level, self._y[above] + (self._shapes[above].height + _ROW_GAP) * _FINE)
@@ -178,18 +185,21 @@ class _Placing:
         self._y[column[place]] = level
 
     def _ends(self, segment: Segment) -> tuple[int, int]:
-        """Heights of a segment's ends in their boxes."""
+        """Give the heights of a segment's two ends, each from the top of its box."""
         out = self._shapes[segment.source].port(segment.out_cell)
         into = self._ports[segment.edges[0]] if segment.last else self._shapes[segment.target].port(None)
         return out, into
 
     def _weight(self, segment: Segment) -> int:
-        """Give the weight of a segment in straightening: longer edges weigh more."""
+        """Give the weight of a segment: a piece of a longer edge weighs more, and so becomes straighter."""
         points = (segment.source.startswith("~")) + (segment.target.startswith("~"))
         return (2, 3, 8)[points]
 
     def _apart(self, column: tuple[str, ...], wanted: list[tuple[int, int]]) -> list[int]:
-        """Give the heights nearest to the wanted, weighted ones at which no two symbols overlap (rounded down)."""
+        """Give the heights at which no two symbols of a column overlap, nearest to the wanted ones.
+
+        Each wanted height has a weight. Results are rounded down.
+        """
         blocks: list[list[int]] = []  # sum of weighted heights, sum of weights, members
         offsets = [0]
         for key in column[:-1]:
@@ -203,7 +213,7 @@ class _Placing:
         return [start + offset for start, offset in zip(starts, offsets, strict=True)]
 
     def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
-        """Left and right sides of the columns: the steeper the edges between two, the wider the gap."""
+        """Give the left and right sides of the columns; the gap between two is wider where edges are steeper."""
         steepest = [0] * len(self._layers.columns)
         for segment in self._layers.segments:
             out, into = self._ends(segment)
@@ -233,10 +243,7 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Give the x at which an edge meets its target.
-
-        On a circle this is farther right above and below the middle.
-        """
+        """Give the x at which an edge meets its target; at a circle it depends on the height."""
         if not segment.last:
             return left
         round_ = self._graph.nodes[segment.target].kind == "variable"
@@ -255,7 +262,7 @@ class _Placing:
 
 
 def _sagitta(radius: int, offset: int) -> int:
-    """How far inside its box the edge of a circle lies, at a height `offset` off the middle."""
+    """Give the distance from the side of a circle's box to the circle, at a height `offset` off the middle."""
     return radius - isqrt(radius * radius - offset * offset)
 
 

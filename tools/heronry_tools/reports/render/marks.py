@@ -34,7 +34,7 @@ class Marks:
         return all(self.mode_dead(module, mode) for module, mode in self.spec.producers(variable))
 
     def device_dead(self, device: str) -> bool:
-        """Tell whether a device is down, or its PE out of reach."""
+        """Tell whether a device is down, or its PE cannot be reached."""
         return device not in self.found.left.devices
 
     def gate_dead(self, gate: Expression) -> bool:
@@ -47,7 +47,7 @@ class Marks:
         return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 
     def running(self, module: Module) -> Running | None:
-        """How a module runs; None if it does not."""
+        """Give how a module runs; None if it does not run."""
         return self.configuration.modules.get(module.name)
 
     def runs(self, module: Module, mode: Mode) -> bool:

@@ -17,7 +17,7 @@ _SWEEPS = 24
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A piece of edges between neighbouring columns; its ends are symbols or way-points."""
+    """A piece of one or more edges, from one column to the next; its ends are symbols or way-points."""
 
     source: str
     target: str
@@ -66,7 +66,7 @@ def _segments(graph: Graph, ranks: Ranks) -> tuple[Segment, ...]:
 
 
 def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> list[list[str]]:
-    """Columns in the order of a walk along the edges: connected symbols begin close together."""
+    """Give columns in the order of a walk along the edges, so that connected symbols begin close together."""
     neighbours: dict[str, list[str]] = {key: [] for key in graph.nodes}
     column_of = dict(ranks.of)
     for segment in segments:
@@ -88,7 +88,7 @@ def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> l
 
 
 def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | None], float]:
-    """Heights of symbols and of their cells, in places from the top."""
+    """Give the heights of symbols and of their cells, as the number of places from the top."""
     found: dict[tuple[str, int | None], float] = {}
     for column in columns:
         for place, key in enumerate(column):
@@ -127,7 +127,7 @@ def _crossings(graph: Graph, columns: list[list[str]], segments: tuple[Segment, 
 
 
 def _inversions(pairs: list[tuple[float, float]]) -> int:
-    """Count the crossings of lines, each (begin, end): pairs of which one begins above the other and ends below it."""
+    """Count the crossings of lines (begin, end): pairs in which one line begins above the other and ends below it."""
     count, ends = 0, list[float]()
     for _, end in sorted(pairs):
         place = bisect_right(ends, end)

@@ -1,9 +1,9 @@
 """The column of each symbol: data flows to the right, sensors stand at the left and actuators at the right.
 
-A feedback edge leads out of a variable with an initial value and would close a cycle. It gets no rank here, and is
-drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far right
-as possible. Each ranking is improved by moving single symbols, and the one with the shorter edges is taken. All steps
-follow the order of the graph, so that the same graph gives the same picture.
+A feedback edge leads out of a variable with an initial value and would close a cycle. It is left out of the ranking,
+and drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far
+right as possible. Each ranking is improved by moving single symbols, and the one with the shorter edges is taken. All
+steps follow the order of the graph, so that the same graph gives the same picture.
 """
 
 from collections.abc import Collection, Mapping
@@ -19,7 +19,11 @@ _SWEEPS = 12
 
 @dataclass(frozen=True, slots=True)
 class Ranks:
-    """The column of each symbol, and the edges that lead to the left, by their number in the graph."""
+    """The columns of a graph.
+
+    of: the column of each symbol, from 0 at the left.
+    feedback: the feedback edges, by their index in the graph.
+    """
 
     of: Mapping[str, int]
     feedback: frozenset[int]
@@ -40,7 +44,7 @@ def ranked(graph: Graph) -> Ranks:
 
 
 def _feedback(graph: Graph) -> frozenset[int]:
-    """Find the fewest edges out of variables with initial values whose removal leaves no cycle, one by one."""
+    """Find the edges, as few as possible, without which no cycle is left; only those out of initialized variables."""
     successors: dict[str, list[str]] = {key: [] for key in graph.nodes}
     for edge in graph.edges:
         successors[edge.source].append(edge.target)
@@ -74,7 +78,7 @@ def _reaches(successors: Mapping[str, Collection[str]], start: str, goal: str) -
 
 
 def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[str, int]:
-    """Length of the longest path that ends in each symbol (Kahn's order)."""
+    """Give the length of the longest path that ends in each symbol (Kahn's order)."""
     waiting = dict.fromkeys(keys, 0)
     successors: dict[str, list[str]] = {key: [] for key in keys}
     for source, target in pairs:
@@ -123,7 +127,7 @@ def _weight(source: str) -> int:
 
 
 def _length(edges: list[Edge], ranks: Mapping[str, int]) -> int:
-    """Give the length of all trunks; the edges out of one symbol share a trunk."""
+    """Give the length of all edges; the edges out of one symbol share a trunk, which counts once."""
     ends: dict[str, int] = {}
     for edge in edges:
         ends[edge.source] = max(ends.get(edge.source, 0), ranks[edge.target] - ranks[edge.source])

@@ -29,7 +29,7 @@ class Shape:
     head: int = 0  # of a module: height above its cells
 
     def port(self, cell: int | None) -> int:
-        """Height at which edges of a cell, or of the symbol itself, end."""
+        """Give the height at which edges of a cell end; without a cell, of the symbol itself."""
         if cell is not None:
             return self.head + CELL_ROW * cell + CELL_ROW // 2
         return (self.head or self.body_height) // 2
@@ -63,7 +63,7 @@ def _note(node: Node) -> tuple[str, ...]:
 
 
 def wrapped(text: str, separator: str) -> tuple[str, ...]:
-    """Break a text after separators into lines that are not too long, where it has separators."""
+    """Break a text after separators into lines of limited length; a part without a separator stays whole."""
     lines: list[str] = []
     words = [word + separator for word in text.split(separator)]
     words[-1] = words[-1][: -len(separator)]
@@ -76,5 +76,5 @@ def wrapped(text: str, separator: str) -> tuple[str, ...]:
 
 
 def _text_width(lines: tuple[str, ...], size_px: int) -> int:
-    """Estimate the width of the widest line in a wide sans-serif face, too large rather than too small."""
+    """Estimate the width of the widest line in a wide sans-serif face; rather too large than too small."""
     return max((len(line) * size_px * 66 // 100 for line in lines), default=0)

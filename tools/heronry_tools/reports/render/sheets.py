@@ -21,7 +21,7 @@ _Middles = Mapping[str, int]  # symbol -> the middle of its box, from the left, 
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """A part of a graph with places."""
+    """A part of a graph, with its layout."""
 
     graph: Graph
     layout: Layout
@@ -40,7 +40,7 @@ def sheets(graph: Graph) -> tuple[Sheet, ...]:
 
 
 def _cut(graph: Graph, middles: _Middles, width: int, parts: int) -> Iterator[Graph]:
-    """Cut a graph by the places of its modules in the picture in one piece."""
+    """Divide a graph into `parts` graphs, by the places of its modules in the picture in one piece."""
     of = {key: _middle(group, middles) * parts // width for group in _groups(graph) for key in group}
     on = [of[edge.target if edge.source.startswith(_VARIABLE) else edge.source] for edge in graph.edges]
     homes = _homes(graph, on)
@@ -56,7 +56,7 @@ def _cut(graph: Graph, middles: _Middles, width: int, parts: int) -> Iterator[Gr
 
 
 def _groups(graph: Graph) -> list[set[str]]:
-    """All symbols except variables, in groups of symbols that edges join."""
+    """Give all symbols except variables, in groups of symbols that edges join."""
     joined: dict[str, list[str]] = {key: [] for key in graph.nodes if not key.startswith(_VARIABLE)}
     for edge in graph.edges:
         if edge.source in joined and edge.target in joined:
@@ -77,13 +77,13 @@ def _groups(graph: Graph) -> list[set[str]]:
 
 
 def _middle(group: Collection[str], middles: _Middles) -> int:
-    """Give the place of a group: that of its modules, without its devices."""
+    """Give the horizontal place of a group: the mean of its modules, without its devices."""
     modules = [key for key in group if key.startswith("module:")]
     return max(middles[key] for key in modules or group)
 
 
 def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
-    """The sheet on which a variable is drawn solid: where it is first given, or first read where no module gives it."""
+    """Give the sheet on which each variable is drawn solid: where it is first given, else where it is first read."""
     given: dict[str, int] = {}
     read: dict[str, int] = {}
     for edge, sheet in zip(graph.edges, on, strict=True):

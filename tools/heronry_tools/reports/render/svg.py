@@ -1,9 +1,9 @@
 """A graph as a picture: one SVG file that needs no other file.
 
-Edges are drawn first, then chosen edges over them, then the symbols; if there are several sheets, sheet by sheet. Every
-symbol has its key in the file, and every edge has its ends, so that programs can read the picture as well.
+Edges are drawn first, then chosen edges over them, then the symbols; if there are several sheets, sheet by sheet. In
+the file every symbol has its key, and every edge the keys of its ends, so that programs can read the picture, too.
 
-`uncoloured` draws the same for a page that colours the symbols itself: without a style, with a cross on every symbol,
+`uncoloured` draws the graph for a page that colours the symbols itself: without a style, with a cross on every symbol,
 and with the names of all edges on every line.
 """
 
@@ -55,7 +55,7 @@ def svg(graph: Graph, title: str = "Dependency graph") -> str:
 
 
 def uncoloured(graph: Graph, edge_key: Callable[[Edge], str]) -> str:
-    """Draw a graph for a page that has a style of its own; `edge_key` names an edge, without a space."""
+    """Draw a graph for a page that has a style of its own; `edge_key` gives the name of an edge, without a space."""
     drawn = sheets(graph)
     width, height = max(sheet.layout.width for sheet in drawn), sum(sheet.layout.height for sheet in drawn)
     arrow = _ARROW.replace(' fill="#1b1f24"', ' class="head"')
@@ -71,7 +71,7 @@ def uncoloured(graph: Graph, edge_key: Callable[[Edge], str]) -> str:
 
 
 def _sheet(sheet: Sheet, top: int, width: int, edge_key: Callable[[Edge], str] | None = None) -> Iterator[str]:
-    """One sheet, below those above it; with `edge_key` as a page needs it that colours the symbols itself."""
+    """Draw one sheet at a height `top`; with `edge_key`, for a page that colours the symbols itself."""
     if top:
         yield f'<path class="fold" d="M0,{top}H{width}"/>'
     yield f'<g transform="translate(0,{top})">'
@@ -94,7 +94,7 @@ def _numbers(piece: Curve | Loop) -> tuple[int, ...]:
 
 
 def _rank(graph: Graph, piece: Curve | Loop) -> int:
-    """Highest rank of the edges on a piece: 0 dead, 1 as specified, 2 chosen."""
+    """Give the highest rank of the edges that share a segment: 0 dead, 1 as specified, 2 chosen."""
     return max(_liveliness(graph.edges[number]) for number in _numbers(piece))
 
 

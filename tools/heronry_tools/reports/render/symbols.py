@@ -13,7 +13,7 @@ from heronry_tools.reports.render.shapes import CELL_ROW, NAME_LINE, NOTE_LINE
 
 
 def symbol(node: Node, box: Box, *, crossed: bool) -> Iterator[str]:
-    """Lines of SVG for one symbol; `crossed`: with the cross of a dead one."""
+    """Give the lines of SVG for one symbol; `crossed` draws the cross of a dead symbol."""
     set_marks = (("dead", node.dead), ("chosen", node.chosen), ("again", node.again))
     marks = "".join(f" {name}" for name, set_ in set_marks if set_)
     attribute = "data-again" if node.again else "data-key"  # a key is unique in a picture
@@ -49,7 +49,7 @@ def _module(node: Node, box: Box) -> Iterator[str]:
 
 
 def _small(node: Node, box: Box) -> Iterator[str]:
-    """Draw a symbol, with its name below it where it has one."""
+    """Draw a symbol that is not a module, with its name below it where it has one."""
     x, y, width, height = _body_x(box), box.y, box.shape.body_width, box.shape.body_height
     middle, level = x + width // 2, y + height // 2
     inside = node.label
@@ -79,7 +79,7 @@ def _small(node: Node, box: Box) -> Iterator[str]:
 
 
 def _shield(x: int, y: int, width: int, height: int) -> str:
-    """Outline of an OR gate: hollow at its inputs, pointed at its output."""
+    """Give the outline of an OR gate: hollow at its inputs, pointed at its output."""
     right, level, bend = x + width, y + height // 2, x + width * 2 // 3
     return (
         f"M{x},{y}H{x + width // 3}Q{bend},{y} {right},{level}Q{bend},{y + height} {x + width // 3},{y + height}"

@@ -1,7 +1,7 @@
 """A graph as text for other programs: Mermaid, as forges show it in Markdown, and DOT, as Graphviz reads it.
 
 Neither has the paper's gates: the shape nearest to each is taken, with the gate's name in it. A cell of a module is a
-port in DOT; Mermaid has none, so there the edge names the mode.
+port in DOT. Mermaid has no ports, so there the words on the edge name the mode.
 """
 
 from collections.abc import Iterator, Mapping
@@ -47,7 +47,7 @@ def mermaid(graph: Graph) -> str:
 
 
 def mermaid_node(number: str, node: Node, look: str) -> str:
-    """Write one symbol, with the name of its class if it has one."""
+    """Write one symbol under its number; `look` is the name of its style class, or empty."""
     before, after = _BRACKETS[node.kind]
     return f'  {number}{before}"{"<br/>".join(_words(node))}"{after}{f":::{look}" if look else ""}'
 
@@ -78,7 +78,7 @@ def _words(node: Node) -> Iterator[str]:
 
 
 def edge_words(graph: Graph, edge: Edge) -> str:
-    """The words on an edge of a graph: the modes at its ends, and its versions."""
+    """Give the words on an edge of a graph: the modes at its ends, and its versions."""
     return "; ".join(_edge_words(graph, edge))
 
 

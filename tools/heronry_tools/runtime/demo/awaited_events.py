@@ -14,7 +14,7 @@ LONGEST_S = 60.0  # Python and the solver may take long to load; nothing else do
 
 
 class AwaitedEvents:
-    """The events of one manager, as they come."""
+    """The events of one manager, read as they come."""
 
     def __init__(self, fleet: Fleet, stream: IO[bytes]) -> None:
         """Take over the stream of a manager of this fleet; no other reader may use it."""
@@ -22,7 +22,10 @@ class AwaitedEvents:
         self._come: deque[dict[str, Any]] = deque()
 
     def wait(self, *kinds: str, pe: str | None = None) -> dict[str, Any]:
-        """Return the next event of these kinds, about this PE if one is named; raises SystemExit where none comes."""
+        """Return the next event of one of `kinds`, about this PE if one is named.
+
+        Raises SystemExit where none comes.
+        """
         last, until_s = "nothing", time.monotonic() + LONGEST_S
         while True:
             while self._come:
@@ -35,7 +38,7 @@ class AwaitedEvents:
             self._read(max(0.0, until_s - time.monotonic()))
 
     def take(self) -> list[dict[str, Any]]:
-        """Return the events that have come; raises SystemExit where the manager has ended."""
+        """Return the events that have come since the last call; raises SystemExit where the manager has ended."""
         self._read(0.0)
         come = list(self._come)
         self._come.clear()

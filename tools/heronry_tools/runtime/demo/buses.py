@@ -1,8 +1,8 @@
 """The python-can bus that stands for each bus of a spec in a demo.
 
-The manager's bus is the one that the user named with python-can's flags; else vcan0 where this machine has one; else a
-software bus. Every other bus of the spec is the one that `--bus NAME=[INTERFACE:]CHANNEL` names, else a software bus. A
-replicated bus has two channels, with a comma between their names.
+For the manager's bus it is the one that the user named with python-can's flags; without flags vcan0, where this machine
+has it; else a software bus. For every other bus of the spec it is the one that `--bus NAME=[INTERFACE:]CHANNEL` names,
+else a software bus. A replicated bus has two channels, with a comma between their names.
 """
 
 import socket
@@ -19,7 +19,7 @@ from heronry_wire.bus_arguments import channel_configs
 
 @dataclass(frozen=True, slots=True)
 class BusChoice:
-    """One bus of the spec on one python-can bus."""
+    """The python-can bus that stands for one bus of the spec."""
 
     name: str
     interface: str
@@ -33,13 +33,13 @@ class BusChoice:
         return f"{self.name}: {what_it_models(self.interface, self.channel)}"
 
     def configs(self) -> list[dict[str, Any]]:
-        """Keyword arguments of `can.Bus` for each channel; raises BusArgumentError."""
+        """Give the keyword arguments of `can.Bus` for each channel; raises BusArgumentError."""
         config = {"interface": self.interface, "channel": self.channel}
         rate = {} if self.bitrate is None else {"bitrate": self.bitrate}
         return channel_configs({**config, **rate}, self.channels, f"bus {self.name}")
 
     def port_argument(self) -> str:
-        """The value of `--bus` for this choice."""
+        """Give the value of `--bus` for this choice."""
         return f"{self.name}={self.interface}:{self.channel}"
 
 
@@ -51,9 +51,12 @@ def choose(
     *,
     prefer_vcan: bool = True,
 ) -> dict[str, BusChoice]:
-    """Choose a bus for each bus of the spec; `first` is the manager's bus as python-can's flags name it.
+    """Choose a python-can bus for each bus of the spec.
 
-    A bus named without an interface is SocketCAN's. Raises UserError for a bus that is named in both ways.
+    named: the values of `--bus`; without an interface, it is SocketCAN.
+    first: the manager's bus, as python-can's flags name it.
+    prefer_vcan: whether vcan0 is taken for the manager's bus where this machine has it.
+    Raises UserError for a bus that is named in both ways.
     """
     if spec.manager.bus in named and first is not None:
         raise UserError(f"--bus {spec.manager.bus}: -i and -c name that bus already; give only one of the two")
@@ -77,7 +80,7 @@ def choose(
 
 
 def _channels(bus: Bus) -> list[str]:
-    """Give the names of a bus's channels: the bus's own name where it is not replicated."""
+    """Give the names of a bus's channels; a bus that is not replicated has one, with the bus's own name."""
     return [bus.name] if bus.channels == 1 else [f"{bus.name}.{number}" for number in range(1, bus.channels + 1)]
 
 

@@ -20,7 +20,7 @@ from heronry_wire.replicated_link import ReplicatedLink
 
 
 class Ear:
-    """Listens to one bus; as a context manager it leaves it at the end."""
+    """Receives the frames of one bus; as a context manager it closes the bus at the end."""
 
     def __init__(self, choice: BusChoice, bus: Bus) -> None:
         """Open the bus; raises LinkError."""
@@ -43,7 +43,7 @@ class Ear:
 
     @property
     def readers(self) -> Sequence[Any]:
-        """Give the descriptors to wait on until a frame has come."""
+        """Give the descriptors that become readable when a frame has come."""
         return self._bus.readers if isinstance(self._bus, ReplicatedLink) else (self._bus,)
 
     def hear(self) -> Iterator[Arrival]:

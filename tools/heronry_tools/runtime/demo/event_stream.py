@@ -1,6 +1,6 @@
 """The events of a manager that runs as a process of its own: a line of JSON each, read as they come.
 
-An event is given when its line is complete; the beginning of a line is kept until its rest comes.
+An event is given when its line is complete; the beginning of a line is kept until its end comes.
 """
 
 import json

@@ -1,11 +1,12 @@
-"""The processes of a demo: hubs, the manager, every PE; started, killed, restored, and all ended at the end.
+"""The processes of a demo: the hubs of the software buses, the manager, every PE.
 
-Each process stands for a computer of its own, and a hub for a wire, which delays no frame. So, where this user is
-allowed to, they run with a higher priority than everything else on this computer, the hubs with the highest.
+They are started, killed and restored, and all of them end with the demo. Each process stands for a computer of its own,
+and a hub for a wire, which delays no frame. So, where this user is allowed to, they run with a higher priority than
+everything else on this computer, the hubs with the highest.
 
 The standard input of every child is a pipe from this process, and a child ends when that ends, so a demo that is itself
-killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and the place in which
-that number is valid (`_here`); the next start there removes folders whose process is gone. Each process writes its
+killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and the process
+namespace (`_here`); the next start in the same namespace removes folders whose process is gone. Each process writes its
 standard error to a log in that folder, an agent also what its modules print. The logs of a run that failed are kept.
 """
 
@@ -57,14 +58,14 @@ def run_folder() -> Path:
 
 
 def _here() -> str:
-    """Name of the place in which process numbers are valid: containers may share /tmp, and have their own."""
+    """Name the process namespace of this process: containers may share /tmp, and have process numbers of their own."""
     kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     space = Path("/proc/self/ns/pid").stat().st_ino
     return sha256(f"{kernel} {space}".encode()).hexdigest()[:8]
 
 
 def keep_logs(folder: Path) -> Path:
-    """Move the logs of a run into a folder that stays, and remove older ones but a few; gives the folder."""
+    """Move the logs of a run into a folder that stays, and remove older such folders but a few; returns the folder."""
     kept = folder.with_name(f"{_LOGS}{os.getuid()}-{os.getpid()}")
     shutil.rmtree(kept, ignore_errors=True)
     kept.mkdir(mode=0o700)
@@ -93,12 +94,13 @@ class Fleet:
         device_driver: str | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """Write the files of the manager and of every PE: tables, plans made ahead and a key, where there are any.
+        """Write the files of the manager and of every PE: tables, and plans made ahead and a key if there are any.
 
         aloft_s: time in seconds since the take-off of the simulated flight.
         called: the name under which the operator's commands find the manager (`manager_name`); None: by its path alone.
         heartbeat_ns: shortest heartbeat period in `spec`, where it is longer than in the file; else None.
-        device_driver: name of the driver of all devices; None: the scripted flight. environment: for all processes.
+        device_driver: name of the driver of all devices; None for the driver of the scripted flight.
+        environment: environment variables for all processes.
         """
         self.folder, self._called = folder, called
         self._contingency_flags = [
@@ -150,13 +152,13 @@ class Fleet:
         return process.stdout
 
     def control_socket(self, node: int = FIRST_MANAGER) -> Path:
-        """Path of a manager's control socket."""
+        """Give the path of a manager's control socket."""
         if self._called is None:
             return self.folder / f"manager-{node}.sock"
         return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
 
     def active_manager(self) -> int:
-        """Node-ID of the active manager, from its status.
+        """Give the node-ID of the active manager, from its status.
 
         On a busy computer the standby manager may have taken over.
         """
@@ -181,7 +183,10 @@ class Fleet:
         return process.pid
 
     def order(self, order: Spoken, place: str) -> None:
-        """Give an order to the active manager; raises UserError, which names `place`, where the manager refuses."""
+        """Give an order to the active manager.
+
+        Raises UserError, which begins with `place`, where the manager refuses.
+        """
         try:
             answer = call(self.control_socket(self.active_manager()), order)
         except ControlError as error:
@@ -227,7 +232,7 @@ class Fleet:
         return process.pid
 
     def ended(self) -> str | None:
-        """Give a sentence about a process that has ended by itself; None while all run."""
+        """Give a sentence about a process that has ended by itself; None while all processes run."""
         managers = [("the manager", process) for process in self._managers.values()]
         for name, process in [*managers, *self._pes.items()]:
             if process.poll() is not None:
@@ -235,13 +240,13 @@ class Fleet:
         return None
 
     def last_words(self, name: str) -> str:
-        """Last line that a process wrote to its standard error, or a sentence that there is none."""
+        """Give the last line that a process wrote to its standard error, or a sentence that there is none."""
         log = self.folder / f"{name}.log"
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
         return lines[-1] if lines else "it wrote no message"
 
     def keep_logs(self) -> Path:
-        """Move the logs out of the folder of this run, which goes when the fleet is closed; gives their new folder."""
+        """Move the logs out of this run's folder, which `close` removes; returns their new folder."""
         return keep_logs(self.folder)
 
     def close(self) -> None:
@@ -249,9 +254,9 @@ class Fleet:
         self._end(signal.SIGTERM)
 
     def _end(self, number: signal.Signals) -> None:
-        """Send all processes a signal, and kill those that do not end.
+        """Send the signal `number` to all processes, and kill those that do not end.
 
-        An interrupted demo does not wait for its nodes.
+        If the demo is interrupted meanwhile, they are killed without a wait.
         """
         running = [*self._pes.values(), *self._managers.values()]
         for process in running:

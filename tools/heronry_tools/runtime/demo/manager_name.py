@@ -1,7 +1,7 @@
 """The name under which `heronry status` and the operator's orders find the manager of a demo: `--of NAME`.
 
-It is the name of the spec with "-demo", for the second demo of one spec at a time with "-demo-2", and so on. A demo has
-its name to itself: it holds a lock beside the sockets, which the kernel releases however the demo ends.
+It is the name of the spec with "-demo"; if a demo of the same spec runs already, with "-demo-2", and so on. A demo
+holds a lock on its name, beside the sockets. The kernel releases the lock, however the demo ends.
 """
 
 import fcntl
@@ -16,7 +16,7 @@ _LONGEST_SUFFIX = "-standby"
 
 @contextmanager
 def manager_name(spec_name: str) -> Iterator[str | None]:
-    """Hold a name as long as the block runs; None where the user's folder of sockets cannot be used."""
+    """Hold a free name while the block runs; gives None where the user's folder of sockets cannot be used."""
     try:
         folder = listening_folder(checked_length(default_socket(f"{spec_name}-demo-999{_LONGEST_SUFFIX}")))
     except ControlError:

@@ -1,9 +1,10 @@
-"""The page beside a demo: a process of `heronry web`, and the orders that come from it.
+"""The page of a demo: a process of `heronry web`, and the orders that come from it.
 
     started ──its first line: the address──► serving ──its end──► ended
 
-The page follows the manager on its socket, as everybody can. What only the demo can do comes over a socket pair, which
-the process inherits: `{"do": "kill", "what": "nav"}` or `"restore"`, answered by `{"done": ..., "sentence": ...}`.
+The page gets what it shows from the manager's socket, as every other client does. Only the demo can kill and restore a
+PE. So the page process has one end of a socket pair, on which it sends `{"do": "kill", "what": "nav"}` or `"restore"`;
+the demo answers `{"done": ..., "sentence": ...}`.
 """
 
 import json
@@ -25,10 +26,14 @@ Do = Callable[[str, str], str]
 
 
 class Page:
-    """The process; as a context manager it ends it."""
+    """The process of the page; as a context manager it ends the process."""
 
     def __init__(self, spec_file: Path, manager: Path, log: Path) -> None:
-        """Start it. manager: the socket of the manager that it follows; log: where it writes its errors."""
+        """Start the process.
+
+        manager: the socket of the manager that the page shows.
+        log: the file for the errors of the process.
+        """
         self._orders, theirs = socket.socketpair()
         self._is_told, self._log = False, log
         command = ["heronry_tools.cli", "web", str(spec_file), "--socket", str(manager), "--operate", "--json"]
@@ -59,7 +64,7 @@ class Page:
             stream.close()
 
     def readers(self) -> list[Any]:
-        """Give what becomes readable when the page has said something."""
+        """Give the descriptors that become readable when the page has sent something."""
         return [self._said] if not self._is_told else [self._orders] if self._orders.fileno() >= 0 else []
 
     @property
@@ -68,7 +73,10 @@ class Page:
         return self._process.stdout
 
     def address(self) -> str | None:
-        """Read the address once it is known; raises UserError where the page cannot be served."""
+        """Give the address when the page has sent it, and else None.
+
+        Raises UserError where the page cannot be served.
+        """
         if self._is_told:
             return None
         line = self._said.readline()
@@ -80,7 +88,7 @@ class Page:
         return str(json.loads(line)["address"])
 
     def execute(self, do: Do) -> None:
-        """Do what the page orders, and answer it."""
+        """Read an order of the page, carry it out with `do`, and answer."""
         line = self._orders.recv(_MOST_BYTES)
         if not line:  # the page has ended; the flight goes on
             self._orders.close()

@@ -1,14 +1,14 @@
-"""Makes the plans for every single fault behind a demo that flies without them; the next demo flies with them.
+"""Makes the plans for every single fault in the background of a demo that flies without them, for the next demo.
 
     python -m heronry_tools.runtime.demo.planning_ahead SPEC      started by the demo, which holds its standard input
 
-The process starts when the first configuration runs. It stands back behind the nodes (`_NICENESS`), and preempts none
-that has just woken (SCHED_BATCH). It gets a share of the processor all the same: on a computer that is busy with
-something else, a process that took only what nobody wants would never make a plan. It plans alone, since each worker
-process would first have to load the solver. The plans go into the user's cache (`made_ahead`). A demo that ends first
-ends the process: the plans that were found are kept, and the next demo continues from them.
+The process starts when the first configuration runs. It has a lower priority than the nodes (`_NICENESS`), and does not
+preempt a process that has just woken (SCHED_BATCH). Its priority is not the lowest one, which on a busy computer would
+leave it no time at all. It plans alone, since each worker process would first have to load the solver. The plans go
+into the user's cache (`made_ahead`). If the demo ends first, so does the process: the plans that were found are kept,
+and the next demo continues from them.
 
-    waiting --start()--> planning --its end--> told
+    waiting --start()--> planning --its end--> reported
                             |
                          close() ends the process
 """
@@ -27,7 +27,7 @@ _NICENESS = 5  # a third of the share of a process that does not stand back; of 
 
 
 class PlanningAhead:
-    """The process that plans."""
+    """The process that plans, as the demo sees it."""
 
     def __init__(self, spec: Spec, file: Path) -> None:
         self._spec, self._file = spec, file
@@ -35,19 +35,19 @@ class PlanningAhead:
         self._found_before = 0
 
     def start(self) -> str:
-        """Start the process, and say so."""
+        """Start the process; returns a sentence for the user."""
         self._found_before = found_so_far(self._spec)
         command = [sys.executable, "-m", __name__, str(self._file)]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, process_group=0
         )
         return (
-            f"the {questions(self._spec)} plans for every single fault are made meanwhile, behind the flight; "
+            f"the {questions(self._spec)} plans for every single fault are made in the background; "
             "this demo flies without them"
         )
 
     def outcome(self) -> str | None:
-        """Say how the process has ended; None while it runs, and when that has been said."""
+        """Give a sentence about how the process has ended, once; None before its end, and after that."""
         if self._process is None or self._process.poll() is None:
             return None
         process, self._process = self._process, None
@@ -58,7 +58,7 @@ class PlanningAhead:
         return f"the plans for every single fault were not made: {last}"
 
     def close(self) -> str | None:
-        """End the process if it still plans, and say how far it came; None where that has been said."""
+        """End the process if it still plans; returns a sentence about what it made, None if that was given before."""
         outcome = self.outcome()
         process, self._process = self._process, None
         if process is None:
@@ -81,7 +81,7 @@ class PlanningAhead:
 
 
 def main() -> int:
-    """Make the plans; returns 1 where they cannot be made or kept, which is said on standard error."""
+    """Make the plans; returns 1 where they cannot be made or kept, with a message on standard error."""
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
     threading.Thread(target=_end_with_demo, daemon=True).start()

@@ -35,7 +35,7 @@ _MORE_PROCESSES = 2  # a hub and a manager, beside the agents
 
 
 def play(arguments: argparse.Namespace) -> int:
-    """Run one demo; gives its exit code."""
+    """Run one demo; returns its exit code."""
     spec = load_spec_file(arguments.spec)
     actions: list[DemoAction | PhaseAction] = [*read_script(spec, arguments.kill, arguments.restore)]
     actions = sorted([*actions, *read_phases(spec, arguments.phase)], key=lambda action: action.at_s)
@@ -91,9 +91,9 @@ def play(arguments: argparse.Namespace) -> int:
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
-    """Give the plans to fly with.
+    """Give the plans made ahead with which the demo flies, and the process that makes them for the next demo.
 
-    If the plans for single faults have not been made yet, give also the process that makes them in the background.
+    The plans are None if the plans for single faults have not been made yet; only then there is a process.
     """
     if source is not Ahead.SINGLE_FAULTS:
         return contingencies_of(spec, source), None
@@ -102,7 +102,7 @@ def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies |
 
 
 def _run(show: Show, fleet: Fleet, tell: Tell, run: Callable[[], int]) -> int:
-    """Run the show; keep its logs if a process, a module or the flight has failed."""
+    """Run the demo; keep its logs if a process, a module or the demo has failed."""
     try:
         code = run()
     except UserError as error:

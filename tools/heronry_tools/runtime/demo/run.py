@@ -4,8 +4,7 @@ The demo's clock starts when the first configuration runs. It is the monotonic c
 manager's events and the timestamps of the buses. However the demo ends (time up, Ctrl-C, a process that died), the
 `with` that holds the fleet ends all processes.
 
-The story's sentences about functions come from the witness, that is from frames; those about plans come from the
-manager.
+The user reads about served functions from the witness, that is from frames, and about plans from the manager.
 """
 
 import select
@@ -40,7 +39,13 @@ _MOST_ALONE = 3  # functions that fall silent, or are heard again, at a time; mo
 
 
 class Show:
-    """One run of the demo; `tell` gets every event in the order of their times, and `behind` plans for the next run."""
+    """One run of a demo.
+
+    fleet, choices: the processes, and the buses.
+    tell: gets every event, in the order of their times.
+    behind: the process that makes plans for the next demo, if any.
+    page: the process that serves a page, if any.
+    """
 
     def __init__(
         self,
@@ -111,13 +116,14 @@ class Show:
             ready, _, _ = select.select(readers, [], [], wait_s)
             self._measure_lateness(meter)
             self._serve(ready)
+            complete_until_ns = time.monotonic_ns() - HELD_NS  # events that come during this turn are read in the next
             for one in self._events.take():
                 self._follow(one)
             for name, ear in ears.items():
                 self._watch(name, ear, record)
             self._act()
             self._look()
-            self._telling.tell_until(time.monotonic_ns() - HELD_NS)
+            self._telling.tell_until(complete_until_ns)
             words = self._fleet.ended()
             if words is not None:
                 raise UserError(words)
@@ -135,7 +141,10 @@ class Show:
             self._emit("stood_still", by="the demo", for_ns=late.for_ns, times=self._standstills.long_times)
 
     def _over(self) -> bool:
-        """Tell whether the time is up, and every action has had its effect or its extra time."""
+        """Tell whether the demo may end: the time is up, and nothing is awaited any more.
+
+        What is still awaited (`_awaited`) gets GRACE_S more.
+        """
         if self._start_ns is None or self._show_s() < self._seconds:
             return False
         awaited = self._awaited()
@@ -145,7 +154,10 @@ class Show:
         return not awaited or self._show_s() >= self._seconds + GRACE_S
 
     def _awaited(self) -> list[str]:
-        """List what is under way: an end in the middle of it would look like a fault."""
+        """Name the joins, deployments and functions that are not complete.
+
+        An end of the demo before that would look like a fault.
+        """
         joining = [f"{pe} to join" for pe in sorted(self._coming_back)]
         deploying = [] if self._pending is None else [f"{self._pending} to be complete"]
         unserved = self._unserved()
@@ -164,7 +176,7 @@ class Show:
         if self._mute:
             return
         if one["event"] != "bus":  # the demo has reported it
-            self._telling.take(one)
+            self._telling.take(_in_its_place(one))
         self.saw_failure |= one["event"] in ("module_restarted", "module_failed")
         match one["event"]:
             case "pe_joined":
@@ -185,7 +197,7 @@ class Show:
                 pass
 
     def _begin(self, now_ns: int) -> None:
-        """Let the time of the demo begin with its first configuration."""
+        """Start the demo's clock with its first configuration, and the process that plans."""
         if self._start_ns is not None:
             return
         self._start_ns = now_ns
@@ -213,7 +225,7 @@ class Show:
                 self._do(action.what, action.pe)
 
     def _serve(self, ready: Sequence[Any]) -> None:
-        """Tell the address of the page once it is known, and do what the page orders."""
+        """Report the address of the page once it is known, and carry out the page's orders."""
         if self._page is not None and any(one in ready for one in self._page.readers()):
             address = self._page.address()
             if address is not None:
@@ -222,9 +234,10 @@ class Show:
                 self._page.execute(self._do)
 
     def _do(self, what: str, pe: str) -> str:
-        """Kill or restore a PE; says so in a sentence. Raises UserError where it runs already, or does not."""
+        """Kill or restore a PE; returns a sentence that says so. Raises UserError where that cannot be done."""
         if pe not in self._spec.pes:
             raise UserError(f"{self._spec.name} has no PE '{pe}'")
+        began_ns = time.monotonic_ns()  # the manager may notice before the process has ended
         if what == "kill":
             pid = self._fleet.kill_pe(pe)
             self._coming_back.discard(pe)
@@ -234,13 +247,13 @@ class Show:
             self._coming_back.add(pe)
             pid = self._fleet.start_pe(pe)
         done = "killed" if what == "kill" else "restored"
-        self._emit("process", pe=pe, pid=pid, what=done)
+        self._emit("process", began_ns, pe=pe, pid=pid, what=done)
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
-        """Kill the active manager, and follow the other one from its take-over on."""
-        victim = self._fleet.active_manager()
-        self._emit("process", pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
+        """Kill the active manager, and take events from the standby manager, from its take-over on."""
+        victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
+        self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]
         (self._events,), self._mute = self._managers.values(), True
 
@@ -254,7 +267,7 @@ class Show:
             self._tell_outages([one for one in outages if (one.to_ns is not None) == over], now_ns)
 
     def _is_new(self, outage: Outage, now_ns: int) -> bool:
-        """Tell whether an outage is over, or lasts long, and has not been told as that; notes that it is now."""
+        """Tell whether an outage is to be reported now: once if it lasts long, and once when it is over."""
         over = outage.to_ns is not None
         key = (outage.function, outage.from_ns, over)
         if key in self._told or not (over or now_ns - outage.from_ns >= LONG_SILENCE_NS):
@@ -263,7 +276,7 @@ class Show:
         return True
 
     def _tell_outages(self, outages: Sequence[Outage], now_ns: int) -> None:
-        """Tell outages that have begun, or ended, at a time: one by one, or many in one line."""
+        """Report outages that have begun, or ended, at one time: one by one, or many in one event."""
         gathered = len(outages) > _MOST_ALONE
         for one in outages:
             self._emit("outage", function=one.function, from_ns=one.from_ns, to_ns=one.to_ns, gathered=gathered)
@@ -282,7 +295,7 @@ class Show:
             self._emit("planned_ahead", sentence=sentence)
 
     def _unserved(self) -> list[str]:
-        """List the functions that the plan serves and the witness does not hear."""
+        """Name the functions that the plan serves and the witness does not observe."""
         now_ns = time.monotonic_ns()
         planned = (name for name, function in self._plan.get("functions", {}).items() if function["served"])
         return [name for name in planned if not self._witness.served(name, now_ns)]
@@ -299,5 +312,10 @@ class Show:
         )
         return 1 if unserved or self._witness.rivals or self._pending is not None else 0
 
-    def _emit(self, kind: str, **data: Any) -> None:
-        self._telling.take(make_event(kind, time.monotonic_ns(), **data))
+    def _emit(self, kind: str, at_ns: int | None = None, /, **data: Any) -> None:
+        self._telling.take(make_event(kind, time.monotonic_ns() if at_ns is None else at_ns, **data))
+
+
+def _in_its_place(one: dict[str, Any]) -> dict[str, Any]:
+    """Give the reason of a failure the time at which the PE reported it: the manager reads it a little later."""
+    return one | {"t_ns": one["heard_ns"]} if one["event"] == "module_failed" else one

@@ -1,4 +1,7 @@
-"""What a demo does to the system, and when: `--kill pe:NAME@SECONDS` (or manager), `--restore ...`, `--phase ...`."""
+"""The actions of a demo: `--kill pe:NAME@SECONDS` (or manager), `--restore ...`, `--phase ...`.
+
+Their times count in seconds from the moment at which the first configuration runs.
+"""
 
 import re
 from collections import Counter
@@ -17,7 +20,7 @@ _PHASE_PATTERN = re.compile(r"(?P<phase>[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)"
 
 @dataclass(frozen=True, slots=True, order=True)
 class DemoAction:
-    """One action: seconds after the start (the first configuration runs), its kind, and its PE or MANAGER."""
+    """One action at a time: "kill" or "restore", of a PE or of MANAGER."""
 
     at_s: float
     what: Literal["kill", "restore"]
@@ -26,19 +29,19 @@ class DemoAction:
 
 @dataclass(frozen=True, slots=True, order=True)
 class PhaseAction:
-    """An order of the operator: a mission phase, at a time in seconds after the start."""
+    """An order of the operator at a time: to enter a mission phase."""
 
     at_s: float
     phase: str
 
 
 def read_phases(spec: Spec, texts: list[str]) -> list[PhaseAction]:
-    """Phases in order of time; raises UserError for what cannot be read or does not exist."""
+    """Read the phases of `--phase`, in order of time; raises UserError for what cannot be read or does not exist."""
     return sorted(_phase_action(spec, text) for text in texts)
 
 
 def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoAction]:
-    """Actions in order of time; raises UserError for what cannot be read, does not exist or cannot be done then."""
+    """Read kills and restores, in order of time; raises UserError for one that cannot be read or carried out."""
     actions = [_action(spec, "kill", text) for text in kills] + [_action(spec, "restore", text) for text in restores]
     running = {*spec.pes, MANAGER}
     for action in sorted(actions):
@@ -53,7 +56,7 @@ def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoA
 
 
 def default_actions(plan: Mapping[str, Any], seconds: float) -> list[DemoAction]:
-    """Actions of a demo of so many seconds: the PE that runs most modules is killed and comes back, if time allows."""
+    """Give the usual actions: the PE with most modules is killed, and restored if `seconds` allow."""
     runs = Counter(module["pe"] for module in plan.get("modules", {}).values())
     if not runs:
         return []

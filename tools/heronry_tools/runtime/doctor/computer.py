@@ -14,7 +14,7 @@ _NS_PER_MS = 1_000_000
 
 
 def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
-    """Findings about software; `needs_can`: whether the bus to be used is SocketCAN."""
+    """Give findings about software; `needs_can` tells whether the bus to be used is SocketCAN."""
     found = {name: _version(name) for name in (*_NEEDED, *_WELCOME)}
     told = ", ".join(f"{name} {number}" for name, number in found.items() if number is not None)
     missing = [name for name in _NEEDED if found[name] is None]
@@ -26,7 +26,7 @@ def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
 
 
 def assess_wake_ups(late_ns: int, heartbeat_ns: int) -> Finding:
-    """Give the finding about a rehearsal (`wake_ups`) in which a node was late by up to `late_ns`.
+    """Give the finding about how late a node may run: `late_ns` was measured in a rehearsal (`wake_ups`).
 
     heartbeat_ns: heartbeat period of the bus.
     """
@@ -39,7 +39,7 @@ def assess_wake_ups(late_ns: int, heartbeat_ns: int) -> Finding:
 
 
 def knows_can() -> bool:
-    """Tell whether a CAN socket can be made."""
+    """Tell whether this kernel supports CAN sockets."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError:

@@ -5,7 +5,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One finding. `check`: a word to filter by. `remedy`: a command line or a sentence; None where all is right."""
+    """One finding.
+
+    check: a word to filter by.
+    says: the result in a sentence.
+    remedy: a command line or a sentence that helps; None where all is right.
+    """
 
     check: str
     says: str

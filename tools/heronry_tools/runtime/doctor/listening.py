@@ -33,7 +33,7 @@ class Expected:
 
 @dataclass(slots=True)
 class Hearing:
-    """All that was heard so far."""
+    """What was heard on a bus so far."""
 
     frames: int = 0
     errors: Counter[str] = field(default_factory=Counter)
@@ -47,7 +47,7 @@ class Hearing:
     _offset_ns: int | None = None
 
     def take(self, frame: Frame) -> None:
-        """Take a frame from the bus, or an error frame of the controller."""
+        """Count a frame of the bus, or an error frame of the controller."""
         if frame.error:
             report = read_error_frame(frame)
             self.errors.update(report.kinds)
@@ -68,13 +68,13 @@ class Hearing:
                     seen.append(page.incarnation)
 
     def take_copy(self, channel: str, frame: Frame) -> None:
-        """Note that a node is heard on a channel of a replicated bus; `take` gets only one of the two copies."""
+        """Count a copy of a frame on one channel of a replicated bus; `take` gets only one of the two copies."""
         speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
         if speaker is not None and not (frame.extended or frame.remote or frame.error):
             self.on_channel[channel].add(speaker)
 
     def clocks(self, wall_ns: int, monotonic_ns: int) -> None:
-        """Take a reading of both clocks, made at one moment."""
+        """Compare readings of both clocks, taken at one moment; `clock_step_ns` shows whether the clock was set."""
         offset_ns = wall_ns - monotonic_ns
         if self._offset_ns is not None:
             self.clock_step_ns = max(self.clock_step_ns, abs(offset_ns - self._offset_ns))
@@ -94,7 +94,7 @@ def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) ->
 
 
 def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
-    """Finding about a replicated bus: whether every node that is heard is heard on both channels."""
+    """Give the finding about a replicated bus: whether every node that is heard is heard on both channels."""
     names = {} if expected is None else expected.pes
     all_nodes = set().union(*heard.on_channel.values())
     lacking = [
@@ -103,7 +103,7 @@ def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
         if all_nodes - there
     ]
     if lacking:
-        remedy = "check the wire of that channel: all of it, where no node is heard on it, else that node's own"
+        remedy = "check the wire of that channel: all of it if no node is heard there, else the stub of the node"
         return Finding("channels", f"not heard: {'; '.join(lacking)}", remedy)
     return Finding("channels", f"every node is heard on {' and on '.join(heard.on_channel)}")
 
@@ -152,7 +152,7 @@ def _assess_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding
 
 
 def assess_digests(digests: dict[int, str | None], expected: Expected | None) -> Iterator[Finding]:
-    """Findings about the specs of the PEs' tables, by the digest that each PE gave; None where a PE did not answer."""
+    """Give findings about the digest of each PE's table; a digest is None where a PE did not answer."""
     silent = [str(node) for node, digest in digests.items() if digest is None]
     if silent:
         yield Finding("tables", f"no answer by SDO from node {', '.join(silent)}", "repeat on an idle bus")

@@ -1,4 +1,4 @@
-"""The place of a bus in the file system: at most one hub at a path, and no dead socket in the way.
+"""The socket of a bus in the file system: at most one hub at a path, and no dead socket in the way.
 
 A socket that refuses connections was left by a hub that crashed; this file takes its path over. A socket that accepts
 connections belongs to a living hub, and is left alone. The probe and the bind are one step under a lock on the folder,

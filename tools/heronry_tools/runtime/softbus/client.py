@@ -94,7 +94,7 @@ class SoftBus(can.BusABC):
         return decode_statistics(self._link.ask({"do": "statistics"}))
 
     def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
-        """Make the bus as bad as a radio, for all clients until the next call; without arguments as good as a wire.
+        """Make the bus as bad as a radio, for all clients, until the next call; without arguments as good as a wire.
 
         slowdown: how many times longer a frame takes (1 or more). loss_per_mille: how many frames each receiver misses.
         """
@@ -174,7 +174,7 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
                 reason = f"{path}: no bus answers there ({error.strerror or error}); {how_to_start(path)}"
                 raise can.CanInitializationError(reason) from error
         if bitrate not in {None, hub_bitrate}:
-            remedy = "leave the bit rate out, or give the same"
+            remedy = f"serve it with -b {bitrate}, or change the bit rate of the spec, or of -b"
             raise can.CanInitializationError(f"{path}: the bus runs at {hub_bitrate} bit/s, not at {bitrate}; {remedy}")
         receive.setblocking(False)
         undo.pop_all()

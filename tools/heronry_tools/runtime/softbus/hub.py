@@ -1,6 +1,7 @@
-"""The hub: one process that is the bus. A single `select` loop, no threads, no locks.
+"""The hub of a software bus: one process with a single `select` loop, no threads and no locks.
 
-The hub decides which clients may connect, and passes each frame that `line.py` lets through to the clients.
+The hub decides which clients may connect. It passes the frames that clients offer to the line (`line.py`), and each
+frame that has left the line to the clients.
 
 Each round notes the time, reads everything that has arrived by then, and only then lets the line advance to the noted
 time: so no offer made earlier is overlooked. After a round that slept, the next round looks again without sleeping
@@ -186,7 +187,7 @@ class Hub:
                 port.deliver(record)
 
     def _is_missed(self) -> bool:
-        """Tell whether this receiver misses this frame, as a receiver of a bad radio does."""
+        """Decide at random whether a receiver misses a frame, as a receiver of a bad radio does."""
         return self._loss_per_mille > 0 and self._random.randrange(1000) < self._loss_per_mille
 
     def _remove_the_gone(self) -> None:

@@ -27,7 +27,7 @@ NS_PER_S = 1_000_000_000
 
 
 class Transmission(NamedTuple):
-    """One frame on the air, of one client, from when to when (ns, CLOCK_MONOTONIC)."""
+    """One frame of one client on the bus: from when to when (ns, CLOCK_MONOTONIC)."""
 
     client: int
     sent: BusFrame
@@ -48,11 +48,14 @@ class Line:
         self._offers: dict[int, tuple[int, BusFrame]] = {}
 
     def offer(self, client: int, offered: BusFrame) -> None:
-        """Let a client contend for the bus with a frame from `offered.time_ns` on; its mailbox must be empty."""
+        """Let a client contend for the bus with a frame, from `offered.time_ns` on.
+
+        The client may offer its next frame when this one has left the bus.
+        """
         self._offers[client] = (arbitration_key(offered.frame), offered)
 
     def withdraw(self, client: int) -> None:
-        """Withdraw the offer, if there is one, of a client that has left."""
+        """Withdraw the frame that a client has offered, if any, because the client has left."""
         self._offers.pop(client, None)
 
     def next_deadline_ns(self) -> int | None:
@@ -62,7 +65,7 @@ class Line:
         return self._next_start_ns() if self._offers else None
 
     def advance(self, now_ns: int) -> Transmission | None:
-        """Return the next frame that has left the bus by `now_ns`, oldest first; None when there is none."""
+        """Return the next frame that has left the bus by `now_ns`; None when there is none. Call it until None."""
         if self._on_air is None and self._offers:
             start_ns = self._next_start_ns()
             if start_ns <= now_ns:

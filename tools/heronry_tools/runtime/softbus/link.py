@@ -35,7 +35,7 @@ _ANSWER_TIMEOUT_S = 5.0
 
 
 class Link:
-    """A connected command socket; `path` is named in messages."""
+    """A connected command socket; `path` is the hub's, for messages."""
 
     def __init__(self, command: socket.socket, path: str) -> None:
         command.setblocking(False)
@@ -48,7 +48,7 @@ class Link:
         self._answer: dict[str, Any] = {}
 
     def offer(self, frame: Frame, dlc: int, timeout_s: float | None) -> None:
-        """Put a frame into the mailbox as soon as it is empty; can.CanOperationError when it stays full."""
+        """Put a frame into the mailbox as soon as it is empty; raises can.CanOperationError when it stays full."""
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             if not self._wait_for_mailbox(deadline_s):
@@ -63,7 +63,10 @@ class Link:
             return self._wait_for_mailbox(deadline_s)
 
     def ask(self, command: dict[str, Any], *passed: socket.socket) -> dict[str, Any]:
-        """Send a command, with sockets to pass on, and return its answer; can.CanOperationError if no answer comes."""
+        """Send a command, with sockets to pass on, and return its answer.
+
+        Raises can.CanOperationError if none comes.
+        """
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):
             self._send(encode_command(command), passed)
@@ -138,7 +141,7 @@ def read_record(source: socket.socket, max_bytes: int, path: str, deadline_s: fl
 
 
 def deadline_after(timeout_s: float | None) -> float | None:
-    """Return when a time-out that starts now is over, in terms of time.monotonic."""
+    """Return the time of time.monotonic at which a time-out that starts now is over; None for a time-out of None."""
     return None if timeout_s is None else time.monotonic() + timeout_s
 
 

@@ -22,7 +22,7 @@ class BusNameError(HeronryError, ValueError):
 
 
 def path_to_listen(channel: str) -> Path:
-    """Give the path for a hub, in a folder that exists if `channel` is a name.
+    """Give the path at which a hub serves the bus `channel`; for a name, its folder is made.
 
     Raises RuntimeFolderError, and BusNameError for what is neither a path nor a name.
     """
@@ -30,7 +30,7 @@ def path_to_listen(channel: str) -> Path:
 
 
 def path_to_call(channel: str) -> Path:
-    """Give the path of a bus for its clients.
+    """Give the path at which clients find the bus `channel`.
 
     Raises RuntimeFolderError if its folder is another user's, and BusNameError for what is neither a path nor a name.
     """

@@ -51,7 +51,7 @@ class Port:
         self._overruns = 0
 
     def fileno(self) -> int:
-        """Return what `select` waits on until a full receive socket takes frames again."""
+        """Return the descriptor that `select` waits on until a full receive socket takes frames again."""
         return -1 if self.receive is None else self.receive.fileno()
 
     def read(self) -> tuple[bytes, list[int]]:
@@ -98,7 +98,7 @@ class Port:
         self._verdicts.clear()
 
     def accepts(self, can_id: int, *, extended: bool) -> bool:
-        """Tell whether this client wants an identifier; answers are kept, since there can be many filters."""
+        """Tell whether this client wants an identifier; the result is remembered, since there can be many filters."""
         verdict = self._verdicts.get((can_id, extended))
         if verdict is None:
             if len(self._verdicts) >= _MAX_REMEMBERED_VERDICTS:
@@ -108,10 +108,7 @@ class Port:
         return verdict
 
     def confirm(self, sent: BusFrame) -> None:
-        """Empty the mailbox, because its frame has left the bus.
-
-        Then echo the frame to a client that wants its echoes.
-        """
+        """Tell the client that its frame has left the bus; echo the frame if the client wants its echoes."""
         self.mailbox_full = False
         self._sent += 1
         self.answer(DONE)
@@ -119,14 +116,14 @@ class Port:
             self.deliver(encode_frame(sent._replace(own=True)))
 
     def deliver(self, record: bytes) -> None:
-        """Hand over a received frame: now, when the client reads again, or never if its queue is full."""
+        """Pass a received frame to the client: now, or when the client reads again; drop it if the queue is full."""
         if len(self.queue) >= RECEIVE_QUEUE_FRAMES:
             self._overruns += 1
         elif self.queue or not self._hand_over(record):
             self.queue.append(record)
 
     def flush(self) -> None:
-        """Hand over what waits in the queue, as far as the client's socket takes it."""
+        """Pass on what waits in the queue, as far as the client's socket takes it."""
         while self.queue and self._hand_over(self.queue[0]):
             self.queue.popleft()
 

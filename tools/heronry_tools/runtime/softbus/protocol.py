@@ -48,14 +48,14 @@ class BusFrame(NamedTuple):
 
 
 def encode_frame(sent: BusFrame) -> bytes:
-    """Encode a frame, offered or received."""
+    """Encode a frame that a client offers or receives."""
     frame = sent.frame
     flags = (_EXTENDED if frame.extended else 0) | (_REMOTE if frame.remote else 0) | (_OWN if sent.own else 0)
     return _RECORD.pack(_FRAME_KIND, flags, sent.dlc, frame.can_id, sent.time_ns, frame.data)
 
 
 def decode_frame(record: bytes) -> BusFrame | Malformed:
-    """Decode a frame, offered or received."""
+    """Decode a frame that a client offers or receives."""
     if len(record) != RECORD_BYTES:
         return Malformed(f"a frame record has {RECORD_BYTES} bytes, not {len(record)}")
     kind, flags, dlc, can_id, time_ns, data = _RECORD.unpack(record)
@@ -92,9 +92,9 @@ def decode_command(record: bytes) -> dict[str, Any] | Malformed:
 
 
 class AcceptanceFilter(NamedTuple):
-    """Accepts the identifiers that equal `can_id` under `mask`.
+    """Accepts the identifiers that equal `can_id` in the bits of `mask`.
 
-    Of one format, or of both formats when `extended` is None.
+    extended: only identifiers of 29 bits (True), only those of 11 bits (False), or both (None).
     """
 
     can_id: int

@@ -12,7 +12,10 @@ from heronry_wire.clock_of_day import time_of_day
 
 
 def serve(channel: str, bitrate: int, *, until_eof: bool) -> int:
-    """Serve a bus at a path or under a name; returns 0. Raises HubError or RuntimeFolderError where that cannot be."""
+    """Serve a bus at a path or under a name; returns 0.
+
+    Raises HubError or RuntimeFolderError where that is not possible.
+    """
     with closing(Hub(path_to_listen(channel), bitrate)) as hub, _woken_by_signals() as woken:
         print(f"{time_of_day()} {channel}: {bitrate} bit/s; the flags for it: -i softbus -c {channel}", flush=True)
         hub.run([woken, sys.stdin.fileno()] if until_eof else [woken])

@@ -50,7 +50,7 @@ class HubProcess:
 
     @property
     def pid(self) -> int:
-        """The hub's process number."""
+        """Give the process number of the hub."""
         return self._process.pid
 
     def kill(self) -> None:

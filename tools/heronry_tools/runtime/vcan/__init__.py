@@ -1,1 +1,1 @@
-"""Run a command where a SocketCAN ``vcan0`` exists, whatever this kernel can do (see ``tools/with-vcan --help``)."""
+"""`tools/with-vcan`: runs a command where a SocketCAN ``vcan0`` exists, even if this kernel cannot have one."""

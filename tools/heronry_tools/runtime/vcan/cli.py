@@ -55,7 +55,7 @@ exit codes:
 
 
 class _Stopped(BaseException):
-    """A signal has come that stops this program; not an Exception, so that no handler takes it for a failure."""
+    """A signal that stops this program has come; not an Exception, so that no handler takes it for a failure."""
 
     def __init__(self, signal_number: int) -> None:
         super().__init__(signal_number)
@@ -112,14 +112,17 @@ def _interface_names(text: str) -> list[str]:
 
 
 def _can_utils() -> Path | None:
-    """Give the folder with candump and cansend if they had to be fetched; None if they are installed."""
+    """Give the folder with candump and cansend, fetched if needed; None if they are installed."""
     if shutil.which("candump") and shutil.which("cansend"):
         return None
     return debian_packages.unpacked("can-utils") / "usr" / "bin"
 
 
 def _can_utils_if_to_be_had() -> Path | None:
-    """Do as `_can_utils` does, but give None if the tools cannot be fetched, since the command may not need them."""
+    """Do as `_can_utils`, but go on without the tools if they cannot be fetched.
+
+    The command may not need them.
+    """
     try:
         return _can_utils()
     except CannotRunError as error:

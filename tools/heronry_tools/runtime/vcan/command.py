@@ -1,4 +1,4 @@
-"""The command to run, found and described before anything is started."""
+"""The command that the user wants to run: it is found, and described, before anything is started."""
 
 import os
 import shutil
@@ -18,7 +18,7 @@ class NotFoundError(CannotRunError):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command line with the place and the environment it runs in."""
+    """A command line, with the folder and the environment in which it runs."""
 
     executable: str  # absolute
     argv: list[str]  # argv[0] as the user wrote it
@@ -27,7 +27,7 @@ class Command:
 
 
 def described(argv: list[str], tools: Path | None) -> Command:
-    """Describe the command `argv` called from here; the programs in `tools` are on its PATH, after all others."""
+    """Describe the command `argv`, called from the present folder; the programs in `tools` are last on its PATH."""
     env = dict(os.environ)
     if tools is not None:
         env["PATH"] = os.pathsep.join(filter(None, (env.get("PATH", os.defpath), str(tools))))

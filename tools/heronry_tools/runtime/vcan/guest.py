@@ -73,9 +73,9 @@ def prepare_terminal(job: "Job") -> None:
 
 
 def become_command(job: "Job") -> None:
-    """In the child: take over the caller's folder and identity, and run the command's program.
+    """Replace this child process by the command: with the caller's folder, identity and environment.
 
-    Returns only by an OSError.
+    Raises OSError where that fails; else it does not return.
     """
     os.setsid()
     write = os.O_WRONLY | os.O_APPEND | os.O_NOCTTY
@@ -95,7 +95,7 @@ def become_command(job: "Job") -> None:
 
 
 def run_command(job: "Job") -> int:
-    """Run the command to its end and return its exit code; also reap its orphans meanwhile, as init must."""
+    """Run the command to its end and return its exit code; meanwhile reap its orphans, as an init process must."""
     child = os.fork()
     if child == 0:
         try:
@@ -117,7 +117,7 @@ def drain_terminal(job: "Job") -> None:
 
 
 def carry_out(job: "Job") -> "Result":
-    """Set the guest up, run the command, and give the result, which is a failure where a step fails."""
+    """Set the guest up and run the command; returns the result, with the failure if a step fails."""
     uses_terminal = TERMINAL in (job["stdin"], job["stdout"], job["stderr"])
     try:
         mount_system(job)
@@ -133,9 +133,9 @@ def carry_out(job: "Job") -> "Result":
 
 
 def main() -> None:
-    """Do the job whose file is the only argument, then power off.
+    """Do the job whose file is the only argument, write its result, and power off.
 
-    The result is written under another name, and gets its own name when it is complete.
+    The result is written under another name and then renamed, so that it is never read when it is not complete.
     """
     with open(sys.argv[1], encoding="utf-8") as file:
         job: Job = json.load(file)

@@ -4,7 +4,10 @@ from typing import NotRequired, TypedDict
 
 
 class Job(TypedDict):
-    """One command and its environment. All paths are the host's, which are the guest's too."""
+    """One command, and all that the guest needs to run it.
+
+    All paths are the host's, which are valid in the guest, too.
+    """
 
     executable: str  # absolute
     argv: list[str]  # argv[0] is the name the user gave
@@ -26,7 +29,7 @@ class Job(TypedDict):
 
 
 class Result(TypedDict):
-    """How the job ended: exactly one of its two keys is there. Without a Result the guest's kernel has died."""
+    """The end of the job: either an exit code or a failure. If there is no Result, the guest's kernel has died."""
 
     exit_code: NotRequired[int]  # 0..255; 128 + n when signal n ended the command
     failure: NotRequired[str]  # why the command was not started

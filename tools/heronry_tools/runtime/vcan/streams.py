@@ -21,7 +21,7 @@ from heronry_tools.runtime.vcan.guest import TERMINAL
 
 
 class Streams:
-    """The command's stdout and stderr: where they begin in the guest, and how they get to this program's own."""
+    """The command's stdout and stderr: where the guest writes them, and how they get to this program's own."""
 
     def __init__(self, folder: Path) -> None:
         self.places: list[str] = []
@@ -45,7 +45,7 @@ class Streams:
 
     @property
     def source(self) -> str:
-        """Where the command's standard input is in the guest."""
+        """Give the file that is the command's standard input in the guest."""
         return os.devnull if self.keyboard is None else TERMINAL
 
     def _add_terminal(self, ours: int) -> None:

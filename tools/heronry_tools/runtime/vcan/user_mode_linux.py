@@ -127,7 +127,10 @@ def _job_folder() -> Iterator[Path]:
 
 
 def _roomy_folder(*, hidden_in_guest: bool) -> str:
-    """A folder for the guest's memory (or for the job, which the guest must see) from which programs may be mapped."""
+    """Find a folder from which programs may be mapped: for the guest's memory, or for the job.
+
+    hidden_in_guest: True for the memory, which needs much room and may be where the guest sees a folder of its own.
+    """
     candidates = [os.environ.get("TMPDIR", ""), "/dev/shm" if hidden_in_guest else "", "/tmp", "/var/tmp"]  # noqa: S108 - tried, not assumed
     for folder in candidates:
         if not folder.startswith("/") or len(folder.split()) != 1 or ":" in folder:
@@ -193,7 +196,10 @@ def _booted(linux: Path, folder: Path, streams: Streams) -> Iterator["subprocess
 
 
 def _guard(group: int) -> "subprocess.Popen[bytes]":
-    """Start what kills a process group when this program has ended in any way: only this program holds the pipe."""
+    """Start a process that kills a process group as soon as this program has ended in any way.
+
+    It waits for the end of a pipe that only this program holds.
+    """
     return subprocess.Popen(
         ["sh", "-c", _KILL_GROUP_AT_EOF, "sh", str(group)],
         stdin=subprocess.PIPE,
@@ -208,12 +214,12 @@ def _die_with_parent() -> None:
 
 
 def _adopt_orphans() -> None:
-    """Let this process reap the guest's orphans; the first process of a container may not do that."""
+    """Let this process reap the guest's orphans, since the first process of a container may not do that."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def _kill_group(process: "subprocess.Popen[bytes]") -> None:
-    """End the guest with all of its processes, which are the host's processes too; it may have ended by itself."""
+    """End the guest, which may have ended by itself, with all its processes; they are processes of the host."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()

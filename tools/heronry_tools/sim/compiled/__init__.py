@@ -1,1 +1,1 @@
-"""Compiles the simulator to machine code, for campaigns."""
+"""Compiles the simulator to machine code, which makes campaigns of many flights faster."""

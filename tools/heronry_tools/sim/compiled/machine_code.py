@@ -4,8 +4,8 @@ A campaign of thousands of flights needs speed, but must fly the cores that fly 
 translates typed Python to C. A copy of all packages is compiled in the user's cache folder; Python imports the compiled
 form of a module if it stands beside the module's source. No module behaves differently because it is compiled.
 
-The folder of a copy is named by the digest of sources, specs, Python and mypy, so changed sources give another copy,
-and no stale copy is flown. One process at a time makes a copy under another name, and renames it when it is complete. A
+The folder of a copy is named by the digest of sources, specs, Python and mypy. So changed sources give another copy,
+and no old copy is flown. One process at a time makes a copy under another name, and renames it when it is complete. A
 copy that was not used for a month is deleted.
 
 Compiled code differs from Python where a type is less exact than the value: a tuple of fixed length has no identity, a
@@ -93,14 +93,14 @@ _NOTE = "compiling the simulator, once for these sources: this takes a minute or
 
 
 def is_compiled() -> bool:
-    """Tell whether this process runs the compiled form."""
+    """Tell whether this process runs the compiled form of the simulator."""
     return not str(clock.__file__).endswith(".py")
 
 
 def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -> None:
-    """Replace this process by one that runs the same command in the compiled form; no effect if this one does so.
+    """Replace this process by one that runs `command` in the compiled form; no effect if this process is compiled.
 
-    If there is no compiled form, it is made first. Raises UserError if that is not possible.
+    If there is no compiled form of these sources, it is made first. Raises UserError if that is not possible.
     """
     if is_compiled():
         return
@@ -116,7 +116,7 @@ def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -
 
 
 def compiled_folder() -> Path:
-    """Give the folder for the compiled form of these sources; raises UserError if mypy is not installed."""
+    """Return the folder for the compiled form of these sources; raises UserError if mypy is not installed."""
     try:
         maker = f"{sys.version} {platform.machine()} mypy {version('mypy')}"
     except PackageNotFoundError:
@@ -125,13 +125,16 @@ def compiled_folder() -> Path:
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Give the environment of a process that runs the packages in a folder."""
+    """Return environment variables for a process that imports the packages in `folder`."""
     path = filter(None, (str(folder), os.environ.get("PYTHONPATH")))
     return os.environ | {"PYTHONPATH": os.pathsep.join(path)}
 
 
 def make(folder: Path) -> None:
-    """Compile into a new folder, and prove by flights that the result flies as Python does; raises UserError."""
+    """Compile the simulator into a new folder, and verify by flights that it gives the same frames as Python.
+
+    Raises UserError if one of these fails.
+    """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with (folder.parent / "lock").open("w") as lock:
@@ -158,14 +161,17 @@ def _make(staging: Path, folder: Path) -> None:
 
 
 def forget_old(cache: Path, now_s: float) -> None:
-    """Delete the copies in `cache` that were not used for a month."""
+    """Delete the compiled copies below `cache` that were not used for a month; `now_s` is the present time."""
     for folder in cache.iterdir():
         if folder.is_dir() and now_s - folder.stat().st_mtime > _KEPT_S:
             shutil.rmtree(folder, ignore_errors=True)
 
 
 def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
-    """Copy all packages to `folder`, and compile `files` there, by default all of `sources`; raises UserError."""
+    """Copy all packages to `folder`, and compile `files` in this copy, by default all of `sources`.
+
+    Raises UserError if compiling fails.
+    """
     compiler = (os.environ.get("CC") or "cc").split()[0]
     if shutil.which(compiler) is None:
         raise UserError(f"the C compiler {compiler} is not found: install one (Debian: apt install gcc libc6-dev)")
@@ -184,14 +190,17 @@ def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
 
 
 def sources() -> Iterator[Path]:
-    """Give the files to compile, relative to the folder that holds the packages."""
+    """Return the files to compile, relative to the folder that holds the packages."""
     for package, modules in _COMPILED.items():
         for module in modules.split():
             yield Path(*package.split("."), f"{module}.py")
 
 
 def _copied() -> Iterator[tuple[str, Path]]:
-    """Give each file of the packages with its name in the copy; shipped specs lie where a wheel has them."""
+    """Return each file of the packages and its path in the copy.
+
+    Shipped specs get the place that they have in a wheel.
+    """
     for package in _PACKAGES:
         root = Path(package.__path__[0])
         for file in root.rglob("*"):
@@ -206,9 +215,9 @@ def _copied() -> Iterator[tuple[str, Path]]:
 
 
 def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
-    """Run Python with the packages in a folder; `folder` None: with the packages of this process.
+    """Run Python with the packages in `folder` (None: with those of this process), and return what it prints.
 
-    Raises UserError on failure.
+    Raises UserError if Python fails; the message begins with `what`.
     """
     own = os.environ if folder is None else environment(folder) | _COMPILER
     command, pipe = (sys.executable, *words), subprocess.PIPE
@@ -224,7 +233,10 @@ def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
 
 
 def _watched(what: str, process: "subprocess.Popen[str]") -> tuple[str, str]:
-    """Wait for the end of a process; on a terminal, show the time that it has taken so far."""
+    """Wait for the end of a process, and return its standard output and standard error.
+
+    On a terminal, show `what` and the time that the process has taken so far.
+    """
     began_s = time.monotonic()
     while True:
         try:

@@ -41,7 +41,13 @@ _REPLACE = """
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """A field; `default` and `factory` are source text; `is_given`: it is a parameter of the constructor."""
+    """One field of a dataclass, in source text.
+
+    kind: its type
+    default: its default value; None if it has none
+    factory: the function that makes its default value; None if it has none
+    is_given: whether the constructor has a parameter for it
+    """
 
     name: str
     kind: str
@@ -50,13 +56,13 @@ class _Field:
     is_given: bool = True
 
     def parameter(self) -> str:
-        """The field as a parameter of the constructor."""
+        """Return the constructor's parameter for the field, in source text."""
         if self.factory is not None:
             return f"{self.name}: {self.kind} | None = None"
         return f"{self.name}: {self.kind}" + ("" if self.default is None else f" = {self.default}")
 
     def assignment(self) -> str:
-        """The statement by which the constructor sets the field."""
+        """Return the statement by which the constructor sets the field, in source text."""
         if self.factory is None:
             return f"self.{self.name} = {self.name if self.is_given else self.default}"
         made = self.factory.removeprefix(_LAMBDA) if self.factory.startswith(_LAMBDA) else f"{self.factory}()"
@@ -64,9 +70,10 @@ class _Field:
 
 
 def with_native_classes(source: str, often: Collection[str] = (), bases: Collection[str] = ()) -> str:
-    """Give a module's source with constructors in its dataclasses, and in its named tuples listed in `often`.
+    """Return the source of a module after giving its dataclasses constructors that can be compiled.
 
-    often: classes created often. bases: classes from which others may derive.
+    often: classes that are created often; named tuples among these become dataclasses, too
+    bases: classes from which Python classes may derive
     """
     lines = source.splitlines()
     for node in reversed(ast.parse(source).body):
@@ -99,7 +106,7 @@ def _make_final(node: ast.Assign | ast.AnnAssign, lines: list[str]) -> None:
 
 
 def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> None:
-    """Rewrite a class from its end to its begin, so that earlier lines keep their numbers."""
+    """Rewrite the lines of one class, from the last to the first, so that the numbers of earlier lines stay right."""
     is_tuple = [*map(ast.unparse, node.bases)] == ["NamedTuple"] and node.name in often
     words = {"unsafe_hash": "True"} if is_tuple else _words(node)
     fields = None if words is None else _fields(node)
@@ -116,12 +123,15 @@ def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> No
 
 
 def _first(node: ast.ClassDef) -> int:
-    """Give the index of the first line of a class, decorators included."""
+    """Return the index of the first line of a class, decorators included."""
     return min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
 
 
 def _words(node: ast.ClassDef) -> dict[str, str] | None:
-    """Give the arguments of a dataclass's decorator; None for any other class, or for one with a constructor."""
+    """Return the arguments of a class's `dataclass` decorator.
+
+    Return None for a class without this decorator, or with a constructor of its own.
+    """
     if node.bases or len(node.decorator_list) != 1 or "__init__" in _methods(node):
         return None
     decorator = node.decorator_list[0]
@@ -140,7 +150,7 @@ def _methods(node: ast.ClassDef) -> set[str]:
 
 
 def _fields(node: ast.ClassDef) -> list[_Field] | None:
-    """Give the fields of a dataclass; None if one is not supported."""
+    """Return the fields of a dataclass; None if one of them cannot be written as a parameter."""
     fields = []
     for one in node.body:
         if not isinstance(one, ast.AnnAssign) or not isinstance(one.target, ast.Name):

@@ -1,17 +1,17 @@
-"""The option --compiled of commands that fly many flights."""
+"""The option --compiled of the commands that simulate many flights."""
 
 import argparse
 
 
 def add_compiled_argument(parser: argparse.ArgumentParser) -> None:
-    """Add --compiled to a parser."""
+    """Add the option --compiled to a parser."""
     parser.add_argument(
         "--compiled", action="store_true", help="fly machine code of the same source, compiled once: four times as fast"
     )
 
 
 def go_on_compiled_if_asked(arguments: argparse.Namespace) -> None:
-    """Continue in another process if --compiled is given; does not return then."""
+    """Run the command in a compiled process if --compiled is given; in that case this function does not return."""
     if arguments.compiled:
         from heronry_tools.sim.compiled.machine_code import go_on_compiled  # noqa: PLC0415 - slow to import
 

@@ -1,7 +1,7 @@
 """Flights of every shipped spec, with faults, which must give equal frames in Python and compiled.
 
-Prints one line per flight: spec, seed, number of frames, their digest, the violations. The seeds together draw faults
-of every kind, buses that lose frames, two managers, and a key.
+Running this module prints one line per flight: spec, seed, number of frames, their digest, the violations. The seeds
+together draw faults of every kind, buses that lose frames, two managers, and a key.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ _LOSS = 0.001
 
 
 def main() -> None:
-    """Fly all proof flights, and print a line for each."""
+    """Simulate a fixed list of flights, and print a line with the digest of all frames for each."""
     for file, seeds in _flights():
         spec = load(file)
         for seed, of_two in product(range(seeds), (False, True)):

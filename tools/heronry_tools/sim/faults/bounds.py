@@ -11,7 +11,7 @@ _WORST_SHARE = 0.5
 
 
 def read_share(text: str) -> float | None:
-    """Read a share of destroyed frames; None where the text is not a share from 0 to the largest one allowed."""
+    """Return the share of destroyed frames that `text` gives; None if it is not a share within the allowed range."""
     try:
         share = float(text)
     except ValueError:
@@ -20,5 +20,5 @@ def read_share(text: str) -> float | None:
 
 
 def written_share(share: float) -> str:
-    """Write a share in decimals with all its digits, so that the text gives exactly the same flight again."""
+    """Return a share in decimals with all its digits, so that reading the text gives exactly the same share."""
     return f"{Decimal(repr(share)):f}"

@@ -1,20 +1,21 @@
 """An attacker without the key that denies service: one kind of forged frame again and again, at a given share of a bus.
 
-    forged_welcome  WELCOME to every PE with a made-up TAG: a PE that asks anew for each of them loses its session
-    forged_tag      TAGs of every kind that fit nothing
-    forged_beat     page 0 as a PE sends it, with a wrong tag: the manager might doubt the PE
-    forged_nonce    page 2 with a made-up nonce: the manager might answer that one, and not the PE's
-    forged_epoch    page 0 of a PE on a newer epoch: its neighbours might hold their outputs back
+    forged_welcome  WELCOME to every PE with a made-up TAG: a PE that requests a session for each would lose its own
+    forged_tag      TAGs of every kind that belong to no command
+    forged_beat     page 0 in the name of a PE, with a wrong tag: the manager might doubt the PE
+    forged_nonce    page 2 with a made-up nonce: the manager might answer it instead of the PE's nonce
+    forged_epoch    page 0 of a PE in a newer epoch: its neighbours might hold their outputs back
     forged_mastership    LEASE, ALIVE and ACTIVATE of either manager under a high term
-    forged_restart  page 0 of a PE that seems to have started anew
-    forged_refusal  page 1 of a PE that refuses what it runs
+    forged_restart  page 0 of a PE that seems to have restarted
+    forged_refusal  page 1 of a PE that refuses the running configuration
     forged_report   EMCYs of every PE about any element
     forged_order    PING, RENEW, UNLOCK and CLEAR to every PE, and NMT
-    forged_session  against one PE: ten wrong pages 0; then a WELCOME after one of its own, so that it asks for a
+    forged_session  against one PE: ten wrong pages 0; then a WELCOME after one of its own, so that it requests a
                     session, and nonces, so that the manager's answer is one of many
     forged_all      all of these in random order
 
-It sends only while the bus is free: it does not destroy the frames of the node that it imitates (see `forger`).
+The attacker sends only while the bus is free: it does not destroy the frames of the node that it imitates (`forger`
+says why).
 """
 
 from collections.abc import Callable, Mapping
@@ -79,12 +80,12 @@ _NMT_ID = 0
 
 
 class Denier:
-    """Sends forged frames of one kind from its creation until it leaves the bus."""
+    """An attacker that sends forged frames of one kind from its creation until it leaves the bus."""
 
     def __init__(
         self, clock: Clock, bus: SimulatedBus, random: Random, *, spec: Spec, kind: str, share_percent: int
     ) -> None:
-        """share_percent: of the bus, which the forged frames take."""
+        """Begin to send forged frames of this kind, which take `share_percent` of the bus."""
         self._clock, self._bus, self._random = clock, bus, random
         self._share = share_percent / 100
         self._nodes = [pe.node_id for pe in spec.pes.values()]

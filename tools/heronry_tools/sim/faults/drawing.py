@@ -4,20 +4,19 @@ A seed first draws the kinds of faults of its flight, about half of all kinds, a
 may have only restarts and another only noise, and no kind always hides the effect of another.
 
 A reconfiguration lasts for milliseconds, and the time between two for seconds. So most faults wait for a state of the
-protocol, and a state that lasts for a shorter time is drawn more often (`_AIM`). The state *idle* is not drawn more
-often, since every fault that waits for no state hits it. The weights come from the tables of campaigns
-(`campaign.Coverage`). They are the same for every seed, so that a seed alone flies as it did in its campaign.
+protocol (`protocol_state`), and a state that lasts for a shorter time is drawn more often (`_AIM`). The state *idle* is
+not drawn more often, since every fault that waits for no state hits it. The weights come from the tables of campaigns
+(`campaign.Coverage`). They are the same for every seed, so that a seed alone gives the same flight as in its campaign.
 
 For a fault that waits for a state other than idle, further faults are drawn that lead to this state: a PE other than
 the target is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost,
-which ends the mastership. For `activating` something exclusive must be given up. So a PE is cut off, and when it counts
-as lost the mastership ends: the next manager finds the PE in an epoch that it does not know, with the outputs that this
-epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
+which ends its mastership. For `activating` a PE must release an exclusive output. So a PE is cut off, and when it
+counts as lost the mastership ends. The next manager then finds the PE in an epoch that it does not know, with the
+outputs that this epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
 
-With two managers, faults are injected into managers more often than into anything else: into a given one of the two, or
-into the active one. The kinds that need two managers (`Kind.of_two`) are drawn then, too. So there are more targets and
-more faults. Kinds for flights with a key (`Kind.of_keyed`) are drawn in every flight with a key, and more often than
-others.
+With two managers, more faults are injected into managers than into anything else: into a given one of the two, or into
+the active one. The kinds that need two managers (`Kind.of_two`) are drawn then, too. So there are more targets and more
+faults. Kinds for flights with a key (`Kind.of_keyed`) are drawn in every flight with a key, and more often than others.
 """
 
 from collections.abc import Sequence
@@ -60,10 +59,11 @@ _LAST = 0.9  # share of the flight in which faults are injected; a later one wou
 def drawn_faults(
     spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False, keyed: bool = False
 ) -> tuple[Fault, ...]:
-    """Draw the faults of a seed; times are in whole milliseconds.
+    """Draw the faults of a flight from its seed; times are in whole milliseconds.
 
-    kinds: the kinds to draw from; by default the seed draws these, too. of_two: there are two managers. keyed: managers
-    and PEs have a key.
+    kinds: the kinds to draw from; if empty, the seed decides on the kinds, too
+    of_two: whether there are two managers
+    keyed: whether managers and PEs have a key
     """
     random = Random(f"acts of {seed}")
     there = _kinds_there(spec, kinds or drawn_kinds(spec, of_two=of_two, keyed=keyed), of_two=of_two)
@@ -92,7 +92,7 @@ def drawn_faults(
 
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
-    """Give the kinds of faults that may be drawn, each with its targets."""
+    """Return the kinds of faults that have a target in the spec, each with its targets."""
     there = {name: targets for name in kinds if (targets := possible_targets(spec, name))}
     return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
 
@@ -111,18 +111,18 @@ def _more_often(name: str, *, of_two: bool) -> int:
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind is drawn only in flights with a key."""
+    """Tell whether a kind of fault may be drawn only in a flight with a key."""
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
 
 def _ending_mastership(random: Random, at_ms: int, *, of_two: bool) -> Fault:
-    """Draw a fault of the active manager that ends the mastership."""
+    """Draw a fault that ends the mastership of the active manager."""
     kind, lasts_ms = random.choice([end for end in _END_OF_MASTERSHIP if of_two or KINDS[end[0]].drawn])
     return Fault(at_ms, kind, MANAGER, random.randint(*lasts_ms))
 
 
 def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
-    """Draw losses and returns of PEs that lead the protocol to the state for which a fault waits."""
+    """Draw losses and returns of PEs that bring the protocol into the state for which `fault` waits."""
     others = [f"pe:{pe}" for pe in spec.pes if f"pe:{pe}" != fault.target] or [f"pe:{pe}" for pe in spec.pes]
     if fault.during != "activating":
         return [_loss(random, fault.at_ms, others, _SILENCES if fault.during == "suspect" else _LEADS)]
@@ -137,13 +137,13 @@ def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
 
 
 def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[str, tuple[int, int]]]) -> Fault:
-    """Draw the loss of one of these PEs: which one, and by which fault."""
+    """Draw one of `pes` and the fault by which it is lost."""
     kind, lasts_ms = random.choice(leads)
     return Fault(at_ms, kind, random.choice(pes), random.randint(*lasts_ms))
 
 
 def _rivals(spec: Spec) -> set[str]:
-    """Give the PEs of each DEMUX that several PEs can drive."""
+    """Return the PEs of each DEMUX that several PEs can drive."""
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
         devices = (spec.modules[branch].device for branch in (*demux.branches, *demux.to))

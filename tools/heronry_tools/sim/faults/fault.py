@@ -75,7 +75,7 @@ _TEXT = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of fault, and what the drawing and the oracles must know of it."""
+    """A kind of fault: its targets and duration, how it is drawn, and which rules of the oracles are waived for it."""
 
     target_kind: (
         str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
@@ -295,17 +295,17 @@ class Fault:
 
     @property
     def over_ms(self) -> int:
-        """Latest time in ms at which the fault is over; for a fault without end, at which it has been injected."""
+        """Return the latest time in ms at which the fault is over; if it has no end, at which it is injected."""
         return self.at_ms + (WAITS_MS if self.during else 0) + self.lasts_ms
 
     @property
     def name(self) -> str:
-        """Name of its target."""
+        """Return the name in the target, without its kind: `nav` of `pe:nav`."""
         return self.target.partition(":")[2]
 
 
 def read_fault(spec: Spec, text: str) -> Fault:
-    """Read one fault; raises UserError."""
+    """Read a fault from its text; raises UserError if the text is no fault or does not fit the spec."""
     match = _TEXT.fullmatch(text.strip())
     if match is None:
         raise UserError(f"'{text}' is not a fault; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3'")
@@ -330,26 +330,27 @@ def read_fault(spec: Spec, text: str) -> Fault:
 
 
 def over_s(faults: Iterable[Fault]) -> float:
-    """Give the time in seconds after which all of these faults are over."""
+    """Return the time in seconds after which all of these faults are over."""
     return max((fault.over_ms for fault in faults), default=0) / 1000
 
 
 def is_one_of_two(target: str) -> bool:
-    """Tell whether a target is one of two managers, so that a flight with one manager does not have it."""
+    """Tell whether a target is the primary or the standby manager, which exist only in a flight with two managers."""
     return MANAGERS.get(target) is not None
 
 
 def drawn_kinds(spec: Spec, *, of_two: bool, keyed: bool = False) -> list[str]:
-    """Give the kinds that a seed draws from where the user names none: those with a target in this spec.
+    """Return the kinds of faults that are drawn if the user names none: those with a target in this spec.
 
-    of_two: there are two managers. keyed: managers and PEs have a key.
+    of_two: whether there are two managers
+    keyed: whether managers and PEs have a key
     """
     drawn = [n for n, kind in KINDS.items() if kind.drawn or (of_two and kind.of_two) or (keyed and kind.of_keyed)]
     return [name for name in drawn if possible_targets(spec, name)]
 
 
 def possible_targets(spec: Spec, kind: str) -> list[str]:
-    """Give the targets of a kind of fault in a spec, in the spec's order."""
+    """Return the targets of a kind of fault in a spec, in the spec's order."""
     pes, modules, main_bus = list(spec.pes), list(spec.modules), spec.manager.bus
     far_buses = [bus for bus in spec.buses if bus != main_bus]
     twins = [bus for bus in spec.buses.values() if bus.channels > 1]
@@ -378,7 +379,7 @@ def _places(spec: Spec) -> list[str]:
 
 
 def replicated_bus(spec: Spec, pe: str) -> str | None:
-    """Give the first bus of a PE that has two channels; None where it has none."""
+    """Return the first bus of a PE that has two channels; None if the PE has no such bus."""
     return next((bus for bus in spec.pes[pe].buses if spec.buses[bus].channels > 1), None)
 
 

@@ -7,11 +7,11 @@
     foreign     a command of a manager of a higher term, tagged with another key
     slander     an EMCY in the name of a PE about any element, or a page 1 that refuses the running epoch
 
-Its station has the name of a foreign node, so the oracles take none of its frames for a command. They verify that the
-PEs accept only what the true managers have sent.
+The attacker's station has the name of a foreign node, so the oracles take none of its frames for a command. They verify
+that the PEs accept only what the true managers have sent.
 
 The attacker does not send at the same moment as the node that it imitates. Two nodes that send under one identifier at
-one time destroy each other's frames, down to bus-off; no tag prevents that, and the fault `rogue` covers it.
+one time destroy each other's frames, down to bus-off. No tag prevents that; the fault `rogue` covers this case.
 """
 
 from random import Random
@@ -61,7 +61,7 @@ _DUE_NS = (14_000_000, 40_000_000)  # when the next LEASE is due after one, with
 
 
 class Forger:
-    """Attacks from its creation until it leaves the bus; `attacks` counts the attacks."""
+    """An attacker that sends forged frames from its creation until it leaves the bus; `attacks` is their number."""
 
     def __init__(self, clock: Clock, bus: SimulatedBus, random: Random) -> None:
         self.attacks = 0
@@ -116,7 +116,7 @@ class Forger:
         self._clock.at(self._clock.now_ns + self._random.randint(*_EVERY_NS), self._attack)
 
     def _say_tag(self, frame: Frame) -> None:
-        """Send the second frame of a pair, unless a manager has begun to send."""
+        """Send the forged TAG that follows a forged command, except if a manager has begun to send meanwhile."""
         if self._station.present and self._is_quiet():
             self._bus.offer(self._station, frame)
 
@@ -127,7 +127,7 @@ class Forger:
         return has_ended and not _DUE_NS[0] < now_ns - self._leased_ns < _DUE_NS[1]
 
     def _made_up(self, manager: int, term: int) -> Frame:
-        """Give a command that would do harm if a PE executed it."""
+        """Return a made-up command that would do harm if a PE executed it."""
         draw = self._random.randrange
         step, node, epoch = Step.GO_ALL, self._random.choice(PE_NODES), 1 + draw(0xFFFF)
         said: list[tuple[Command, ManagementMessage]] = [

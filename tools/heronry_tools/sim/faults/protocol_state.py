@@ -1,8 +1,8 @@
-"""The state of the protocol, derived from the manager's events; faults can wait for it.
+"""The state of the protocol, derived from the manager's events; faults can wait for such a state.
 
     planning    a plan has been requested and has not come
-    preparing   the slices of an epoch have been sent, and some PE has not staged
-    activating  the first ACTIVATE has been sent, and something exclusive is still held
+    preparing   the slices of an epoch have been sent, and some PE has not staged its slice
+    activating  the first ACTIVATE has been sent, and some PE has not yet released an exclusive output
     going       the last step has been sent, and some PE is not ACTIVE
     suspect     none of these, and a PE has missed a heartbeat
     rejoining   none of these, and a PE that was down is heard again and in its hold-down
@@ -36,7 +36,7 @@ _FORGOTTEN_AFTER_NS = 2_000_000_000  # after its last event: the PE may be silen
 
 
 class ProtocolState:
-    """Follows the events of one run."""
+    """Derives the state of the protocol from the events of one flight's managers."""
 
     def __init__(self, clock: Clock) -> None:
         self.entered: Counter[str] = Counter()  # how often each state has begun
@@ -50,7 +50,7 @@ class ProtocolState:
 
     @property
     def now(self) -> str:
-        """The present state, one of STATES."""
+        """Return the present state, one of STATES."""
         if self._is_orphaned:
             return ORPHANED
         if self._reconfiguring != "idle":
@@ -61,7 +61,7 @@ class ProtocolState:
         return "rejoining" if any(at_ns > since_ns for at_ns in self._returning.values()) else "idle"
 
     def take(self, event: dict[str, Any]) -> None:
-        """Follow an event of a manager."""
+        """Update the state by an event of a manager."""
         kind = event["event"]
         if kind in _FOLLOWS:
             self._reconfiguring = _FOLLOWS[kind]
@@ -81,22 +81,22 @@ class ProtocolState:
         self._moved()
 
     def set_active_manager(self, *, is_heard: bool) -> None:
-        """Note whether an active manager can be heard now."""
+        """Set whether an active manager can be heard now."""
         if self._is_orphaned is is_heard:
             self._is_orphaned = not is_heard
             self._moved()
 
     def _moved(self) -> None:
-        """If the state has changed, count it, and call the callbacks that wait for it."""
+        """If the state has changed, count its entry and call the callbacks that wait for it."""
         if self.now != self._before:
             self._before = self.now
             self.entered[self._before] += 1
         self._call_waiting()
 
     def when(self, state: str, not_before_ns: int, what: Callable[[], None]) -> None:
-        """Call `what` once in `state`, at `not_before_ns` or later.
+        """Call `what` once, when the protocol is in `state`, but not before `not_before_ns`.
 
-        If the state holds at that time, the call comes then; if not, when the state next begins.
+        If the protocol is in the state at that time, the call comes then; if not, when the state next begins.
         """
         self._waiting.append((state, not_before_ns, what))
         self._clock.at(not_before_ns, self._call_waiting)

@@ -1,1 +1,1 @@
-"""Simulated flights: the aircraft, the injection of faults, the outcome of a flight, campaigns, shrinking."""
+"""Simulated flights: the simulated aircraft, the injection of faults, the outcome of a flight, campaigns, shrinking."""

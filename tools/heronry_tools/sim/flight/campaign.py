@@ -1,8 +1,9 @@
 """Campaigns: many flights in parallel, and a table of the protocol states in which they have injected faults.
 
-The number of flight hours says little. What counts is which faults were injected in which state of the protocol
-(`Coverage`): a cell without an injection was never tried, and one with fewer than `ENOUGH` injections was hardly tried.
-Drawn faults aim at all states (`drawing`), with one manager and with two, and whether or not the spec has a DEMUX.
+The number of flight hours says little. What counts is which kinds of faults were injected in which state of the
+protocol (`Coverage`). The table has a cell for each kind in each state: a cell without an injection was never tried,
+and one with fewer than `ENOUGH` injections was hardly tried. Drawn faults aim at all states (`drawing`), with one
+manager and with two, and whether or not the spec has a DEMUX.
 
 Worker processes share nothing: each loads the spec once, and keeps the plans of its flights for its later flights.
 """
@@ -34,8 +35,8 @@ _SPECS: list[Spec] = []  # in a worker process: the one spec that it has loaded
 def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
     """Call `fly` for each flight, and yield the results in the order of the flights.
 
-    The flights run in `jobs` processes, or in fewer if there are fewer flights. Flights whose results the caller no
-    longer waits for are stopped. Raises UserError where a worker process has died.
+    The flights run in `jobs` processes, or in fewer if there are fewer flights. When the caller no longer iterates, the
+    remaining flights are stopped. Raises UserError if a worker process has died.
     """
     jobs = min(jobs, len(flights))
     if jobs <= 1:
@@ -50,16 +51,16 @@ def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spe
 
 
 def collect_seldom() -> None:
-    """Make garbage collection rare, and exempt the objects that exist now: a flight makes little garbage."""
+    """Make garbage collection rare, and exempt the objects that exist now from it; this makes flights faster."""
     gc.freeze()
     gc.set_threshold(_COLLECTED_AFTER)
 
 
 class Coverage:
-    """Counts of injected faults by kind and state, for the kinds that have a target in a spec."""
+    """Counts injected faults by kind and protocol state, for the kinds that have a target in a spec."""
 
     def __init__(self, spec: Spec, *, of_two: bool = False) -> None:
-        """of_two: the flights have two managers."""
+        """Begin without flights; `of_two` tells whether the flights have two managers."""
         self.hits: Counter[tuple[str, str]] = Counter()
         self.entered: Counter[str] = Counter()
         self._unverified_ns: Counter[str] = Counter()
@@ -67,20 +68,21 @@ class Coverage:
         self._kinds = drawn_kinds(spec, of_two=of_two, keyed=True)
 
     def add(self, outcome: Outcome) -> None:
-        """Add the injections, states and waivers of one flight."""
+        """Count the injections, entered states and waivers of one flight."""
         self.hits += outcome.hits
         self.entered += outcome.entered
         self._unverified_ns += outcome.unverified
         self._flown_ns += outcome.virtual_ns
 
     def unverified(self) -> dict[str, float]:
-        """Give the share of the time in which each rule was waived, in per cent, the largest first."""
+        """Return the share of the time in which each rule of an oracle was waived, in per cent, the largest first."""
         return {rule: round(100 * ns / self._flown_ns, 2) for rule, ns in self._unverified_ns.most_common()}
 
     def cells(self) -> dict[tuple[str, str], int]:
-        """Give the number of injections in each cell that can be reached: its kind has a target, its state was entered.
+        """Return the number of injections in each cell (kind, state) that these flights can reach.
 
-        An order of the operator has no cell for states without an active manager, since no order can be given then.
+        The kind must have a target in the spec, and some flight must have entered the state. An order of the operator
+        has no cell for states without an active manager, since no order can be given then.
         """
         injected = {kind for kind, _ in self.hits}
         kinds = [*self._kinds, *(kind for kind in KINDS if kind in injected and kind not in self._kinds)]
@@ -89,7 +91,7 @@ class Coverage:
         return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
 
     def table(self) -> list[str]:
-        """Give lines of text: faults by kind and state, entries of each state, thin cells, shares of waivers."""
+        """Return lines of text: faults by kind and state, entries of each state, rarely tried cells, waived shares."""
         cells = self.cells()
         kinds = list(dict.fromkeys(kind for kind, _ in cells))
         lines = [_row("faults in state", STATES)]
@@ -102,7 +104,7 @@ class Coverage:
         return [*lines, f"not verified, of the time: {shares}"] if shares else lines
 
     def document(self) -> dict[str, Any]:
-        """Give the content of `table` as plain data for JSON."""
+        """Return the content of `table` as JSON data."""
         cells = self.cells()
         return {
             "cells": [{"kind": kind, "state": state, "count": count} for (kind, state), count in cells.items()],
@@ -113,7 +115,7 @@ class Coverage:
         }
 
     def _thin(self) -> dict[tuple[str, str], int]:
-        """Give the cells with fewer than `ENOUGH` injections."""
+        """Return the cells with fewer than `ENOUGH` injections."""
         return {cell: count for cell, count in self.cells().items() if count < ENOUGH}
 
     def _states(self) -> list[str]:
@@ -125,14 +127,14 @@ def _row(head: str, columns: Sequence[object]) -> str:
 
 
 def _begin(spec_file: Path) -> None:
-    """Set up this worker process: low priority, rare garbage collection, the spec."""
+    """Prepare this worker process: lower its priority, make garbage collection rare, load the spec."""
     os.nice(_POLITENESS)
     _SPECS.append(load(spec_file))
     collect_seldom()
 
 
 class _Flier(Generic[T, R]):
-    """Flies in a worker process, with the spec that it has loaded."""
+    """A function that a worker process calls for each flight, with the spec that the process has loaded."""
 
     def __init__(self, fly: Callable[[Spec, T], R]) -> None:
         self._fly = fly

@@ -1,8 +1,8 @@
 """The end of a flight: the same for drawn flights, scenario files and exhaustive cases.
 
-Rules that hold at all times, and silences, are verified up to the end of the flight. Then every fault that can be ended
-is ended. After that no fault is injected until the aircraft has converged, or for the bound on that time
-(`oracles.liveness`).
+Rules that hold at all times, and limits for silences, are verified up to the end of the flight. Then every fault that
+can be ended is ended. From then on no fault is injected, until the aircraft has converged or the longest time allowed
+for that is over (`oracles.liveness`).
 """
 
 from collections.abc import Collection, Iterable
@@ -16,7 +16,7 @@ from heronry_wire.sansio import InvariantError
 
 
 def end_flight(simulation: Simulation, injections: Injections, targets: Iterable[str]) -> list[Violation]:
-    """End every fault that can be ended, let the aircraft converge, and give all violations of the flight.
+    """End every fault that can be ended, let the aircraft converge, and return all violations of the flight.
 
     targets: all targets into which faults were injected.
     """
@@ -36,7 +36,7 @@ def _denied(simulation: Simulation, injections: Injections, targets: Collection[
 
 
 def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:
-    """Give a sentence if a fault was not injected at all, or not in the state that it names; None if it was."""
+    """Return a sentence if a fault was not injected at all, or not in the state that it names; None if it was."""
     state = injections.state_of.get(fault)
     if state is not None and fault.during in ("", state):
         return None
@@ -45,6 +45,6 @@ def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:
 
 
 def ended_by(simulation: Simulation, error: Exception) -> list[Violation]:
-    """Give the violations of a flight that an exception of a core has ended."""
+    """Return the violations of a flight that ended because a core raised an exception."""
     story = str(error) if isinstance(error, InvariantError) else f"{type(error).__name__}: {error}"
     return [*simulation.broken(), Violation(simulation.now_ns, "invariant", story)]

@@ -63,18 +63,23 @@ _FRAME_FAULT = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """How the aircraft is flown: with contingencies for up to so many faults (None: none), a key, two managers."""
+    """How the aircraft is flown.
+
+    foreseen: number of faults for which contingencies are on board; None: no contingencies are made
+    keyed: whether managers and PEs have a key
+    standby: whether there are two managers
+    """
 
     foreseen: int | None = None
     keyed: bool = False
     standby: bool = False
 
     def take_off(self, spec: Spec) -> Simulation:
-        """Give a new simulation of a spec in which every node is switched on."""
+        """Return a new simulation of a spec in which every node is switched on."""
         return Simulation(spec, contingencies=self.foreseen, key=KEY if self.keyed else None, standby=self.standby)
 
     def nodes(self, spec: Spec) -> list[str]:
-        """Give the nodes that a frame fault can be injected into."""
+        """Return the nodes into which a frame fault can be injected."""
         return [*(_SEATS if self.standby else (MANAGER,)), *(f"pe:{pe}" for pe in spec.pes)]
 
 
@@ -83,7 +88,7 @@ PLAIN = Setup()
 
 @dataclass(frozen=True, slots=True, order=True)
 class FrameFault:
-    """A fault of one frame, or the death of a node when that frame has been received."""
+    """A fault of the frame with this number, or the death of a node when that frame has been received."""
 
     number: int
     kind: str
@@ -95,7 +100,7 @@ class FrameFault:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One flight: a story and its frame faults."""
+    """One flight: an event that makes the aircraft reconfigure (its story), and faults of frames meanwhile."""
 
     story: str
     faults: tuple[FrameFault, ...]
@@ -107,7 +112,7 @@ class Case:
 
 
 def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
-    """Give all stories of an aircraft, as text."""
+    """Return the text of every story: of every event that can make this aircraft reconfigure."""
     pes, modules = possible_targets(spec, "crash"), possible_targets(spec, "raise")
     devices = [f"device:{device}" for device in spec.devices]
     there = {
@@ -124,12 +129,12 @@ def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
 
 
 def single_cases(spec: Spec, story: str, setup: Setup = PLAIN) -> list[Case]:
-    """Give a case for every frame fault in every frame of a story; none where the story reconfigures nothing."""
+    """Return a case for every frame fault in every frame of a story; none if the story causes no reconfiguration."""
     return [Case(story, (fault,), setup) for fault in _frame_faults(setup.nodes(spec), _senders(spec, story, setup))]
 
 
 def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
-    """Draw `count` pairs of frame faults, each pair from the cases of one story."""
+    """Yield `count` random cases with two frame faults each, both from `cases` of the same story."""
     random = Random(f"pairs of {seed}")
     by_story: dict[str, list[FrameFault]] = {}
     for case in cases:
@@ -140,7 +145,7 @@ def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
 
 
 def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
-    """Read a case from its text; raises UserError."""
+    """Read a case from its text; raises UserError if the text is no case of this spec."""
     *told, faults = text.split(": ")
     story = ": ".join(told)
     there = stories(spec, setup)
@@ -151,7 +156,7 @@ def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
 
 
 def fly_case(spec: Spec, case: Case) -> list[Violation]:
-    """Fly a case, and give its violations."""
+    """Simulate a case, and return its violations."""
     simulation = case.setup.take_off(spec)
     try:
         injections = begin(simulation, case.story)
@@ -169,7 +174,7 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
 
 
 def _fly(simulation: Simulation) -> None:
-    """Fly until the aircraft has converged, or for longer than a critical function may be silent."""
+    """Simulate until the aircraft has converged, or for `_LONGEST_NS`."""
     begun_ns = simulation.now_ns
     simulation.run_for(_QUIET_NS)
     while simulation.unsettled() and simulation.now_ns - begun_ns < _LONGEST_NS:
@@ -188,7 +193,7 @@ def _read_frame_fault(victims: Sequence[str], text: str) -> FrameFault:
 
 
 def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
-    """Give the senders of a story's frames, in order, named as victims are."""
+    """Return the sender of each management frame of a story, in order, spelt as `FrameFault.victim`."""
     simulation = setup.take_off(spec)
     begin(simulation, story)
     seen: list[Sent] = []
@@ -206,7 +211,7 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
 
 
 def _done_ns(simulation: Simulation) -> list[int]:
-    """Give the times at which a reconfiguration, or the admission of a PE to the running epoch, was complete."""
+    """Return the times at which a reconfiguration was complete, or a PE had been admitted to the running epoch."""
     told = [event for kind in ("plan_unchanged", "adopted") for event in simulation.events_of(kind)]
     admitted = [event["t_ns"] + _ADMITTED_NS for event in told]
     return sorted([*admitted, *(event["t_ns"] for event in simulation.events_of("reconfigured"))])
@@ -221,7 +226,10 @@ def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFau
 
 
 def _faults(story: str) -> tuple[Fault, ...]:
-    """Give the faults that make up a story; the end of the fault begins a story of _BY_THEIR_END."""
+    """Return the faults that cause the event of a story.
+
+    The event of a story that begins with "return" or "clear" is the end of the fault.
+    """
     what, _, target = story.partition(" ")
     match what:
         case "start" | "request":
@@ -245,7 +253,7 @@ def _faults(story: str) -> tuple[Fault, ...]:
 
 
 def begin(simulation: Simulation, story: str) -> Injections:
-    """Fly to the beginning of a story; it begins as soon as time goes on."""
+    """Simulate up to the event of a story, which then happens as soon as the simulation continues."""
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
@@ -261,7 +269,7 @@ def begin(simulation: Simulation, story: str) -> Injections:
 
 
 def _tap(simulation: Simulation, what: Callable[[Sent], None]) -> None:
-    """Call `what` with every frame of the management on the managers' bus."""
+    """Call `what` with every management frame on the managers' bus."""
 
     def tap(sent: Sent) -> None:
         if classify(sent.frame.can_id).use in _COUNTED:
@@ -277,10 +285,10 @@ def _victim(sender: str, setup: Setup) -> str:
 
 
 class _FrameFaultInjector:
-    """Counts the management frames of a flight, and injects the frame faults."""
+    """Counts the management frames of a flight, and injects frame faults when their frame comes."""
 
     def __init__(self, simulation: Simulation, faults: tuple[FrameFault, ...], injected: list[Injected]) -> None:
-        """Inject `faults`, and append each to `injected`, from which the oracle `service` reads."""
+        """Inject `faults`, and append each to `injected`, which the oracle `service` reads."""
         self._simulation, self._frame_faults, self._injected = simulation, faults, injected
         self._count = -1
         self._done: set[FrameFault] = set()
@@ -288,12 +296,15 @@ class _FrameFaultInjector:
         self._bus.tamper = self._tamper
 
     def missed(self) -> list[str]:
-        """Say which frame faults were not injected."""
+        """Return sentences on the frame faults that were not injected."""
         why = f"there was no such frame, or the node did not run; {self._count + 1} frames were sent in this flight"
         return [f"'{fault}' was not injected: {why}" for fault in self._frame_faults if fault not in self._done]
 
     def _tamper(self, sent: Sent) -> Tampering | None:
-        """Inject the fault of a frame that no node has received yet; tells how the bus must tamper with the frame."""
+        """Inject the faults that belong to the frame `sent`, which no node has received yet.
+
+        Returns how the bus must deliver the frame; None if the bus delivers it as usual.
+        """
         if classify(sent.frame.can_id).use not in _COUNTED:
             return None
         self._count += 1
@@ -328,7 +339,7 @@ class _FrameFaultInjector:
         return list(nodes.values()) if victim == ALL_NODES else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
-        """Give the name of a victim's station; empty if the victim does not run, or is every node."""
+        """Return the name of a victim's station; empty if the victim does not run, or is every node."""
         if victim == ALL_NODES:
             return ""
         if victim.startswith("pe:"):
@@ -337,7 +348,7 @@ class _FrameFaultInjector:
         return nodes[0].stations[0][1].name if nodes else ""
 
     def _hold_back(self, node: Node, delay_ns: int) -> None:
-        """Make a node's driver deliver the next frame of the bus late."""
+        """Make a node's driver deliver the next frame of the bus `delay_ns` late."""
         for bus, station in node.stations:
             if bus is self._bus:
                 listener, simulation = station.listener, self._simulation
@@ -349,7 +360,7 @@ class _FrameFaultInjector:
                 station.listener = hold
 
     def _crash(self, fault: FrameFault) -> None:
-        """Let a node die, and restart it unless the fault is "death"."""
+        """Let the victim of a fault die, and restart it if the fault is a "crash"."""
         simulation, returns = self._simulation, fault.kind == "crash"
         now_ns = simulation.now_ns
         if fault.victim in MANAGERS:

@@ -1,4 +1,4 @@
-"""The PEs of one flight: they start, die, restart, are cut off, and may be given the table of another spec."""
+"""The PEs of one simulated flight: they start, die, restart, are cut off, and may get the table of another spec."""
 
 import hashlib
 from collections.abc import Collection, Mapping
@@ -20,7 +20,7 @@ _OTHER_DIGEST = "0" * 64
 
 
 class Fleet:
-    """All PEs of a flight; `running` are those that are alive, by name."""
+    """All PEs of a flight; `running` has those that are alive, by name."""
 
     def __init__(
         self,
@@ -36,9 +36,11 @@ class Fleet:
         key: Key | None,
         absent: Collection[str],
     ) -> None:
-        """tables: the table of each PE. key: the key of managers and PEs, or None.
+        """Create the PEs, without starting one.
 
-        absent: PEs that only `arrive` starts.
+        tables: the table of each PE
+        key: the key of managers and PEs; None without authentication
+        absent: PEs that only `arrive` starts
         """
         self.running: dict[str, SimulatedPe] = {}
         self.broken_modules: dict[str, str] = {}  # by module or NAME@PE: how it fails, or which phase it requests
@@ -56,7 +58,7 @@ class Fleet:
 
     @property
     def data_identifiers(self) -> list[int]:
-        """Identifiers of all data of the spec."""
+        """Return the identifiers of all data of the spec."""
         return sorted(source.identifier for source in next(iter(self.tables.values())).sources)
 
     def kill(self, pe: str) -> None:
@@ -97,16 +99,19 @@ class Fleet:
         self.restore(pe)
 
     def make_stale(self, pe: str) -> None:
-        """Give a PE the table of another spec at its next start; it then counts as down, as it can run nothing."""
+        """Let a PE start with the table of another spec next time.
+
+        The PE then counts as down, since it can run nothing.
+        """
         self._stale.add(pe)
         self._truth.failed(f"pe:{pe}")
 
     def make_fresh(self, pe: str) -> None:
-        """Give a PE the right table again at its next start."""
+        """Let a PE start with the right table next time."""
         self._stale.discard(pe)
 
     def lacks(self, pe: str, module: str) -> None:
-        """Let the code of a module be missing on a PE from now on."""
+        """Remove the code of a module from a PE."""
         self._lacking[pe].add(module)
         self._truth.lacks(module, pe)
         if pe in self.running:
@@ -119,7 +124,7 @@ class Fleet:
             self._truth.cut(f"pe:{pe}")
 
     def mend(self, pe: str) -> None:
-        """Mend the wires of a PE that was cut off."""
+        """Repair the wires of a PE that was cut off."""
         if pe in self.running:
             self.running[pe].wire(cut_off=False)
         self._truth.mended(f"pe:{pe}")

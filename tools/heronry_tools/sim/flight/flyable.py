@@ -1,4 +1,7 @@
-"""Verifies that a spec can be simulated: every module needs an image with code."""
+"""Checks that a spec can be simulated: every module needs an image with code."""
+
+import sys
+from pathlib import Path
 
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_dg.model import Spec
@@ -6,7 +9,9 @@ from heronry_tools.console.errors import UserError
 
 
 def check_images(spec: Spec) -> None:
-    """Raise UserError if a module's image has no code."""
+    """Look for the code of each module, also in the present folder; raise UserError where there is none."""
+    if str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
     for module in spec.modules.values():
         try:
             find_image(module.image)

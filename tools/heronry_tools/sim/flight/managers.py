@@ -1,8 +1,8 @@
-"""The managers of one flight: they start, die, may be started twice, and report their events.
+"""The managers of one simulated flight: they start, die, may be started twice, and report their events.
 
-Each manager has a *seat*, a computer on which it runs. The number of a seat is the node-ID of the manager, or minus the
-node-ID for a second manager with the same node-ID on another computer. Each seat has a disk with a journal, which
-outlives the manager.
+Each manager runs on a computer of its own, called its *seat*. The number of a seat is the node-ID of the manager; a
+second manager with the same node-ID on another computer has the negative number. Each seat has a disk with a journal,
+which stays when the manager dies.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,7 +33,7 @@ _OF_A_STANDBY = (
 
 
 class Managers:
-    """All managers of a flight; `running` are those that are alive, by seat."""
+    """Both managers of a flight, or its only one; `running` has those that are alive, by the number of their seat."""
 
     def __init__(
         self,
@@ -50,10 +50,12 @@ class Managers:
         planners: Planners,
         decide_ns: Callable[[], int],
     ) -> None:
-        """are_two: managers 126 and 127 fly, and each is the standby manager while the other is active.
+        """Create the managers, without starting one.
 
-        disks: the disks by seat. key: the key of managers and PEs, or None.
-        decide_ns: draws the time of a planning run.
+        are_two: whether managers 126 and 127 fly, each being the standby manager while the other is active
+        disks: the disks with the journals, by seat
+        key: the key of managers and PEs; None without authentication
+        decide_ns: returns the time that the next planning run takes
         """
         self.running: dict[int, SimulatedManager] = {}
         self.events: list[dict[str, Any]] = []
@@ -66,26 +68,26 @@ class Managers:
 
     @property
     def foremost(self) -> SimulatedManager | None:
-        """The active manager; if no manager is active, the first running one."""
+        """Return the active manager; if no manager is active, the first running one; None if none runs."""
         active_manager = [one for one in self.running.values() if one.core.is_active]
         first = next((self.running[seat] for seat in sorted(self.running, key=abs)), None)
         return max(active_manager, key=lambda one: one.core.term, default=first)
 
     @property
     def commanding(self) -> SimulatedManager | None:
-        """The active manager, unless its processor is paused."""
+        """Return the active manager; None if its processor is paused or no manager is active."""
         manager = self.foremost
         return manager if manager is not None and manager.is_awake and manager.core.is_active else None
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
-        """Give the events of this kind of all managers."""
+        """Return the events with this name of all managers."""
         return [event for event in self.events if event["event"] == kind]
 
     def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
         """Start the manager of a seat, with the journal on the seat's disk.
 
-        advise: the manager only advises. standby: it follows while another manager is active; by default it does so
-        where there are two managers.
+        advise: whether the manager only advises
+        standby: whether it waits while another manager is active; by default it does so if there are two managers
         """
         self.running[seat] = SimulatedManager(
             self._clock,
@@ -114,7 +116,7 @@ class Managers:
     def kill(self, seat: int | None = None, *, torn: Random | None = None) -> None:
         """Kill the manager of a seat, or the active manager, now.
 
-        torn: draws how much of the last write to its disk a loss of power destroys; None: nothing.
+        torn: decides which part of the last write to its disk a loss of power destroys; None: it destroys nothing.
         """
         victim = self.foremost if seat is None else self.running.get(seat)
         for number, one in list(self.running.items()):
@@ -128,14 +130,14 @@ class Managers:
         self.see_active_manager()
 
     def see_active_manager(self) -> None:
-        """Report to the protocol state whether an active manager can be heard."""
+        """Tell `protocol` whether an active manager can be heard."""
         active_manager = (
             m for m in self.running.values() if m.core.is_active and m.is_awake and m.stations[0][1].can_send
         )
         self.protocol.set_active_manager(is_heard=any(active_manager))
 
     def _tell(self, seat: int, event: dict[str, Any]) -> None:
-        """Keep an event of a manager; of a standby manager keep only events about itself."""
+        """Keep an event of the manager at a seat; of a standby manager keep only events about itself."""
         foremost = self.foremost
         self.see_active_manager()
         if foremost is not None and foremost.core.is_active and foremost is not self.running.get(seat):
@@ -152,6 +154,6 @@ def _station(seat: int) -> str:
 
 
 def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
-    """Give the bytes on the disk of a manager's station; empty if the disk accepts no write."""
+    """Return the bytes of the journal of the manager at a station; empty if its disk accepts no write."""
     disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
     return None if disk.refuses or disk.problem is not None else disk.data

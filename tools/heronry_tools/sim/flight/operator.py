@@ -1,12 +1,12 @@
-"""The operator of a simulated aircraft: gives orders to the active manager, which answers at once whether it accepts.
+"""The operator of a simulated aircraft: gives orders to the active manager, which accepts or refuses each at once.
 
-An accepted order defines the truth: an element that was declared failed counts as down until it is cleared. Without an
-active manager no order can be given, with one exception: the order to clear an element is kept, and given as soon as a
-manager is active.
+For the oracles, an accepted order is the truth: an element that was declared failed counts as down until it is cleared.
+Without an active manager no order can be given, with one exception: the order to clear an element is kept, and given as
+soon as a manager is active.
 
-With two managers, a term can end before the other manager has heard an order, and the protocol does not promise that
-the next manager learns of it. A real operator sees that in the status, and repeats the order; so does this operator
-with `insist`. A manager that has restarted with its journal gets no order again.
+With two managers, a term can end before the other manager has heard of an order, and the protocol does not promise that
+the next manager learns of it. A real operator sees that in the status, and repeats the order. This operator does the
+same after `insist`. To a manager that has restarted with its journal it does not repeat orders.
 """
 
 from heronry_dg.losses import lost_elements
@@ -35,7 +35,7 @@ _AWAY = ("down", "returning")
 
 
 class Operator:
-    """Gives orders, and keeps them for repetition."""
+    """Gives orders to the active manager, and keeps them so that it can repeat them to a later manager."""
 
     def __init__(self, spec: Spec, clock: Clock, managers: Managers, checks: Checks, truth: Truth) -> None:
         self._spec, self._clock = spec, clock
@@ -45,11 +45,11 @@ class Operator:
 
     @property
     def failed(self) -> frozenset[str]:
-        """Elements that the operator has declared failed and not cleared."""
+        """Return the elements that the operator has declared failed and not cleared."""
         return frozenset(self._truth.declared)
 
     def say(self, order: Order) -> Reply | None:
-        """Give an order to the active manager; gives its answer, or None where no manager is active."""
+        """Give an order to the active manager and return its answer; None if no manager is active."""
         manager = self._managers.commanding
         reply = None
         if manager is not None:
@@ -79,7 +79,7 @@ class Operator:
         self._look()
 
     def latched(self) -> list[str]:
-        """Elements that are latched or in a long quarantine, without those that this operator has declared failed."""
+        """Return the elements that are latched or in a long quarantine, without those in `failed`."""
         manager = self._managers.commanding
         status = None if manager is None else manager.say(AskStatus()).status
         if status is None:
@@ -89,12 +89,12 @@ class Operator:
         return sorted(held - self._truth.declared.keys())
 
     def insist(self) -> None:
-        """From now on repeat to each new active manager the orders that it may not know."""
+        """From now on, repeat to each new active manager the orders that it may not know."""
         self._insists = self._managers.are_two and bool(self._truth.declared or self._well)
         self._look()
 
     def _look(self) -> None:
-        """Repeat to the active manager the orders that it may not know; look again later while some are left."""
+        """Repeat to the active manager the orders that it may not know; if some remain, try again later."""
         manager = self._managers.commanding
         if manager is not None:
             term = manager.core.term
@@ -110,7 +110,7 @@ class Operator:
             self._clock.at(self._clock.now_ns + _AGAIN_NS, self._look)
 
     def _is_well(self, element: str, term: int) -> None:
-        """Note that a manager has accepted to clear an element; a cleared module starts anew, and may fail again."""
+        """Update the truth after a manager has accepted the order to clear an element."""
         everywhere = not self._managers.are_two
         self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)
         if element.startswith("module:"):
@@ -119,7 +119,7 @@ class Operator:
         self._well[element] = term
 
     def _excuse_idle(self, element: str) -> None:
-        """Excuse reports of actuators that are idle because of an order: they may look stuck."""
+        """Allow false reports about actuators that are idle because of an order: a monitor may find them stuck."""
         lost = lost_elements(self._spec, Situation(frozenset({element})))
         for module in self._spec.modules.values():
             if f"module:{module.name}" in lost or f"device:{module.device}" in lost:

@@ -1,4 +1,4 @@
-"""A scenario, which lists the faults of a flight and describes the aircraft, and the outcome of its flight.
+"""The description of a drawn flight (`Scenario`), and its result (`Outcome`).
 
 A flight starts when the first configuration runs. Then the faults are injected, and after them the aircraft gets time
 to converge (`end_of_flight`).
@@ -28,7 +28,7 @@ _LONGEST_START_NS = 20 * _NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """The faults to inject, the quality of the buses, and the kind of aircraft."""
+    """The description of one flight: its faults, the quality of its buses, the number of managers, the key."""
 
     seed: int
     seconds: float
@@ -42,10 +42,13 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a flight.
+    """The result of a flight.
 
-    hits: injections by kind and state of the protocol. entered: how often each state was entered. unjudged: for each
-    rule the time in ns in which it was waived.
+    digest: digest of all frames
+    frames: number of frames on all buses
+    hits: number of injections by kind of fault and state of the protocol
+    entered: how often each state of the protocol was entered
+    unverified: by rule of an oracle, the time in ns in which the rule was waived
     """
 
     scenario: Scenario
@@ -60,7 +63,10 @@ class Outcome:
 
 
 def lossy(share: float) -> Faults:
-    """Give the quality of a bus on which this share of frames is destroyed, and a tenth of it is missed or doubled."""
+    """Return the quality of a bus that destroys this share of all frames.
+
+    A receiver misses a tenth of this share of frames, and gets a tenth of it twice.
+    """
     return Faults(share, share / 10, share / 10)
 
 
@@ -74,9 +80,9 @@ def _nothing(_simulation: Simulation, _start_ns: int) -> None:
 
 
 def play(spec: Spec, scenario: Scenario, begun: Callable[[Simulation, int], None] = _nothing) -> Outcome:
-    """Fly a scenario to its end, and give its outcome.
+    """Simulate a flight to its end, and return its outcome.
 
-    begun: called when the first configuration runs, with the time at which it began to.
+    begun: is called when the first configuration runs, with that time.
     """
     has_key = scenario.keyed or need_key(scenario.faults)
     simulation = Simulation(

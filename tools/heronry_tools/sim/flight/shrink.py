@@ -2,11 +2,12 @@
 
 First halves of the list are left out, then quarters, down to single faults, as long as the flight still fails in the
 same way (Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002); ddmin, without
-the steps that try a part alone). The result fails, and does not fail if any one fault is left out. Then each fault is
-made simpler: shorter, and injected at its time instead of in a state. The flight is made to end with its last fault.
+the steps that try a part alone). The result fails, and no longer fails if any one fault is left out. Then each fault is
+made simpler: shorter, and injected at its time instead of in a state. Finally the flight is ended with its last fault.
 
-A fault's random draws do not depend on the other faults (`injections`), but the state of the flight does: without one
-fault, another fault may meet another state. So the search may miss a shorter list; its result is verified by a flight.
+The random numbers of a fault do not depend on the other faults (`injection.schedule`), but the state of the flight
+does: without one fault, another fault may meet another state. So the search may miss a shorter list; its result is
+verified by a flight.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from heronry_tools.sim.oracles.violation import MISSED
 
 
 def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
-    """Give the shortest failing flight that was found, starting from a failing one."""
+    """Return the shortest failing flight that was found, starting from a failing one; `fly` simulates a flight."""
     rules = {violation.rule for violation in outcome.violations} - {MISSED}
     best = _whole(outcome, fly, rules)
     parts = 2
@@ -36,14 +37,17 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Give the flight that lasts until all its faults are over, as `--act` would fly it, if that flight fails, too."""
+    """Return a flight that fails and lasts until all its faults are over, as `--act` makes it.
+
+    If the longer flight does not fail, return `outcome`.
+    """
     scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.faults)))
     whole = outcome if scenario == outcome.scenario else fly(scenario)
     return whole if _fails(whole, rules) else outcome
 
 
 def _plainer(best: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Make each fault simpler, and the flight shorter, as long as the flight fails."""
+    """Make each fault simpler, and the flight shorter, as long as the flight still fails."""
     for position in range(len(best.scenario.faults)):
         for make_plain in (_without_state, _half_as_long, _half_as_long, _half_as_long):
             faults = best.scenario.faults
@@ -73,7 +77,7 @@ def _fails(outcome: Outcome, rules: set[str]) -> bool:
 def _without_a_part(
     faults: tuple[Fault, ...], parts: int, scenario: Scenario, fly: Callable[[Scenario], Outcome], rules: set[str]
 ) -> Outcome | None:
-    """Leave out each part of the list in turn; give the first flight that still fails, or None."""
+    """Leave out each of `parts` parts of the list in turn; return the first flight that still fails, or None."""
     bounds = [len(faults) * i // parts for i in range(parts + 1)]
     for begin, end in pairwise(bounds):
         outcome = fly(replace(scenario, faults=faults[:begin] + faults[end:], drawn=False))

@@ -1,10 +1,10 @@
-"""One run: an aircraft of simulated nodes, the faults injected into it, and the observations of the oracles.
+"""One simulated flight: an aircraft of simulated nodes, the faults injected into it, and the oracles that observe it.
 
 All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So a spec, a
 seed and a list of faults give the same frames, bit for bit; `digest` is a digest of all frames.
 
-The parts: `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices), `operator`. Only `truth` holds
-the real situation, which the cores must find out. The oracles (`checks`) get the truth, the frames and the driven
+The parts are `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices) and `operator`. Only `truth`
+holds the real situation, which the cores must find out. The oracles (`checks`) get the truth, the frames and the driven
 outputs, but no state of a core.
 """
 
@@ -47,7 +47,7 @@ _LATEST_START_NS = 200 * MS
 
 
 class Simulation:
-    """One run, simulated up to `now_ns`."""
+    """One flight, simulated up to the virtual time `now_ns`."""
 
     def __init__(
         self,
@@ -66,17 +66,17 @@ class Simulation:
         aloft_ns: int = 0,
         plant: PlantOfDevices | None = None,
     ) -> None:
-        """Switch on all nodes, each at a drawn moment in the first 200 ms.
+        """Switch on all nodes, each at a random moment in the first 200 ms.
 
-        faults: the quality of every bus for the whole run.
-        decide_ns: the longest duration of a planning run; each is drawn between half of it and all of it.
-        skew_ppm: the largest error of a clock.
-        contingencies: contingencies on board cover up to so many faults; None: no contingencies.
-        key: the key of managers and PEs; None: no key.
-        standby: there are two managers, 126 and 127; each is the standby manager while the other is active.
-        absent: PEs to start only later, by `Fleet.arrive`.
-        aloft_ns: at which moment of the scripted flight the run starts.
-        plant: what the devices read and move; None: the scripted flight.
+        faults: quality of every bus for the whole flight
+        decide_ns: longest duration of a planning run; each takes between half of it and all of it
+        skew_ppm: largest error of a clock
+        contingencies: number of faults for which contingencies are on board; None: no contingencies are made
+        key: the key of managers and PEs; None without authentication
+        standby: whether there are two managers, 126 and 127, each being the standby manager while the other is active
+        absent: PEs that are started only later, by `Fleet.arrive`
+        aloft_ns: time of the scripted flight at which the simulation starts
+        plant: what the devices read and move; None: the scripted flight
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
@@ -124,21 +124,21 @@ class Simulation:
 
     @property
     def now_ns(self) -> int:
-        """Virtual time in ns since the start of the run."""
+        """Return the virtual time in ns since the start of the simulation."""
         return self.clock.now_ns
 
     @property
     def witness(self) -> Witness:
-        """Record of the functions whose outputs were heard on the manager's bus."""
+        """Return the record of the functions whose outputs were heard on the manager's bus."""
         return self.checks.witness
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """Events of the managers; of a standby manager only events about itself."""
+        """Return the events of the managers; of a standby manager only those about itself."""
         return self.managers.events
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
-        """Give the events of this kind of all managers."""
+        """Return the events with this name of all managers."""
         return self.managers.events_of(kind)
 
     def at(self, when_ns: int, what: Callable[[], None]) -> None:
@@ -154,13 +154,13 @@ class Simulation:
         self.clock.run_until(self.clock.now_ns + duration_ns)
 
     def digest(self) -> str:
-        """Digest of every frame so far with its time, bus and sender: 16 hexadecimal digits."""
+        """Return the digest of every frame so far with its time, bus and sender: 16 hexadecimal digits."""
         return self._frames.so_far()
 
     # Faults of devices and channels; those of PEs and managers are in `fleet` and `managers`
 
     def fail_device(self, device: str, how: Failure, offset: float = 0.0) -> None:
-        """Let a device fail in one of the ways of `Failure`; the modules may or may not detect it."""
+        """Make a device fail as `how` says; modules may or may not detect the failure."""
         self.world.fail(device, how, self.clock.now_ns, offset)
         self.truth.failed(f"device:{device}")
 
@@ -170,14 +170,14 @@ class Simulation:
         self.truth.failed(f"channel:{channel}")
 
     def mend_channel(self, channel: str) -> None:
-        """Mend a channel, unless another fault has broken it meanwhile."""
+        """Repair a channel, except if another fault has broken it too."""
         wire = self.wiring.channel(channel)
         wire.mend_wire()
         if not wire.broken:
             self.truth.is_back(f"channel:{channel}")
 
     def inspect(self, pe: str) -> DiagnosticClient:
-        """Let a diagnostic client inspect a PE by CANopen and CANaerospace, on the PE's uplink."""
+        """Let a diagnostic client inspect a PE on the PE's uplink, by CANopen and CANaerospace."""
         return DiagnosticClient(
             self.clock,
             self.wiring.buses[uplink_bus(self.spec, pe)],
@@ -189,19 +189,20 @@ class Simulation:
     # What the oracles have found
 
     def broken(self) -> list[Violation]:
-        """Give the violations so far of rules that hold at all times."""
+        """Return the violations so far of rules that hold at all times."""
         return self.checks.broken(self.truth.situation, self.wiring.clashes())
 
     def unsettled(self) -> list[Violation]:
-        """Give the present violations of rules that hold once the aircraft has converged."""
+        """Return the present violations of rules that hold once the aircraft has converged."""
         return self.checks.unsettled(self.truth.situation, self.now_ns)
 
     def settle(self) -> list[Violation]:
-        """Inject nothing until the aircraft has converged, or for the bound on that time; gives every violation.
+        """Simulate without further faults until the aircraft has converged, and return every violation.
 
-        The aircraft has converged when no requirement was violated for longer than the silence of a PE or function may
-        stay undetected. Data are counted (`planned_load`) only in the second half of that time: before, a controller
-        may still send queued frames, and a PE that returns may send what it ran before.
+        The aircraft has converged when no requirement was violated for a certain time: the longest time for which a
+        silent PE or function may stay undetected. If the aircraft does not converge in the time allowed, the simulation
+        ends too. The oracle `planned_load` counts data only in the second half of that certain time: before, a
+        controller may still send queued frames, and a PE that returns may send what it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)

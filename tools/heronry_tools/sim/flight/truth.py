@@ -1,8 +1,9 @@
 """The real situation of one flight, known only to the simulator and its oracles.
 
-An element is down if it has failed, is cut off, was declared failed by the operator, or was reported with an excuse. An
-excuse is given by `excuse`, or by a present fault because of which modules may report healthy elements. A module that
-has failed on one PE is down on that PE, and after a second PE everywhere, as for the manager.
+An element is down if it has failed, is cut off, was declared failed by the operator, or is healthy but was reported by
+a module that had an excuse. `excuse` gives an excuse; so does a present fault because of which modules may report
+healthy elements. As in the manager, a module that has failed on one PE is down on that PE, and after a second PE
+everywhere.
 """
 
 from collections import Counter
@@ -27,7 +28,7 @@ class Truth:
 
     @property
     def situation(self) -> Situation:
-        """The elements that are down, the phase that was requested last, and the priorities by the manager."""
+        """Return the elements that are down, the phase requested last, and the priorities in force."""
         excused = {
             element
             for element, t_ns in self._checks.reported.items()
@@ -40,11 +41,11 @@ class Truth:
         return Situation(gone, {}, self._checks.phase, self._checks.priorities)
 
     def broke(self, module: str, pe: str) -> None:
-        """Note that a module has failed on a PE: it is down on that PE, or down at all if it has no choice of PEs."""
+        """Set a module that has failed on a PE as down on that PE, or everywhere if it can run on that PE only."""
         self.failed(self._place(module, pe))
 
     def lacks(self, module: str, pe: str) -> None:
-        """Note that the code of a module is missing on a PE, whatever is cleared."""
+        """Set the code of a module as missing on a PE; clearing the module does not change that."""
         self._lacking.add(self._place(module, pe))
 
     def _place(self, module: str, pe: str) -> str:
@@ -52,25 +53,25 @@ class Truth:
         return place if place in places(self._spec, module) else f"module:{module}"
 
     def failed(self, element: str) -> None:
-        """Note that an element has failed; it no longer counts as cut off."""
+        """Set an element as failed; it no longer counts as cut off."""
         self._down.add(element)
         self._cut.discard(element)
 
     def is_back(self, element: str) -> None:
-        """Note that an element works again, and is not cut off; of a module, on every PE."""
+        """Set an element as healthy and not cut off; a module becomes healthy on every PE."""
         self._down = {one for one in self._down if element not in (one, module_of(one))}
         self._cut.discard(element)
 
     def cut(self, element: str) -> None:
-        """Note that an element is healthy but cut off."""
+        """Set a healthy element as cut off."""
         self._cut.add(element)
 
     def mended(self, element: str) -> None:
-        """Note that an element is no longer cut off."""
+        """Set an element as no longer cut off."""
         self._cut.discard(element)
 
     def excuse(self, module: str) -> None:
-        """Allow reports of a healthy module and its device: a servo that no module drives may look stuck.
+        """Allow false reports about a healthy module and its device: a servo that no module drives may look stuck.
 
         If no branch of a DEMUX is left, its surface stands still, so the sensors of that surface may look stuck, too.
         """

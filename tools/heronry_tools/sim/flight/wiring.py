@@ -11,12 +11,13 @@ from heronry_tools.sim.world.first_copies import FirstCopies
 
 
 class Wiring:
-    """Every wire of a spec."""
+    """The wires of all buses of a spec."""
 
     def __init__(self, spec: Spec, clock: Clock, seed: int, faults: Faults) -> None:
-        """faults: how often frames are lost, missed or doubled, on every wire and for the whole flight.
+        """Create the wires.
 
-        seed: of the random numbers that decide which frames these are.
+        faults: how often frames are lost, missed or doubled, on every wire and for the whole flight
+        seed: seed of the random numbers that decide which frames these are
         """
         self.faults = faults
         self.wires: Mapping[str, tuple[SimulatedBus, ...]] = {
@@ -30,13 +31,14 @@ class Wiring:
         self._both = {name: FirstCopies() for name, wires in self.wires.items() if len(wires) > 1}
 
     def tap(self, bus: str, tap: Callable[[Sent], None]) -> None:
-        """Call `tap` for every frame of a bus (for the first copy, if the bus is replicated); no node notices."""
+        """Call `tap` for every frame of a bus, unnoticed by the nodes; of a replicated bus only for first copies."""
         (self._both[bus].taps if bus in self._both else self.buses[bus].taps).append(tap)
 
     def watch(self, see: Callable[[Sent], None], channel: Callable[[int, Sent], None]) -> None:
         """Call `see` for every frame on every wire, and `channel` for every frame on a channel of a replicated bus.
 
-        To be called once, before the first `tap`: the first copies are determined from here on. Channels are 0 and 1.
+        The callback `channel` also gets the number of the channel, 0 or 1. Call this method once, before the first
+        `tap`, since first copies are determined from then on.
         """
         for name, wires in self.wires.items():
             for number, wire in enumerate(wires):
@@ -46,7 +48,7 @@ class Wiring:
                     wire.taps.append(self._both[name].see)
 
     def every_wire(self) -> dict[str, SimulatedBus]:
-        """Every wire, by the name of its bus, or of its channel if the bus is replicated."""
+        """Return every wire, by the name of its bus, or of its channel if the bus is replicated."""
         return {
             name if len(wires) == 1 else f"{name}.{number}": wire
             for name, wires in self.wires.items()
@@ -54,15 +56,15 @@ class Wiring:
         }
 
     def channel(self, name: str) -> SimulatedBus:
-        """Give the wire of a channel of a replicated bus, by its name (`can0.1`)."""
+        """Return the wire of a channel of a replicated bus, by its name (`can0.1`)."""
         bus, _, number = name.rpartition(".")
         return self.wires[bus][int(number) - 1]
 
     def clashes(self) -> list[Clash]:
-        """Give the clashes on all wires so far."""
+        """Return, for all wires, the arbitrations so far in which two stations sent under one identifier."""
         return [clash for wires in self.wires.values() for wire in wires for clash in wire.clashes]
 
     def tamper(self, frame: Sent, tampering: Tampering) -> None:
-        """Let one frame known from an equal run be lost or doubled."""
+        """Lose or double one certain frame, which is known from an earlier flight with equal frames."""
         for wire in self.wires[frame.bus]:
             wire.tamper = lambda sent: tampering if sent == frame else None

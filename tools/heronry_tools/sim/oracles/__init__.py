@@ -1,4 +1,5 @@
 """The oracles: each verifies in every simulated flight one thing that must hold.
 
-An oracle reads the frames on the buses and the faults that were injected. It asks no core of a manager or PE.
+An oracle reads the frames on the buses and knows the faults that were injected. It does not read the state of a manager
+or a PE.
 """

@@ -14,7 +14,7 @@ from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 
 
 class ActiveTerm:
-    """Derives the active term from the terms that commands name on the managers' bus."""
+    """Derives the active term from the terms that commands on the managers' bus name."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
         self.number = 0
@@ -25,7 +25,7 @@ class ActiveTerm:
         self._claims: dict[str, tuple[int, int | None]] = {}  # by station: its term, and when its first TAG came
 
     def named(self, t_ns: int, term: int, station: str = "") -> bool:
-        """Note that a manager has named its term; tells whether this term is active, or is claimed."""
+        """Read the term that a command names; return whether this term is active or claimed."""
         if term < self.number and t_ns - self._named_ns <= self.lease_ns:
             return False
         if self._has_key and term > self.number:
@@ -36,7 +36,7 @@ class ActiveTerm:
         return True
 
     def tagged(self, t_ns: int, station: str) -> None:
-        """Note that a manager has sent a TAG."""
+        """Record that a manager has sent a TAG."""
         if station not in self._claims:
             return
         term, first_ns = self._claims[station]
@@ -46,5 +46,5 @@ class ActiveTerm:
             self.number, self._named_ns = term, t_ns
 
     def is_claimed(self, term: int, station: str) -> bool:
-        """Tell whether this term is claimed only, so that some PEs may not accept it yet."""
+        """Tell whether a term is only claimed, so that some PEs may not accept it yet."""
         return term > self.number and self._claims.get(station, (0, 0))[0] == term

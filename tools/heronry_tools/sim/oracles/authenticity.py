@@ -57,7 +57,7 @@ _Accepted = tuple[int, Place]  # manager, place
 
 @dataclass(slots=True)
 class _Pe:
-    """The commands that explain the reports of one PE so far, and a lower bound of those that it has accepted."""
+    """The commands that explain what one PE has reported so far, and a lower bound of those that it has accepted."""
 
     name: str
     node: int
@@ -75,7 +75,7 @@ class _Pe:
 
 
 class AuthenticityCheck(Oracle):
-    """Compares the PEs' reports with the proven commands."""
+    """Verifies that a proven command explains each report of a PE."""
 
     def __init__(self, spec: Spec, key: Key) -> None:
         super().__init__()
@@ -90,15 +90,15 @@ class AuthenticityCheck(Oracle):
             self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
 
     def may_count_again(self) -> None:
-        """From now on a manager may reuse command numbers of its present term."""
+        """Allow a manager, from now on, to reuse command numbers of its present term."""
         self._may_count_again = True
 
     def manager_copied(self, _station: str, _twin: str) -> None:
-        """From now on two managers number their commands independently."""
+        """Allow two managers, from now on, to number their commands independently."""
         self._may_count_again = True
 
     def seen(self, sent: Sent) -> None:
-        """Take a frame of any sender on any bus."""
+        """Read a frame of any sender on any bus."""
         for pes, assess in ((self._pes, self._state), (self._emcys, self._emergency)):
             pe = pes.get(sent.frame.can_id)
             if pe is not None:
@@ -184,7 +184,7 @@ class AuthenticityCheck(Oracle):
 
 
 def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
-    """Note a proven command that this PE could accept, so that the command can explain later reports of the PE."""
+    """Record a proven command that this PE could accept; later reports of the PE may be explained by it."""
     message = proven.message
     if isinstance(message, Lease):
         pe.leases[proven.manager, proven.place] = t_ns

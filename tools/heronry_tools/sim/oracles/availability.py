@@ -1,13 +1,14 @@
-"""Denial has a price: with a key, forged frames below a tenth of a bus deny nothing (protocol rule 11).
+"""With a key, forged frames on less than a tenth of a bus deny no service (protocol rule 11).
 
-In a flight with a key into which nothing but forged frames of less than a tenth of a bus were injected, the oracle
-requires that
+The oracle verifies flights with a key whose only faults are forged frames on less than a tenth of a bus. It requires
+that
 
 - no function that was heard falls silent for longer than T_lease (or than its own patience, where that is longer);
-- the active manager leaves no PE out of its ALIVE that it has named;
+- each ALIVE of the active manager names every PE that its ALIVEs have named before;
 - the active manager ends no session (RENEW).
 
-Not verified: a flight with any other fault or order. There the other oracles decide, and they know no attacker.
+Not verified: a flight with any other fault or order. There the other oracles decide, which make no exception for an
+attacker.
 """
 
 from collections.abc import Collection
@@ -23,7 +24,7 @@ from heronry_wire.management import Control, ManagementMessage, Operation
 
 
 class AvailabilityCheck(Oracle):
-    """Notes which PEs the active manager leaves out, and which sessions it ends."""
+    """Records which PEs the active manager no longer names, and which sessions it ends."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -33,19 +34,19 @@ class AvailabilityCheck(Oracle):
         self._lost: list[Violation] = []
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """Note the PEs that an ALIVE leaves out."""
+        """Record the PEs that this ALIVE of the active manager does not name, though an earlier one did."""
         self._lost += [_violation(t_ns, f"{pe} was left out by the manager") for pe in sorted(self._named - pes)]
         self._named = pes
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Note the end of a session."""
+        """Record that the active manager ends the session of a PE, if the command is a RENEW."""
         if isinstance(message, Control) and message.operation is Operation.RENEW:
             self._lost.append(_violation(t_ns, f"the manager has ended its session with {self._pe_of[message.node]}"))
 
     def denials(self, faults: Collection[Fault], witness: Witness, span_ns: range) -> list[Violation]:
-        """Give what was denied in a flight, from its first configuration to its end.
+        """Return what was denied between the first configuration and the end of a flight.
 
-        faults: everything that was injected. span_ns: begin and end.
+        faults: everything that was injected. span_ns: begin and end of that time.
         """
         cheap = all(fault.kind in DENIALS and fault.level < UNPRICED_PERCENT for fault in faults)
         if not faults or not cheap:

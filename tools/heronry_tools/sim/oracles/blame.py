@@ -32,17 +32,17 @@ _REPORTS_NO_FAULT = (
 
 
 class BlameCheck(Oracle):
-    """Collects the faults that PEs report."""
+    """Collects the elements that PEs report as failed, and compares them with the injected faults."""
 
     def __init__(self, spec: Spec) -> None:
-        """spec: its order of elements gives the indices in EMCYs."""
+        """Begin without reports; the order of elements in `spec` gives the indices in EMCYs."""
         super().__init__()
         self._places = Places(spec)
         self._reported: dict[str, Violation] = {}
         self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
 
     def emergency(self, sent: Sent, _pe: str, _message: Emergency | Malformed) -> None:
-        """Note the element that a PE's EMCY reports."""
+        """Read the EMCY of a PE: record the element that it reports, or drop the one whose report it withdraws."""
         element, detail = self._reported_by(sent)
         if element is None:
             return
@@ -50,7 +50,7 @@ class BlameCheck(Oracle):
         self._reported.setdefault(element, Violation(sent.end_ns, "blame", story))
 
     def handed_on(self, sent: Sent) -> None:
-        """Note the report of a cleared element again if a gateway forwards a late EMCY about the element.
+        """Record again the report of a cleared element, if a gateway forwards a late EMCY about it.
 
         The manager believes that EMCY.
         """
@@ -74,17 +74,17 @@ class BlameCheck(Oracle):
 
     @property
     def reported(self) -> dict[str, int]:
-        """Elements that some PE has reported, rightly or wrongly, each with the time (ns)."""
+        """Return the elements that some PE has reported, rightly or wrongly, each with the time (ns)."""
         return {element: violation.t_ns for element, violation in self._reported.items()}
 
     def unfounded(self, truth: Situation) -> list[Violation]:
-        """Give the reports of elements that are not down in `truth`."""
+        """Return a violation for each reported element that is not down in `truth`."""
         return [violation for element, violation in self._reported.items() if not _is_down(element, truth)]
 
 
 def _is_down(element: str, truth: Situation) -> bool:
     """Tell whether an element is down in `truth`.
 
-    Of a place (`module:NAME@PE`), whether the module is down everywhere.
+    A place (`module:NAME@PE`) is also down where its module is down everywhere.
     """
     return element in truth.down or module_of(element) in truth.down

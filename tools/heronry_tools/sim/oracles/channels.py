@@ -41,10 +41,10 @@ class _Sending:
 
 
 class ChannelCheck(Oracle):
-    """Follows every copy of every transmission."""
+    """Verifies how nodes treat the two copies of each transmission on a replicated bus."""
 
     def __init__(self, spec: Spec) -> None:
-        """spec: gives the nodes and the replicated buses."""
+        """Begin without frames; `spec` gives the nodes and the replicated buses."""
         super().__init__()
         self._spec = spec
         self._sendings: dict[tuple[str, int], _Sending] = {}  # by node and identity
@@ -53,7 +53,7 @@ class ChannelCheck(Oracle):
         self._gap_ended: dict[tuple[str, str, int], int] = {}
 
     def copied(self, copy: Copy) -> None:
-        """Note that a channel has delivered a copy to a node."""
+        """Record a copy that a channel has delivered to a node."""
         while self._order and self._order[0][0] < copy.t_ns - REMEMBERED_NS:
             del self._sendings[self._order.popleft()[1]]
         key = copy.node, id(copy.frame)
@@ -72,16 +72,16 @@ class ChannelCheck(Oracle):
         self._sign(copy.t_ns, copy.node, copy.bus, copy.channel, "in")
 
     def _equal(self, sending: _Sending, within_ns: int) -> list[_Sending]:
-        """Give all transmissions that their node may take for the same one as `sending`, with `sending` itself."""
+        """Return the transmissions that a node may take for the same one as `sending`; this one is among them."""
         known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
         return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
 
     def carried(self, channel: int, sent: Sent) -> None:
-        """Note that a channel, 0 or 1, has carried a frame."""
+        """Record a frame that a channel, 0 or 1, has carried."""
         self._sign(sent.end_ns, sent.sender, sent.bus, channel, "out")
 
     def emergency(self, sent: Sent, pe: str, emergency: Emergency | Malformed) -> None:
-        """Verify an EMCY of a PE that reports a lost channel."""
+        """Verify the EMCY of a PE that reports a lost channel."""
         if isinstance(emergency, Malformed) or emergency.kind is not ElementKind.CHANNEL:
             return
         if emergency.code is not FaultCode.CHANNEL_LOST:

@@ -1,6 +1,6 @@
-"""`Checks`: all oracles of one run (`registry`), with their inputs and their violations.
+"""`Checks`: all oracles of one flight (`registry`), with their inputs and their violations.
 
-Frames come in by `see`. Other events (steps of modules, faults, orders) are reported by the code that causes them.
+Frames come in by `see`. The code that causes other events (steps of modules, faults, orders) reports them here.
 """
 
 from collections.abc import Collection, Sequence
@@ -26,7 +26,7 @@ from heronry_wire.pe_table import PeTable
 
 
 class Checks:
-    """The oracles of one run."""
+    """The oracles of one flight, and the methods by which the simulator reports events to them."""
 
     def __init__(
         self,
@@ -35,11 +35,11 @@ class Checks:
         key: Key | None = None,
         read_journal: Read = lambda _: None,
     ) -> None:
-        """Watch runs of this spec.
+        """Create the oracles for a flight of this spec.
 
-        tables: the tables of the PEs; needed only if a contingency is on board.
-        key: the key of managers and PEs, if they have one.
-        read_journal: gives the bytes of the journal of the manager at a station.
+        tables: the tables of the PEs; needed only if a contingency is on board
+        key: the key of managers and PEs; None without authentication
+        read_journal: returns the bytes of the journal of the manager at a station
         """
         self._spec = spec
         self._known = Known(spec, tables, key, read_journal)
@@ -56,151 +56,160 @@ class Checks:
     # What is seen
 
     def see(self, sent: Sent) -> None:
-        """Take a frame from any bus, and pass it to the oracles."""
+        """Give the oracles a frame of any bus."""
         self._frames.see(sent)
         for oracle in self._of_frames:
             oracle.seen(sent)
 
     def copied(self, copy: Copy) -> None:
-        """A channel of a replicated bus has delivered a copy of a frame to a node."""
+        """Report to the oracles that a channel of a replicated bus has delivered a copy of a frame to a node."""
         for oracle in self._of_copies:
             oracle.copied(copy)
 
     def carried(self, channel: int, sent: Sent) -> None:
-        """A channel of a replicated bus, 0 or 1, has carried a frame."""
+        """Report to the oracles that a channel of a replicated bus, 0 or 1, has carried a frame."""
         for oracle in self._of_channels:
             oracle.carried(channel, sent)
 
     def moved(self, moved: Moved) -> None:
-        """A PE has allowed the device of a module to move."""
+        """Report to the oracles that a PE has allowed the device of a module to move."""
         for oracle in self._of_moves:
             oracle.moved(moved)
 
     def driven(self, driven: Driven) -> None:
-        """A module that drives an output was stepped."""
+        """Report to the oracles a step of a module that drives an output."""
         for oracle in self._of_driving:
             oracle.driven(driven)
 
     def looked(self, stepped: Driven) -> None:
-        """A module that drives no output was stepped, and the simulator recorded its inputs."""
+        """Report to the oracles a step, with its inputs, of a module that drives no output."""
         for oracle in self._of_looks:
             oracle.looked(stepped)
 
     # What is done to the aircraft
 
     def bus_split(self, t_ns: int, bus: str, is_split: bool) -> None:
-        """A bus has broken in the middle (`is_split`), or was mended."""
+        """Report to the oracles that a bus has broken in the middle (`is_split`), or was repaired."""
         self._known.solitude.split(t_ns, bus)
         for oracle in self._oracles:
             oracle.bus_split(t_ns, bus, is_split)
 
     def altered(self) -> None:
-        """From now on data frames are altered in a way that their CRC does not detect."""
+        """Report to the oracles that from now on data frames are altered in a way that their CRC does not detect."""
         for oracle in self._oracles:
             oracle.altered()
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """A second manager is about to start at station `twin`, with a copy of the journal of `station`."""
+        """Report to the oracles that a second manager is about to start, at station `twin`.
+
+        It has a copy of the journal of the manager at `station`.
+        """
         for oracle in self._oracles:
             oracle.manager_copied(station, twin)
 
     def manager_died(self, t_ns: int, station: str) -> None:
-        """The manager at this station has died; its journal remains on its disk."""
+        """Report to the oracles that the manager at this station has died; its journal remains on its disk."""
         for oracle in self._oracles:
             oracle.manager_died(t_ns, station)
 
     def may_count_again(self) -> None:
-        """From now on a manager may reuse command numbers of its present term."""
+        """Allow a manager, from now on, to reuse command numbers of its present term."""
         for oracle in self._oracles:
             oracle.may_count_again()
 
     def may_forget_phase(self) -> None:
-        """From now on a manager may begin its mastership without all that was known of the phase."""
+        """Allow a manager, from now on, to begin its mastership without all that was known of the phase."""
         for oracle in self._oracles:
             oracle.may_forget_phase()
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """The operator has ordered a phase, and the manager has accepted the order in this term."""
+        """Report to the oracles that a manager has accepted, in this term, the operator's order for a phase."""
         for oracle in self._oracles:
             oracle.ordered(t_ns, phase, term)
 
     def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
-        """The operator has ordered a priority (None: that of the spec), and the manager has accepted the order."""
+        """Report to the oracles that a manager has accepted the operator's order for a priority.
+
+        A `priority` of None is the priority of the spec.
+        """
         for oracle in self._oracles:
             oracle.set_priority(t_ns, function, priority)
 
     def script_ordered(self, t_ns: int, term: int | None) -> None:
-        """The operator has ordered a script, and a manager has accepted it in this term; None: a release."""
+        """Report to the oracles that a manager has accepted, in this term, a script of the operator.
+
+        A `term` of None means that the manager has released the script.
+        """
         for oracle in self._oracles:
             oracle.script_ordered(t_ns, term)
 
     def declared(self, t_ns: int, element: str) -> None:
-        """The operator has declared that an element has failed, and a manager now plans without the element."""
+        """Report to the oracles that a manager now plans without an element that the operator has declared failed."""
         for oracle in self._oracles:
             oracle.failed(t_ns, element)
 
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
-        """The operator has cleared an element.
+        """Report to the oracles that the operator has cleared an element.
 
-        truth: the real situation just before. everywhere: False where only one manager knows of the order.
+        truth: the real situation just before. everywhere: False if only one of two managers knows of the order.
         """
         for oracle in self._oracles:
             oracle.cleared(t_ns, element, truth, everywhere=everywhere)
 
     def wrong(self, t_ns: int, story: str) -> None:
-        """A diagnostic client has found that a PE does not behave as a CANopen node must."""
+        """Record a violation: a diagnostic client has found that a PE does not behave as a CANopen node must."""
         self._inspections.append(Violation(t_ns, "inspection", story))
 
     # What is known
 
     @property
     def witness(self) -> Witness:
-        """Record of the functions whose outputs were heard on the managers' bus."""
+        """Return the record of the functions whose outputs were heard on the managers' bus."""
         return self._known.witness
 
     @property
     def reported(self) -> dict[str, int]:
-        """Elements that some PE has reported as failed, and when."""
+        """Return the elements that some PE has reported as failed, each with the time (ns)."""
         return self._known.blame.reported
 
     @property
     def phase(self) -> str | None:
-        """The mission phase that the operator or a PE requested last; at first the initial phase of the spec."""
+        """Return the mission phase that the operator or a PE requested last; at first the initial phase of the spec."""
         return self._known.phases.current
 
     @property
     def priorities(self) -> dict[str, int]:
-        """Priorities that differ from the spec's, by function, as the active manager has announced them last."""
+        """Return the priorities in force, by function, where they differ from those of the spec."""
         return dict(self._known.priorities.current)
 
     @property
     def epoch(self) -> int | None:
-        """The epoch that was activated last; None before the first one."""
+        """Return the epoch that was activated last; None before the first one."""
         current = self._known.commanded.current
         return None if current is None else current.number
 
     @property
     def settling_ns(self) -> int:
-        """Longest time for which a critical function may be silent after a fault."""
+        """Return the longest time for which a critical function may be silent after a fault."""
         return self._known.service.longest_ns
 
     def planned(self, pe: str) -> dict[str, str]:
-        """Give the modules, with their modes, that the epoch activated last runs on a PE."""
+        """Return the modules, with their modes, that a PE runs in the epoch activated last."""
         epoch = self._known.commanded.current
         configuration = None if epoch is None else epoch.configuration
         running = {} if configuration is None else configuration.modules
         return {name: one.mode for name, one in running.items() if one.pe == pe}
 
     def liveness_bound_ns(self) -> int:
-        """Longest time from now until the aircraft must have converged, if nothing more is done to it."""
+        """Return the longest time from now until the aircraft must have converged, if no further fault is injected."""
         return self._known.losses.bound_ns()
 
     # What was found
 
     def broken(self, truth: Situation, clashes: list[Clash]) -> list[Violation]:
-        """Give the violations so far of rules that hold at all times.
+        """Return the violations so far of rules that hold at all times.
 
-        `clashes` are those that the buses have recorded.
+        clashes: arbitrations in which two stations sent under one identifier.
         """
         stories = [
             Violation(c.t_ns, "clash", f"{' and '.join(c.stations)} both wanted to send {c.can_id} on {c.bus}")
@@ -211,7 +220,7 @@ class Checks:
         return sorted([*found, *self._known.blame.unfounded(truth), *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
-        """Give the violations at this moment of rules that hold once a run has settled."""
+        """Return the present violations of rules that hold once the aircraft has converged."""
         known = self._known
         seen = Seen(
             known.epochs.last,
@@ -224,15 +233,18 @@ class Checks:
         return end_state(self._spec, truth, now_ns, seen)
 
     def is_well(self, t_ns: int) -> None:
-        """Note that the aircraft has converged: from now on `planned_load` counts the frames on the buses."""
+        """Begin to count data frames for the oracle `planned_load`, since the aircraft has converged."""
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Give the data that were sent since `is_well` and are not planned; `truth` is what is really down."""
+        """Return violations for data that were sent since `is_well` but are not planned.
+
+        truth: the real situation.
+        """
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
 
     def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
-        """Give what forged frames alone have denied in a flight with a key.
+        """Return what forged frames alone have denied in a flight with a key.
 
         faults: everything that was injected. has_others: whether anything else was done. span_ns: begin and end.
         """
@@ -240,7 +252,7 @@ class Checks:
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
-        """Give the critical functions that were silent in flight without need.
+        """Return a violation for each critical function that was silent without need.
 
         injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """

@@ -1,16 +1,16 @@
 """The configurations that the managers have commanded, by epoch, read back from the frames.
 
-PREPARE opens an epoch. The head of a SLICE names a PE that takes part, the length of its slice, and a digest. Bodies
-bring the bytes of the slice, unless the digest names bytes that were sent before or are on board. Where PREPARE names a
-contingency by its number, a PE without a head takes the slice that its table has under that number. While an epoch is
-being prepared, a manager may still send slices of the epoch before to a PE that is late. Each command names its epoch,
-so the oracle can tell the two apart.
+PREPARE opens an epoch. Each SLICE has a first frame, the *head*, and further frames, the *bodies*. The head names a PE
+that takes part in the epoch, the length of its slice, and a digest. The bodies bring the bytes of the slice, unless the
+digest names bytes that were sent before or are on board. If PREPARE names a contingency by its number, a PE without a
+head takes the slice that its table has under that number. While an epoch is being prepared, a manager may still send
+slices of the epoch before to a PE that is late. Each command names its epoch, so the oracle can tell the two apart.
 
 From the first ACTIVATE of an epoch on, its configuration is put together as soon as all slices have been seen. The
 manager does not wait for a PE beyond a radio, so the slice of that PE may come later.
 
-Epochs that a manager prepares while it is not active are kept apart: no PE need follow that manager. A later active
-manager may adopt such an epoch; its LEASE then names in a higher term what was prepared in a lower one.
+Epochs that a manager prepares while it is not active are kept apart: no PE has to accept their commands. A later active
+manager may adopt such an epoch; its LEASE then names, in a higher term, what was prepared in a lower one.
 
 Nothing here is read from a manager: a slice that was never on the bus cannot be put together.
 """
@@ -38,7 +38,7 @@ from heronry_wire.state_frames import StatePage1
 
 
 def elements_by_kind(spec: Spec) -> dict[ElementKind, list[str]]:
-    """Give the elements of each kind in the order of their indices in CONTROL and EMCY."""
+    """Return the elements of each kind in the order of their indices in CONTROL and EMCY."""
     return {
         ElementKind.PE: [f"pe:{pe}" for pe in spec.pes],
         ElementKind.DEVICE: [f"device:{device}" for device in spec.devices],
@@ -48,7 +48,7 @@ def elements_by_kind(spec: Spec) -> dict[ElementKind, list[str]]:
 
 
 def _low(message: ManagementMessage) -> int:
-    """Give the low byte of the epoch that a command names; -1 where the command names no epoch."""
+    """Return the low byte of the epoch that a command names; -1 if the command names no epoch."""
     match message:
         case SliceHead() | SliceBody():
             return message.epoch_low
@@ -60,7 +60,10 @@ def _low(message: ManagementMessage) -> int:
 
 @dataclass(slots=True)
 class Epoch:
-    """One epoch, as its commands were heard; `configuration` is known once the epoch was activated and put together."""
+    """An epoch as its commands were heard.
+
+    Its `configuration` is set when the epoch was activated and all its slices are known.
+    """
 
     number: int
     digest: int
@@ -76,15 +79,18 @@ class Epoch:
     flaw: str | None = None  # why no configuration can be put together
 
     def has(self, node: int) -> bool:
-        """Tell whether a node takes part: it gets a slice, or has staged the slice that it had on board."""
+        """Tell whether a node takes part in the epoch.
+
+        It does if a slice was sent to it, or if it has staged a slice that it had on board.
+        """
         return node in self.heads or node in self.staged
 
 
 class Commanded:
-    """Follows the commands on the managers' bus."""
+    """Puts the configuration of each epoch together from the commands on the managers' bus."""
 
     def __init__(self, spec: Spec, tables: Iterable[PeTable] = ()) -> None:
-        """tables: the tables of the PEs; needed only if a contingency is on board."""
+        """Begin without epochs; `tables`, those of the PEs, are needed only if a contingency is on board."""
         self._spec = spec
         self._on_board = {table.node_id: table.preloaded() for table in tables}
         self._modules = list(spec.modules.values())
@@ -108,7 +114,11 @@ class Commanded:
         self.current: Epoch | None = None
 
     def take(self, t_ns: int, message: ManagementMessage, *, is_active: bool = True) -> Epoch | None:
-        """Follow a command; gives an epoch after its first ACTIVATE, once it is put together or certainly cannot be."""
+        """Read a command; return an epoch after its first ACTIVATE, else None.
+
+        The epoch is returned once, when its configuration is known or certainly cannot be put together. Commands of a
+        manager that is not active (`is_active` False) are kept apart.
+        """
         prepared = self._prepared if is_active else self._apart
         epoch = prepared.get(_low(message))
         match message:
@@ -136,22 +146,25 @@ class Commanded:
         return self._put_together(epoch)
 
     def digests(self, page: StatePage1) -> list[int]:
-        """Give the possible digests of the epoch that a page 1 names."""
+        """Return the possible digests of the epoch that a page 1 names."""
         return [epoch.digest for epoch in self._named(page.staged_epoch)]
 
     def staged(self, node: int, page: StatePage1) -> None:
-        """Follow a page 1, in which a PE reports the epoch that it has staged."""
+        """Read a page 1, in which a PE reports the epoch that it has staged."""
         for epoch in self._named(page.staged_epoch):
             if (page.staged_epoch, page.staged_digest) == (epoch.number, epoch.digest):
                 epoch.staged.add(node)
 
     def _named(self, number: int) -> list[Epoch]:
-        """Give the epochs that a number may mean, that of the active manager first."""
+        """Return the epochs with this number, first that of the active manager."""
         known = (self._prepared.get(number & 0xFF), self._apart.get(number & 0xFF), self.epochs.get(number))
         return [epoch for epoch in known if epoch is not None]
 
     def _put_together(self, epoch: Epoch) -> Epoch | None:
-        """Set the configuration or the flaw of an activated epoch; give None while missing bytes may still come."""
+        """Set the configuration of an activated epoch, or its flaw, and return the epoch.
+
+        While bytes that are still missing may come, do nothing and return None.
+        """
         slices = {pe.node_id: self._called(epoch, pe.node_id) for pe in self._spec.pes.values()}
         for node, head in epoch.heads.items():
             if (body := self._bytes.get((node, head.length, head.digest))) is not None:
@@ -174,12 +187,12 @@ class Commanded:
         return epoch
 
     def _called(self, epoch: Epoch, node: int) -> bytes:
-        """Give the slice that a node has on board under the number of the epoch's contingency; empty if none."""
+        """Return the slice that a node has on board for the contingency of the epoch; empty if it has none."""
         held = self._on_board.get(node, ())[: epoch.contingency][epoch.contingency - 1 :] if epoch.contingency else ()
         return next((one.slice for one in held if one.digest == epoch.digest), b"")
 
     def _keep(self, head: SliceHead | None, frames: dict[int, bytes]) -> None:
-        """Keep the bytes of a slice if all of them have been sent."""
+        """Keep the bytes of a slice if all its frames have been sent."""
         count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
         if head is not None and all(index in frames for index in range(1, count + 1)):
             body = b"".join(frames[index] for index in range(1, count + 1))[: head.length]

@@ -32,7 +32,7 @@ class ConfigurationCheck(Oracle):
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """Verify an epoch, or report that its configuration cannot be put together."""
+        """Verify the configuration of an epoch, or record that it cannot be put together."""
         self.violations += [Violation(t_ns, "configuration", story) for story in self._assess(epoch)]
 
     def _assess(self, epoch: Epoch) -> list[str]:

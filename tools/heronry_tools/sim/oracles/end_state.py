@@ -1,15 +1,15 @@
-"""The requirements on the aircraft once no more faults are injected, given the true situation and the best plan for it.
+"""What must hold once no more faults are injected, compared with the true situation and the best plan for it.
 
 - Every healthy PE reports within its heartbeat period that it is ACTIVE, and all are in one epoch. A PE is healthy if
   it runs and can reach the manager's bus.
 - The configuration that was activated last is legal in the true situation. In levels 1 to 3 (criticality, utility,
-  inputs) its value is no less than that of the best plan. While a script of the operator is held, this is required in
-  level 1 only. A failed device or module counts only once its failure was reported and acknowledged, or declared by the
-  operator. Where no PE is left, nothing is required, since no PE can run another configuration.
+  inputs) its value is no less than that of the best plan. While the manager holds a script of the operator, this is
+  required in level 1 only. A failed device or module counts only once its failure was reported and acknowledged, or
+  declared by the operator. If no PE is left, nothing is required, since no PE can run another configuration.
 - The phase that the manager sends (CONTROL, HOLDS) is the true phase.
-- In each class A to D, the priorities of the functions that are heard add up to no less than the best plan's.
+- In each class A to D, the sum of the priorities of the functions that are heard is no less than the best plan's.
 
-All are evaluated repeatedly while a run settles; the last result counts.
+The simulation evaluates all of this repeatedly until the aircraft has converged; the last result counts.
 """
 
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ _VERIFIED_LEVELS = 6  # classes A to D, utility, inputs
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What was observed: last states of the PEs, outputs, the epoch that was activated last, the phase."""
+    """What the oracles have observed so far: last states of the PEs, outputs, the epoch activated last, the phase."""
 
     last: dict[tuple[str, int], LastState]
     witness: Witness
@@ -47,7 +47,7 @@ class Seen:
 
 
 def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Violation]:
-    """Give the requirements that are violated now; none may be once a run has settled."""
+    """Return the requirements that are violated now; once the aircraft has converged there must be none."""
     stories = [
         *_unsettled(spec, truth, now_ns, seen.last),
         *_worse(spec, truth, seen.current, _CLASSES if seen.is_script_held else _VERIFIED_LEVELS),
@@ -63,7 +63,7 @@ def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Vio
 
 
 def unnoticed_ns(spec: Spec) -> int:
-    """Give the longest time in ns for which a PE or a function can be silent before any node detects its silence."""
+    """Return the longest time in ns for which a PE or a function can be silent before any node detects that."""
     beats_ns = max(bus.heartbeat_ns * (bus.misses + 1) for bus in spec.buses.values())
     outputs = (spec.modules[module] for function in spec.functions.values() for module in function.outputs)
     slowest_ns = max(10**12 // mode.rate_mhz for module in outputs for mode in module.modes.values())

@@ -1,7 +1,7 @@
-"""An epoch number stands for one configuration, and no PE goes back to an older epoch; verified from state frames.
+"""An epoch number stands for one configuration, and no PE returns to an older epoch; verified from state frames.
 
-In all state frames that name an epoch, on every bus and for the whole run, the epoch has the same digest. Within an
-incarnation the epoch of a PE never goes back. (A change from no epoch to an epoch goes forward.) For the second rule,
+In all state frames that name an epoch, on every bus and for the whole flight, the epoch has the same digest. Within an
+incarnation the epoch number of a PE never falls. (A change from no epoch to an epoch is a rise.) For the second rule,
 only frames that the PE itself sends are compared: a gateway forwards states late, and perhaps in another order.
 
 The last state of each PE is kept for `end_state`.
@@ -31,7 +31,7 @@ class EpochCheck(Oracle):
     """Verifies the epochs and digests in state frames."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
-        """has_digests: False in flights with a key, whose state frames have a tag instead of the digest."""
+        """Begin without states; `has_digests` is False in flights with a key, whose state frames have a tag instead."""
         self._has_digests = has_digests
         super().__init__()
         self._owners = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
@@ -39,7 +39,7 @@ class EpochCheck(Oracle):
         self._digests: dict[int, int] = {}
 
     def changed_page(self, sent: Sent) -> StatePage0 | StatePage1 | None:
-        """Follow a state frame; give its page 1, or its page 0 if that differs from the one before; else None."""
+        """Verify a state frame, and return its page 1, or its page 0 if that has changed; else None."""
         key = (sent.bus, sent.frame.can_id)
         data = sent.frame.data
         meaning = without_sequence(data)

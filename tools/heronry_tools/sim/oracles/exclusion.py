@@ -1,12 +1,12 @@
 """Break before make: nothing exclusive ever has two drivers.
 
-A *thing* is exclusive: the branches of a DEMUX, the ends of its `to`, an actuator without a DEMUX before it, or an
-identifier on one bus. Each thing has a *holder*. The holder of an identifier is the node that sent it last. The holder
-of a DEMUX, of its ends or of an actuator is the module and PE that moved it last. If the module has no device, the step
-in which it computed counts as a movement. Another holder may take a thing over, and the first holder may get it back
-with a later handover. Without a handover in between, the first holder must not drive the thing again: that shows that
-two holders have driven at one time. So the oracle detects two modules that drive in turn at the second turn, whatever
-their rates are.
+Exclusive are the branches of a DEMUX, the ends of its `to`, an actuator without a DEMUX before it, and an identifier on
+one bus; each is called a *thing* here. Each thing has a *holder*. The holder of an identifier is the node that sent it
+last. The holder of a DEMUX, of its ends or of an actuator is the module and PE that moved it last. If the module has no
+device, the step in which it computed counts as a movement. Another holder may take a thing over, and the first holder
+may get it back with a later handover. Without a handover in between, the first holder must not drive the thing again:
+that shows that two holders have driven at one time. So the oracle detects two modules that drive in turn at the second
+turn, whatever their rates are.
 
 A *handover* is a GO of the newest epoch of its term, or the GO_ALL that follows it for outputs that had to wait. The
 first epoch of a term may have any number: a manager without its journal may begin with an older one, and when a higher
@@ -40,7 +40,7 @@ _Holder = tuple[str, str]
 
 
 class ExclusionCheck(Oracle):
-    """Follows the drivers of every exclusive thing."""
+    """Records who drives each exclusive output and identifier, and verifies that no two drive it at one time."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -65,19 +65,19 @@ class ExclusionCheck(Oracle):
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """Note that a manager was heard."""
+        """Record that some manager was heard, so that no driver may stop by itself for T_lease."""
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """Note that a PE was heard."""
+        """Record that a PE was heard, so that its drivers may not stop by themselves for T_lease."""
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
-        """Note that a foreign node has named these PEs in an ALIVE, or sent a state in the name of one."""
+        """Record that a foreign node has named these PEs in an ALIVE, or has sent a state of one of them."""
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, _t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Count a handover: a GO or GO_ALL of the newest epoch of its term."""
+        """Allow other drivers, if the command is a GO or GO_ALL of the newest epoch of its term."""
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
         is_first = message.term not in self._last  # the first epoch of its term
@@ -90,21 +90,21 @@ class ExclusionCheck(Oracle):
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
-        """Note that a PE has allowed the device of a module to move."""
+        """Verify that no other module drives the device that a PE allows to move for a module."""
         for thing in self._things_of[moved.module]:
             self._follow(moved.t_ns, thing, (moved.module, moved.pe))
 
     def driven(self, driven: Driven) -> None:
-        """Note a step of a module that drives.
+        """Verify a step of a module that drives an output.
 
-        Without a device, the values of the step are the only sign that it drives.
+        If the module has no device, only the values of the step show that it drives.
         """
         if driven.module not in self._moving:
             for thing in self._things_of[driven.module]:
                 self._follow(driven.t_ns, thing, (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
-        """Note the sender of an exclusive identifier."""
+        """Verify that no other node sends frames with the same exclusive identifier."""
         thing = (sent.bus, sent.frame.can_id)
         if self._holders.get(thing) != (sent.sender, ""):
             self._follow(sent.end_ns, thing, (sent.sender, ""))
@@ -125,9 +125,9 @@ class ExclusionCheck(Oracle):
             self.violations.append(Violation(t_ns, "exclusion", story))
 
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
-        """Tell whether a holder may have released its thing by itself.
+        """Tell whether a driver may have stopped by itself.
 
-        It may if neither a manager nor the holder's PE was heard for T_lease.
+        It may if neither a manager nor the PE of the driver was heard for T_lease.
         """
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))

@@ -1,8 +1,8 @@
-"""Passes the frames on a run's buses to the oracles: each identifier is looked up once, each frame decoded once.
+"""Gives the frames on a flight's buses to the oracles: each identifier is looked up once, each frame decoded once.
 
 A state or command is passed on only if it differs from the one before. `terms` decides which manager is active; the
 commands of other managers are kept apart (`commanded`) and passed to no oracle. Frames of foreign nodes are passed only
-to `misled`.
+to the method `misled` of an oracle.
 """
 
 from collections.abc import Callable, Collection
@@ -55,7 +55,7 @@ _COMMANDS = (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Co
 
 
 class FrameWatch:
-    """Passes the frames on all buses of one run to the oracles."""
+    """Decodes the frames on all buses of one flight, and calls the methods of the oracles that need them."""
 
     def __init__(self, known: Known, oracles: Collection[Oracle]) -> None:
         """Pass frames to these oracles, and keep the facts in `known` up to date."""
@@ -71,7 +71,7 @@ class FrameWatch:
         self._watchers = self._by_identifier()
 
     def see(self, sent: Sent) -> None:
-        """Take a frame from any bus."""
+        """Decode a frame of any bus, and pass it on."""
         watcher = self._watchers.get(sent.frame.can_id)
         if watcher is None:
             return

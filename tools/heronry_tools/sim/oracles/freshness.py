@@ -1,15 +1,15 @@
 """No module is given a datum that is old, or that its producer has not sent; verified against the frames on the bus.
 
-For every input that the PE's epoch wires to another PE, two things must hold. The producer's node has sent a frame on
-one of the PE's buses within three periods of the source (the longest of its modes). The value given to the module is
-that of one of these frames; if it is not, the input is *foreign*. Ages count back from the moment at which the PE
+Two things must hold for every input that the PE's epoch wires to another PE. The producer's node has sent a frame on
+one of the PE's buses within three periods of the source (of its slowest mode). The value given to the module is that of
+one of these frames; an input with another value is called *foreign*. Ages count back from the moment at which the PE
 requested the step. How long a slow processor may take to begin the step is limited elsewhere (`until_ns`, at most
 T_lease).
 
 Every step of a module that drives an actuator is verified, and a sample of the steps of all others (`nodes`).
 
 Not verified: an input from the same PE, a variable with an initial value, and the time from the activation of an epoch
-until the PE's state frames show that it follows this epoch.
+until the PE's state frames show that the PE runs this epoch.
 """
 
 from collections import deque
@@ -45,7 +45,7 @@ class FreshnessCheck(Oracle):
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
 
     def published(self, sent: Sent) -> None:
-        """Keep a data frame, with the others of its source."""
+        """Keep a data frame, with which the inputs of modules are compared later."""
         frame = sent.frame
         most = self._remembered.get(frame.can_id)
         node = node_of(frame.data)
@@ -58,17 +58,17 @@ class FreshnessCheck(Oracle):
         last.append((sent.end_ns, frame))
 
     def told(self, state: StateSaid) -> None:
-        """Note the epoch that a PE reports."""
+        """Record the epoch that a PE reports."""
         node, epoch = state.node, state.page.epoch
         if self._epochs.get(node, (None,))[0] != epoch:
             self._epochs[node] = (epoch, state.t_ns)
 
     def looked(self, stepped: Driven) -> None:
-        """Verify the inputs of a module that drives no output."""
+        """Verify the inputs of a module that drives no output, after one of its steps."""
         self.driven(stepped)
 
     def driven(self, driven: Driven) -> None:
-        """Verify the inputs of a module that was stepped."""
+        """Verify the inputs of a module that drives an output, after one of its steps."""
         told, since_ns = self._epochs.get(self._node_of[driven.pe], (0, driven.t_ns))
         epoch = self._commanded.epochs.get(told)
         if epoch is None or epoch is not self._commanded.current or driven.t_ns - since_ns < _UNTOLD_NS:
@@ -108,21 +108,18 @@ def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:
 
 
 def _fresh_ns(spec: Spec, producer: str, variable: str) -> int:
-    """Give the age (ns) up to which a datum of a source is fresh, in its slowest mode."""
+    """Return the age (ns) up to which a datum of a source is fresh, when its producer runs in its slowest mode."""
     return FRESH_PERIODS * 10**12 // min(_rates_mhz(spec, producer, variable)) + _SLACK_NS
 
 
 def _fresh_frames(spec: Spec, producer: str, variable: str) -> int:
-    """Give the largest number of fresh frames of a source: sent at its highest rate, fresh as at its lowest."""
+    """Return the largest number of frames of a source that can be fresh at one time."""
     rates = _rates_mhz(spec, producer, variable)
     return FRESH_PERIODS * max(rates) // min(rates) + _MORE
 
 
 def _said(last: deque[tuple[int, Frame]], since_ns: int, value: Value) -> bool:
-    """Tell whether a frame since `since_ns` carries this value.
-
-    The search begins with the newest, which mostly does.
-    """
+    """Tell whether a frame since `since_ns` carries this value; the search begins with the newest frame."""
     return any(t_ns >= since_ns and _says(frame, value) for t_ns, frame in reversed(last))
 
 

@@ -54,7 +54,7 @@ Read = Callable[[str], bytes | None]  # bytes on the disk of a station's manager
 
 @dataclass(slots=True)
 class _Said:
-    """Numbers that one manager has sent, over all its masterships."""
+    """The highest numbers that one manager has sent, over all its masterships."""
 
     term: int = 0
     prepared: int = NO_EPOCH
@@ -62,7 +62,7 @@ class _Said:
 
 
 class JournalCheck(Oracle):
-    """Compares the frames of each manager with its journal."""
+    """Verifies that the frames of each manager agree with the journal on its disk."""
 
     def __init__(self, spec: Spec, read: Read) -> None:
         super().__init__()
@@ -93,7 +93,7 @@ class JournalCheck(Oracle):
             self._tell(t_ns, station, _numbers(said, memory) + facts)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """A second manager is about to start at station `twin`, with a copy of the journal of `station`."""
+        """Note that a second manager is about to start at station `twin`, with `station`'s journal."""
         self._said[twin] = replace(self._said.get(station, _Said()))
         self._prepared = {epoch: "" if first == twin else first for epoch, first in self._prepared.items()}
 
@@ -114,7 +114,7 @@ class JournalCheck(Oracle):
         return memory
 
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether the journal of a few records ago agrees with a HOLDS."""
+        """Tell whether an earlier version of the journal, a few records shorter, agrees with a HOLDS."""
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False
         lines = self._last_read[manager][0].splitlines(keepends=True)
@@ -124,7 +124,7 @@ class JournalCheck(Oracle):
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether HOLDS names the first phase, and was sent before another phase was entered.
+        """Tell whether HOLDS names the first phase, and may have been sent before another phase was entered.
 
         The first phase has no record in the journal.
         """
@@ -135,11 +135,11 @@ class JournalCheck(Oracle):
         self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]
 
     def _is_first(self, epoch: int, manager: str) -> bool:
-        """Note that a manager prepares an epoch; tells whether no other manager did so before."""
+        """Record that a manager prepares an epoch; return True if no other manager has prepared it before."""
         return self._prepared.setdefault(epoch, manager) == manager
 
     def _shows_more(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
-        """Note a command; tells whether it names anything new that the journal must have."""
+        """Record a command; return True if the journal must agree with it."""
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) != said.leased and self._is_first(epoch, manager):
                 said.prepared = epoch
@@ -183,7 +183,7 @@ class JournalCheck(Oracle):
 
 
 def _numbers(said: _Said, memory: Memory) -> list[str]:
-    """Describe each number that was used before the number was on the disk."""
+    """Return a sentence on each number that a manager has used before the number was on its disk."""
     stories = []
     if memory.term < said.term:
         stories.append(f"has used term {said.term}, but its journal has {memory.term}")

@@ -1,4 +1,4 @@
-"""Facts that several oracles of one run use: commanded epochs, available PEs, the active manager, the phase.
+"""Facts that several oracles of one flight use: commanded epochs, available PEs, the active manager, the phase.
 
 All facts are derived from frames alone. Some are derived by oracles; this file creates these oracles, and `registry`
 lists them too.
@@ -27,10 +27,10 @@ from heronry_wire.pe_table import PeTable
 
 
 class Known:
-    """Facts about one run, and the oracles that derive some of them."""
+    """Facts about one flight, and the oracles that derive some of them."""
 
     def __init__(self, spec: Spec, tables: Collection[PeTable], key: Key | None, read_journal: Read) -> None:
-        """tables, key, read_journal: see `Checks`."""
+        """Create the oracles that derive facts; the parameters are those of `Checks`."""
         self.spec, self.key, self.read_journal = spec, key, read_journal
         self.commanded = Commanded(spec, tables)
         self.proven = None if key is None else ProvenStates(key)

@@ -1,7 +1,7 @@
 """The limits that docs/protocol.md promises under "Times", repeated for the oracles.
 
-The oracles do not import these numbers from the cores, so that they detect a core that uses other numbers. A change in
-docs/protocol.md must be made here, too: a test compares both.
+The oracles do not import these numbers from the cores, so that they detect a core that uses other numbers. If
+docs/protocol.md changes, this file must change too: a test compares both.
 """
 
 LEASE_PERIODS = 5

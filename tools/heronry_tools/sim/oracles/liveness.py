@@ -38,7 +38,7 @@ _LAST_EPOCHS = 4
 
 
 class Losses:
-    """Counts the losses of each PE, as the ALIVE frames of the active manager show them."""
+    """Counts how often each PE was lost, as the ALIVE frames of the active manager show it."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -52,7 +52,7 @@ class Losses:
         self._losses = dict.fromkeys(spec.pes, 0)
 
     def alive(self, t_ns: int, message: Alive) -> None:
-        """Follow an ALIVE; one of a manager that is not active is ignored."""
+        """Read an ALIVE; that of a manager that is not active has no effect."""
         before = self._mastership.number
         if not self._mastership.named(t_ns, message.term):
             return
@@ -66,11 +66,11 @@ class Losses:
 
     @property
     def available(self) -> frozenset[str]:
-        """PEs that the last ALIVE of the active manager named."""
+        """Return the PEs that the last ALIVE of the active manager named."""
         return frozenset(self._available)
 
     def bound_ns(self) -> int:
-        """Give the longest time in ns until the aircraft must have converged, if no more faults are injected."""
+        """Return the longest time in ns until the aircraft must have converged, if no further fault is injected."""
         patience_ns = PATIENCE_PERIODS * max(self._periods.values())
         held_ns = max(
             min(period_ns * HOLD_DOWN_PERIODS << self._losses[pe], LONGEST_HOLD_DOWN_NS)

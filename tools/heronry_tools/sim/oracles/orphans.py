@@ -22,10 +22,10 @@ _SLACK = 2  # heartbeat periods: one until the PE reports, one for clock errors 
 
 
 class OrphanCheck(Oracle):
-    """Follows what PEs report while no manager is on the bus."""
+    """Verifies what PEs report while no manager is on the bus."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
-        """has_digests: False in flights with a key, whose state frames have a tag instead of the digest."""
+        """Begin without states; `has_digests` is False in flights with a key, whose state frames have a tag instead."""
         self._has_digests = has_digests
         super().__init__()
         bus = spec.buses[spec.manager.bus]
@@ -40,11 +40,11 @@ class OrphanCheck(Oracle):
         self._orphans: dict[int, _What] = {}  # by node: its last report since managers fell silent
 
     def manager_heard(self, t_ns: int) -> None:
-        """Note that a manager was on the managers' bus."""
+        """Record that a manager was heard on the managers' bus."""
         self._spoken_ns = t_ns
 
     def state_sent(self, t_ns: int, node: int, data: bytes) -> None:
-        """Verify what a PE reports on the managers' bus."""
+        """Verify the state frame of a PE on the managers' bus."""
         if t_ns - self._heard_ns.get(node, t_ns) > self._queued_ns:
             self._back_ns[node] = t_ns
         self._heard_ns[node] = t_ns

@@ -42,10 +42,10 @@ from heronry_wire.management import (
 
 
 class PhaseCheck(Oracle):
-    """Follows which phase is requested, and which phase the manager sends."""
+    """Determines which phase was requested last, and verifies that the manager sends it."""
 
     def __init__(self, spec: Spec, entered: Callable[[int, str | None], None]) -> None:
-        """entered: called with the time (ns) and the phase when a phase begins."""
+        """Begin with the first phase; `entered` is called with the time (ns) and the phase when a phase begins."""
         super().__init__()
         self.current = spec.initial_phase()
         self.named: str | None = None  # the phase that the active manager sent last
@@ -68,16 +68,16 @@ class PhaseCheck(Oracle):
         self._stories: set[str] = set()
 
     def may_forget_phase(self) -> None:
-        """From now on a manager may begin its mastership without all that was known of the phase."""
+        """Allow a manager, from now on, to begin its mastership without all that was known of the phase."""
         self._may_forget = True
 
     def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
-        """From now on two managers may be active that do not hear each other."""
+        """Take into account, from now on, that two managers may be active that do not hear each other."""
         if bus == self._bus:
             self._may_forget = self._is_apart = True
 
     def manager_copied(self, _station: str, _twin: str) -> None:
-        """From now on two managers may be active that do not hear each other."""
+        """Take into account, from now on, that two managers may be active that do not hear each other."""
         self._may_forget = self._is_apart = True
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
@@ -87,18 +87,18 @@ class PhaseCheck(Oracle):
         self._ordered = phase, t_ns
 
     def requested(self, node: int, message: Emergency) -> None:
-        """Note that a PE requests a phase on the managers' bus."""
+        """Record that a PE requests a phase on the managers' bus."""
         self._requested[node, message.detail] = message.index
 
     def told(self, state: StateSaid) -> None:
-        """Note a PE's incarnation: a PE that has restarted numbers its requests from the beginning."""
+        """Read a PE's incarnation, since a PE that has restarted numbers its requests from the beginning."""
         node, incarnation = state.node, state.page.incarnation
         if self._incarnations.get(node) != incarnation:
             self._incarnations[node] = incarnation
             self._acknowledged.pop(node, None)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Follow an acknowledgement of a request, or a HOLDS that names the phase."""
+        """Verify a HOLDS that names a phase, and read acknowledgements of requests."""
         if not isinstance(message, Control):
             return
         self._heard_term = max(self._heard_term, message.term)
@@ -122,24 +122,24 @@ class PhaseCheck(Oracle):
             self._enter(t_ns, self._names[index], term)
 
     def _is_known(self, node: int, number: int) -> bool:
-        """Tell whether a request, or a later one, was acknowledged before."""
+        """Tell whether this request of a PE, or a later one, was acknowledged before."""
         last = self._acknowledged.get(node)
         behind = 0 if last is None else (last - (number & ~FORWARD_ONLY)) % REQUEST_NUMBERS
         return last is not None and behind < REQUEST_NUMBERS // 2
 
     def _leads_back(self, index: int, number: int) -> bool:
-        """Tell whether a request is forward only, and nothing leads from the current phase to its phase."""
+        """Tell whether a request is forward only, and its phase cannot be entered from the current phase."""
         is_free = self.current is None or self.current == self._names[index] or self.current in self._from[index]
         return bool(number & FORWARD_ONLY) and not is_free
 
     def _is_wanted(self, phase: str) -> bool:
-        """Tell whether a PE's request for this phase is unanswered and may be accepted."""
+        """Tell whether some PE has requested this phase, has no answer yet, and may get the phase."""
         index = self._names.index(phase)
         requests = (key for key, wanted in self._requested.items() if wanted == index)
         return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in requests)
 
     def _may_count(self, node: int, number: int) -> bool:
-        """Tell whether a request may be new to the active manager."""
+        """Tell whether a request of a PE may be new to the active manager."""
         return not self._is_known(node, number) or (self._may_forget and self._heard_term > self._known_term[node])
 
     def _tell(self, t_ns: int, term: int, phase: str) -> None:

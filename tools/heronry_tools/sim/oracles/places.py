@@ -1,8 +1,8 @@
-"""Which element counts as failed after a PE's report, as the oracles follow it from the frames.
+"""Which element counts as failed after a PE's report; the oracles derive it from the frames, as a manager does.
 
 A PE reports a failed module of its own by the module's index. If the module can run on other PEs too, it counts as
-failed on that PE alone (`module:NAME@PE`), until it fails on a second PE or another module reports it. Then it counts
-as failed everywhere. Missing code does not count as a failure. CLEAR and HOLDS name the PE by its node-ID. If a module
+failed on that PE alone (`module:NAME@PE`). It counts as failed everywhere when it fails on a second PE, or when another
+module reports it. Missing code does not count as a failure. CLEAR and HOLDS name the PE by its node-ID. If a module
 reports a PE or a bus, that is a suspicion, and nothing counts as failed.
 """
 
@@ -16,7 +16,7 @@ _SUSPECTED = (ElementKind.PE, ElementKind.BUS)
 
 
 class Places:
-    """Names the elements of reports and commands."""
+    """Finds the names of the elements in reports and commands."""
 
     def __init__(self, spec: Spec) -> None:
         self._elements = elements_by_kind(spec)
@@ -26,9 +26,9 @@ class Places:
         self._failed: set[str] = set()  # places on which a module has failed, without missing code
 
     def reported(self, pe: str, message: Emergency) -> str | None:
-        """Note a report of a PE.
+        """Record a report of a PE.
 
-        Gives the element or place that it names, or None where the spec has no such element.
+        Returns the element or place that the report names; None if the spec has no such element.
         """
         self._codes[pe, message.kind, message.index] = message.code
         element = self._element(message.kind, message.index)
@@ -36,7 +36,10 @@ class Places:
         return place if place in self._all and message.code not in _BY_OTHERS else element
 
     def acknowledged(self, node: int, a: int, index: int) -> str | None:
-        """Give the element that a manager treats as failed when it acknowledges the last report of a node, or None."""
+        """Return the element that counts as failed when a manager acknowledges a report; None for a suspicion.
+
+        node: node-ID of the PE that has reported. a, index: kind and index of the element, as in the command.
+        """
         if a in _SUSPECTED:
             return None
         pe = self._pe_of_node.get(node, "")
@@ -51,12 +54,12 @@ class Places:
         return element if others else place
 
     def told(self, a: int, index: int) -> str | None:
-        """Give the element that CLEAR or HOLDS names."""
+        """Return the element that a CLEAR or HOLDS names."""
         element, pe = self._element(a & 0xFF, index), self._pe_of_node.get(a >> 8)
         return element if pe is None or element is None else f"{element}@{pe}"
 
     def cleared(self, element: str) -> None:
-        """Forget the failures of an element; of a module also its failures on each PE."""
+        """Forget the failures of an element; of a module, also those on single PEs."""
         self._failed = {place for place in self._failed if element not in (place, module_of(place))}
 
     def _element(self, kind: int, index: int) -> str | None:

@@ -1,8 +1,8 @@
 """Once the aircraft has converged, the buses carry the planned data and no other.
 
-From `begin` on, frames are counted. No source of the last epoch may send more than its rate, and no other source may
-send anything. (The oracles of the functions detect a source that sends less.) A PE that cannot reach the manager
-follows no plan, so its data on its own side of the break are not counted.
+`begin` starts the counting of frames. No source of the last epoch may send more than its rate, and no other source may
+send anything. (The oracles of the functions detect a source that sends less.) A PE that cannot reach the manager gets
+no plan, so its data on its own side of the break are not counted.
 """
 
 from collections import Counter
@@ -32,7 +32,7 @@ class PlannedLoadCheck(Oracle):
         self._counts: Counter[tuple[str, int, str]] = Counter()  # bus, identifier, sender
 
     def begin(self, t_ns: int) -> None:
-        """Count data frames from now on; frames sent before do not count."""
+        """Count data frames from now on; earlier frames do not count."""
         self._since_ns = t_ns
         self._counts.clear()
 
@@ -42,7 +42,10 @@ class PlannedLoadCheck(Oracle):
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
-        """Give the data that were sent since `begin` and are not planned; `truth` is what is really down."""
+        """Return violations for data that were sent since `begin` but are not planned.
+
+        current: the epoch activated last. truth: the real situation.
+        """
         if self._since_ns is None or current is None or current.configuration is None:
             return []
         modules = self._spec.modules

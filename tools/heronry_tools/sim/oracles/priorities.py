@@ -1,7 +1,8 @@
-"""A priority that the manager announces was ordered or requested, within its range, and changes seldom; from frames.
+"""Each priority that the manager announces was ordered or requested, is within its range, and changes seldom.
 
-The active manager announces a changed priority in HOLDS, and announces in CLEAR that a function has the priority of the
-spec again. The announced priority counts for all other oracles (`current`). It must be one of these:
+The oracle works from frames and from the operator's orders. The active manager announces a changed priority in HOLDS,
+and announces in CLEAR that a function has the priority of the spec again. All other oracles use the announced priority
+(`current`). It must be one of these:
 
 - the priority that the operator has ordered last for the function. While an order stands, no request counts;
 - one that a PE has requested (EMCY, PRIORITY_REQUEST), within the `priority_range` of the spec. Within one term, two
@@ -26,10 +27,10 @@ _OF_THE_SPEC, _ORDERED = 0xFFFF, 0x8000
 
 
 class PriorityCheck(Oracle):
-    """Follows which priorities the manager announces."""
+    """Records ordered and requested priorities, and verifies those that the manager announces."""
 
     def __init__(self, spec: Spec, changed: Callable[[int, Mapping[str, int]], None]) -> None:
-        """changed: called with the time (ns) and all changed priorities when one changes."""
+        """Begin with the priorities of the spec; `changed` is called with the time (ns) and all changed priorities."""
         super().__init__()
         self.current: dict[str, int] = {}
         self._functions, self._changed = list(spec.functions.values()), changed
@@ -43,17 +44,20 @@ class PriorityCheck(Oracle):
         self._term = 0
 
     def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
-        """Note an order of the operator that the manager has accepted; None: the priority of the spec."""
+        """Record that the manager has accepted the operator's order for a priority.
+
+        A `priority` of None is the priority of the spec.
+        """
         self._orders.setdefault(function, []).append(_OF_THE_SPEC if priority is None else priority)
         self._ordered_ns[function], self._stands[function] = t_ns, priority is not None
 
     def wanted_priority(self, message: Emergency) -> None:
-        """Note that a PE requests a priority."""
+        """Record that a PE requests a priority."""
         function = self._functions[message.index >> 8].name
         self._asked.setdefault(function, set()).add(message.detail)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Follow a HOLDS or CLEAR that announces a priority."""
+        """Verify a HOLDS or CLEAR that announces a priority."""
         if not isinstance(message, Control) or message.a & 0xFF != ElementKind.PRIORITY or message.term < self._term:
             return
         self._term, function = message.term, self._functions[message.a >> 8].name

@@ -1,10 +1,10 @@
-"""Changes do not keep an aircraft from ever reaching an epoch, however fast they come.
+"""An aircraft reaches a new epoch even if changes come fast.
 
-A manager that prepares one epoch after the other must activate one of them. The oracle follows PREPARE and ACTIVATE of
-the active manager: more than `_EPOCHS` epochs prepared in a row, over more than `_STORM_NS`, without one ACTIVATE, are
-a violation. The first of them are allowed: a change is answered by a plan of the newest situation.
+A manager that prepares one epoch after the other must activate one of them. The oracle reads PREPARE and ACTIVATE of
+the active manager. A violation is more than `_EPOCHS` epochs prepared in a row, over more than `_STORM_NS`, without one
+ACTIVATE. Fewer are allowed, since the manager answers each change by a plan for the newest situation.
 
-Not verified: whether each single epoch was rightly given up.
+Not verified: whether the manager was right to abandon a single epoch.
 """
 
 from heronry_tools.sim.oracles.oracle import Oracle
@@ -24,11 +24,11 @@ class ProgressCheck(Oracle):
         self._since_ns = 0
 
     def began(self, _t_ns: int) -> None:
-        """Forget what another manager has prepared."""
+        """Count from zero again, since another manager has begun a mastership."""
         self._epochs.clear()
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Follow PREPARE and ACTIVATE."""
+        """Count the epoch that a PREPARE opens; at an ACTIVATE count from zero again."""
         if isinstance(message, Activate):
             self._epochs.clear()
         elif isinstance(message, Prepare):

@@ -1,7 +1,7 @@
 """Finds the commands on a bus that come from a holder of the key, by computing every tag again.
 
 A command and the TAG after it are a pair. A pair is *proven* if its tag is correct for some command number. TAG shows
-the lowest 13 bits of the number. The higher bits are found by trying, up to a span beyond the highest number that was
+the lowest 13 bits of the number. The higher bits are found by trying, up to a limit beyond the highest number that was
 proven of this manager in this term. The result does not depend on what the nodes accepted, nor on order: a replayed
 pair is proven each time it is sent, with its original number.
 
@@ -31,7 +31,12 @@ _REMEMBERED = 64  # commands of one kind that are kept until their TAG comes: mo
 
 
 class Proven(NamedTuple):
-    """A proven pair: its manager, its place (term and number), and the command."""
+    """A command whose tag is correct.
+
+    manager: node-ID of its sender
+    place: its term and its number
+    message: the command
+    """
 
     manager: int
     place: Place
@@ -39,7 +44,7 @@ class Proven(NamedTuple):
 
 
 class ProvenCommands:
-    """Follows the commands on one bus."""
+    """Finds the proven commands on one bus."""
 
     def __init__(self, key: Key) -> None:
         self._key = key
@@ -54,7 +59,7 @@ class ProvenCommands:
         self._highest: dict[tuple[int, int], int] = {}  # highest proven number by manager and term
 
     def take(self, sent: Sent) -> Proven | None:
-        """Take a frame of any sender; give the pair that it completes, if that pair is proven."""
+        """Read a frame of any sender; if it is the correct TAG of a command before it, return that command."""
         command = self._commands.get(sent.frame.can_id)
         if command is not None:
             if not is_welcome(sent.frame.data) or command[1] is not Command.CONTROL:
@@ -64,7 +69,7 @@ class ProvenCommands:
         return None if manager is None else self._proven(manager, decode_tag(sent.frame.data))
 
     def newest(self, manager: int) -> Place:
-        """Give the highest place that was proven of a manager."""
+        """Return the highest (term, number) that was proven of a manager."""
         return max((Place(t, number) for (m, t), number in self._highest.items() if m == manager), default=Place(0, 0))
 
     def _proven(self, manager: int, fields: tuple[int, ...] | None) -> Proven | None:

@@ -1,7 +1,7 @@
 """Recovers the digest of a page 1 that carries a tag instead, for oracles that know the key.
 
 A tag depends on a digest and a session. WELCOME opens a session, and every node hears it. So the oracle tries the known
-digests in the known sessions, and derives the staged epoch of a PE from frames alone, as without a key.
+digests in the known sessions. It thus finds the staged epoch of a PE from frames alone, as it does without a key.
 
 An attacker that forges nonces makes a manager send WELCOME repeatedly, but the PE stays in its session. So the session
 whose tag was correct last is tried first and dropped last.
@@ -19,20 +19,20 @@ _SESSIONS = 512  # kept per PE: a manager answers forged nonces every few millis
 
 
 class ProvenStates:
-    """Follows the sessions of every PE."""
+    """Remembers the sessions of every PE, and verifies the tags of pages 1 with them."""
 
     def __init__(self, key: Key) -> None:
         self._key = key
         self._sessions: dict[int, deque[Session]] = {}  # by node
 
     def commanded(self, manager: int, control: Control) -> None:
-        """Follow a CONTROL of a manager; WELCOME opens a session."""
+        """Read a CONTROL of a manager; a WELCOME opens a session."""
         if control.operation is Operation.WELCOME:
             opened = self._sessions.setdefault(control.node, deque(maxlen=_SESSIONS))
             opened.append(Session(manager, control.term, control.a << 16 | control.b))
 
     def read(self, node: int, page: StatePage1, digests: Iterable[int]) -> StatePage1:
-        """Give the page with the one of `digests` that its tag proves; with 0 if the tag proves none of them."""
+        """Return `page` with the one of `digests` that its tag proves, or with 0 if it proves none of them."""
         said, tag = split_state(page.encode())
         sessions, meant = self._sessions.get(node, deque()), [*digests, 0]
         for session in reversed(sessions):

@@ -30,7 +30,7 @@ _Key = tuple[str, str]  # bus and sender
 
 @dataclass(slots=True)
 class _Told:
-    """The epoch that a node has reported, since when, and the epoch that it followed before."""
+    """The epoch that a node has reported, since when it reports it, and the epoch that it reported before."""
 
     epoch: int
     incarnation: int
@@ -40,7 +40,7 @@ class _Told:
 
 
 class PublishingCheck(Oracle):
-    """Compares data frames with the epochs that their senders report."""
+    """Verifies that the epoch of each sender lets it send its data frames."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class PublishingCheck(Oracle):
         self._published: dict[int, dict[str, dict[int, str]]] = {}  # by epoch: bus, identifier, producer's PE
 
     def said(self, state: StateSaid) -> None:
-        """Note the epoch that a node reports."""
+        """Record the epoch that a PE reports."""
         sender, t_ns, page = state.pe, state.t_ns, state.page
         told = self._told.get(sender)
         if told is None or told.incarnation != page.incarnation:
@@ -66,7 +66,7 @@ class PublishingCheck(Oracle):
             del self._good[key]
 
     def published(self, sent: Sent) -> None:
-        """Verify a data frame."""
+        """Verify the sender of a data frame."""
         good = self._good.get((sent.bus, sent.sender))
         if good is None or sent.frame.can_id not in good:
             self._assess(sent)
@@ -91,7 +91,7 @@ class PublishingCheck(Oracle):
             self.violations.append(Violation(sent.end_ns, "publishing", story))
 
     def _identifiers_of(self, epoch: int, bus: str, sender: str) -> frozenset[int] | None:
-        """Give the identifiers that an epoch lets a node send on a bus; None where that is not known."""
+        """Return the identifiers that a node may send on a bus in an epoch; None if that is not known."""
         if epoch not in self._published:
             known = self._commanded.epochs.get(epoch)
             if known is None or known.configuration is None:

@@ -1,12 +1,12 @@
 """No queue of frames grows without end, and no frame is left behind, while no fault is present.
 
-`look` is called at intervals. Two rules hold from one call to the next:
+`look` is called at intervals. Two rules hold between one call and the next:
 
 - A bus on which frames wait must have been idle at some moment in the interval. A bus is never idle while a frame waits
   (arbitration is work-conserving), so an idle moment proves that every queue was empty. The bus was never idle if its
   frames fill the interval. (An error-passive controller pauses for 8 bits after each frame; that counts as idle.)
-- On a bus within its budget, no frame may wait over two calls of `look`: if it did, its sender would hold it back for
-  ever.
+- On a bus within its budget, no frame may wait from one call of `look` to the next but one: its sender would then hold
+  it back for ever.
 """
 
 from collections.abc import Mapping
@@ -19,16 +19,16 @@ _FULL = 0.95  # share of an interval that frames must fill for the bus to count 
 
 
 class QueueCheck:
-    """Compares the load and the queues of the buses from one look to the next."""
+    """Compares the load and the queues of the buses from one call of `look` to the next."""
 
     def __init__(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> None:
-        """Take the first look."""
+        """Record the present load and queues."""
         self._t_ns = t_ns
         self._bits = {name: bus.busy_bits for name, bus in buses.items()}
         self._offered = self._offered_before = dict.fromkeys(buses, 0)
 
     def look(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> list[Violation]:
-        """Give the violations since the last look."""
+        """Return the violations that the load and the queues show since the last call."""
         passed_ns, before = t_ns - self._t_ns, self._bits
         self._t_ns, self._bits = t_ns, {name: bus.busy_bits for name, bus in buses.items()}
         before_that, self._offered_before = self._offered_before, self._offered

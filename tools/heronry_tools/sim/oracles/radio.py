@@ -30,7 +30,7 @@ _TOLERANCE = Fraction(5, 4)
 
 
 class RadioCheck(Oracle):
-    """Compares the data that reach a gateway, the data that it sends by radio, and its reports."""
+    """Verifies the age and the amount of the data that a gateway sends by radio."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -53,11 +53,11 @@ class RadioCheck(Oracle):
         self._bits: defaultdict[str, int] = defaultdict(int)
 
     def altered(self) -> None:
-        """From now on data frames are altered in a way that their CRC does not detect."""
+        """Take into account, from now on, that data frames may be altered without an error in their CRC."""
         self._is_altered = True
 
     def measured(self, sent: Sent) -> None:
-        """Note a gateway's report on its radio."""
+        """Record a gateway's report on its radio."""
         radio, report = self._radio_of.get(sent.frame.can_id), decode_link(sent.frame.data)
         if radio is not None and isinstance(report, LinkReport):
             self._reports[radio.bus].append((sent.end_ns, report))
@@ -107,7 +107,10 @@ class RadioCheck(Oracle):
         self._bits.clear()
 
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
-        """Give the largest share that was reported lately; None if the radio was gone or nothing was reported."""
+        """Return the largest usable share, per mille, that a gateway has reported in the last seconds.
+
+        Return None if the radio was gone in that time, or nothing was reported.
+        """
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]
         if not recent or t_ns - self._reports[bus][-1][0] > _SECOND_NS:
             return None

@@ -1,4 +1,4 @@
-"""The list of all oracles of a run, one per line. To add one, write its class (`oracle`) and name the class here."""
+"""The list of all oracles of a flight, one per line. To add one, write its class (`oracle`) and name the class here."""
 
 from collections.abc import Callable
 
@@ -46,5 +46,5 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
 
 
 def oracles(known: Known) -> list[Oracle]:
-    """Create the oracles of one run."""
+    """Create the oracles of one flight."""
     return [oracle for make in ORACLES if (oracle := make(known)) is not None]

@@ -30,7 +30,7 @@ def is_critical(spec: Spec, function: str) -> bool:
 
 
 def rests(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """Give the modules of a configuration whose outputs reach no critical function."""
+    """Return the modules that stop without a manager: their outputs reach no critical function."""
     left = dict.fromkeys(configuration.modules, True)
     for function in spec.functions.values():
         if is_critical(spec, function.name):
@@ -44,7 +44,7 @@ def rests(spec: Spec, configuration: Configuration) -> frozenset[str]:
 
 
 class SafeModeCheck(Oracle):
-    """Verifies what orphaned PEs send and drive."""
+    """Verifies what PEs without a manager send and drive."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         super().__init__()
@@ -57,26 +57,26 @@ class SafeModeCheck(Oracle):
         self._rests: dict[tuple[int, str], frozenset[str]] = {}  # by epoch and PE
 
     def leased(self, t_ns: int) -> None:
-        """Note a LEASE: no PE is orphaned any more."""
+        """Set every PE as no longer orphaned, since a manager has sent a LEASE."""
         self._leased_ns = t_ns
         self._orphans.clear()
 
     def told(self, state: StateSaid) -> None:
-        """Note a PE as orphaned if no LEASE was on the bus for T_lease."""
+        """Set a PE as orphaned (without a manager) if it reports no LEASE and none was on the bus for T_lease."""
         pe, t_ns, page = state.pe, state.t_ns, state.page
         alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
         if self._applies and alone and PeFlags.HEARS_LEASE not in page.flags and pe not in self._orphans:
             self._orphans[pe] = t_ns, self._resting(page.epoch, pe)
 
     def published(self, sent: Sent) -> None:
-        """Verify the sender of a data frame."""
+        """Verify that a PE without a manager sends no data of modules that serve nothing critical."""
         since_ns, resting = self._orphans.get(sent.sender, (sent.end_ns, frozenset()))
         producer = self._producer.get(sent.frame.can_id)
         if producer in resting and sent.end_ns - since_ns > self._lease_ns:
             self._tell(sent.end_ns, f"{sent.sender} sends {sent.frame.can_id} of {producer}")
 
     def driven(self, driven: Driven) -> None:
-        """Verify the PE of a module that drives."""
+        """Verify that a PE without a manager drives nothing with modules that serve nothing critical."""
         if driven.module in self._orphans.get(driven.pe, (0, frozenset()))[1]:
             self._tell(driven.t_ns, f"{driven.module} drives on {driven.pe}")
 

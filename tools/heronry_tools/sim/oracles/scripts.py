@@ -1,7 +1,7 @@
-"""A script is announced as held only in the term whose manager accepted it, and not after its release.
+"""A manager announces a script of the operator only in the term in which it accepted it, and not after its release.
 
-While a script is held, the aircraft may serve less than the best plan does, but not at level 1 (`end_state`). The
-announcements (CONTROL, HOLDS) alone show whether a script is held: each is repeated within `ANNOUNCED_WITHIN_NS`.
+While a manager holds a script, the aircraft may serve less than the best plan does, but not at level 1 (`end_state`).
+Only the announcements (CONTROL, HOLDS) show whether a script is held: each is repeated within `ANNOUNCED_WITHIN_NS`.
 """
 
 from heronry_tools.sim.oracles.oracle import Oracle
@@ -13,7 +13,7 @@ ON_ITS_WAY_NS = 100_000_000  # an announcement that was queued before the releas
 
 
 class ScriptCheck(Oracle):
-    """Follows the operator's orders and the announcements."""
+    """Records the operator's scripts, and verifies the managers' announcements of scripts."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -23,7 +23,7 @@ class ScriptCheck(Oracle):
         self._told_ns: int | None = None
 
     def script_ordered(self, t_ns: int, term: int | None) -> None:
-        """Note that a manager has accepted a script in this term; None: a release."""
+        """Record that a manager has accepted a script in this term, or released it if `term` is None."""
         if term is None and self._ordered_in is not None:
             self._released = self._ordered_in, t_ns + ON_ITS_WAY_NS
         self._ordered_in = term
@@ -46,5 +46,5 @@ class ScriptCheck(Oracle):
                 pass
 
     def is_held(self, now_ns: int) -> bool:
-        """Tell whether a script counts as held."""
+        """Tell whether a manager still announces that it holds a script."""
         return self._told_ns is not None and now_ns - self._told_ns < ANNOUNCED_WITHIN_NS

@@ -60,9 +60,11 @@ _DOUBTED_NS = 30 * _SECOND_NS
 
 
 class Injected(NamedTuple):
-    """A fault that was injected into an element, with its time; `to_ns` None: it does not end.
+    """A fault that was injected.
 
-    `element` None: it is unclear.
+    element: the element that failed; None if that is not clear
+    from_ns: when the fault was injected
+    to_ns: when the fault ended; None if it did not end
     """
 
     element: str | None
@@ -81,12 +83,12 @@ class _Held:
 
 
 class ServiceCheck(Oracle):
-    """Compares what is served with what the planner could serve."""
+    """Verifies that no critical function is dropped while a plan could serve it."""
 
     def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
-        """spec: its order of elements gives the indices in CONTROL and EMCY.
+        """Begin; the order of elements in `spec` gives the indices in CONTROL and EMCY.
 
-        missed_ns: gives when a PE last heard a node again after it may have missed a command; 0 if it never has.
+        missed_ns: returns when a PE last heard a node again after it may have missed a command; 0 if never
         """
         super().__init__()
         self._spec = spec
@@ -114,14 +116,14 @@ class ServiceCheck(Oracle):
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
 
     def emergency(self, _sent: Sent, pe: str, message: Emergency | Malformed) -> None:
-        """Note which PE reports a fault or withdraws its report."""
+        """Record which PE reports a fault or withdraws its report."""
         if isinstance(message, Emergency):
             element = self._places.reported(pe, message)
             if element is not None:
                 self._told_by |= dict.fromkeys((element, module_of(element)), pe)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Note an acknowledgement: the manager treats the element as failed."""
+        """Record the element of an acknowledged report: from now on the manager treats it as failed."""
         if not isinstance(message, Control):
             return
         if message.operation is Operation.ACKNOWLEDGE:
@@ -130,14 +132,17 @@ class ServiceCheck(Oracle):
                 self.failed(t_ns, element)
 
     def failed(self, t_ns: int, element: str) -> None:
-        """Note that a manager treats an element as failed, from now on at the latest."""
+        """Record that a manager treats an element as failed now, if it has not done so before."""
         known = [one for one in self._held if one.element == element and one.to_ns is None]
         self._held += [] if known else [_Held(element, t_ns)]
         for one in known:
             one.is_certain = True
 
     def cleared(self, t_ns: int, element: str, _truth: Situation, *, everywhere: bool) -> None:
-        """Note that an element was cleared; `everywhere`: no manager treats it as failed any more."""
+        """Record that an element was cleared.
+
+        everywhere: whether no manager treats it as failed any more.
+        """
         self._places.cleared(element)
         for one in self._held:
             if element in (one.element, module_of(one.element)) and one.to_ns is None:
@@ -145,15 +150,15 @@ class ServiceCheck(Oracle):
 
     @property
     def held(self) -> set[str]:
-        """Elements that every manager now treats as failed."""
+        """Return the elements that every manager now treats as failed."""
         return {one.element for one in self._held if one.is_certain}
 
     def _held_at(self, from_ns: int, to_ns: int) -> set[str]:
-        """Give the elements that counted as failed at any moment from `from_ns` to `to_ns`."""
+        """Return the elements that counted as failed at any moment from `from_ns` to `to_ns`."""
         return {h.element for h in self._held if h.from_ns <= to_ns and (h.to_ns is None or from_ns < h.to_ns)}
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """Note the available PEs, and compare the contingencies that PREPARE has named since the last ALIVE."""
+        """Record the available PEs, and verify the contingencies that PREPARE has named since the last ALIVE."""
         self._late_ns = t_ns if self._is_late(t_ns) else self._late_ns
         self._alive_ns = t_ns
         _, before = self._available[-1] if self._available else (0, frozenset[str]())
@@ -168,10 +173,7 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """Note a new term.
-
-        Its manager may not know a report, if the reporting PE has missed a command: then no PE repeats the report.
-        """
+        """Record that a mastership begins, whose manager may not know every fault that PEs have reported."""
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
@@ -179,19 +181,19 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
-        """Note that a PE runs a module."""
+        """Record that a PE runs a module; a silence is then no longer excused as the start of the aircraft."""
         if t_ns - self._ran_ns > self._lease_ns:
             self._idle.append((self._ran_ns, t_ns))
         self._ran_ns = t_ns
 
     def measured(self, sent: Sent) -> None:
-        """Note a gateway's report on its radio."""
+        """Record a gateway's report on its radio."""
         radio, report = self._radios.get(sent.frame.can_id), decode_link(sent.frame.data)
         if radio is not None and isinstance(report, LinkReport) and report.usable < PER_MILLE:
             self._usable.append((sent.end_ns, f"bus:{radio.bus}", report.usable))
 
     def _limits(self, t_ns: int) -> dict[str, Fraction]:
-        """Give, for each radio, the smallest usable share with which a manager may plan at this time."""
+        """Return, for each radio, the smallest usable share with which a manager may plan at this time."""
         limits: dict[str, Fraction] = {}
         for at_ns, bus, usable in self._usable:
             if t_ns - _DOUBTED_NS <= at_ns <= t_ns:
@@ -200,11 +202,11 @@ class ServiceCheck(Oracle):
         return limits
 
     def entered(self, t_ns: int, phase: str | None) -> None:
-        """Note that a mission phase has begun."""
+        """Record that a mission phase has begun."""
         self._phases.append((t_ns, phase))
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """Compare an epoch with the best plan; if the epoch is a contingency, do so at the next ALIVE."""
+        """Verify that an epoch serves as much as the best plan; a contingency is verified at the next ALIVE."""
         if epoch.is_adopted:
             return
         phase = self._phases[-1][1] if self._phases else self._spec.initial_phase()
@@ -215,14 +217,14 @@ class ServiceCheck(Oracle):
             self.violations += self._compare(t_ns, epoch, phase, self._participants(epoch))
 
     def _is_late(self, t_ns: int) -> bool:
-        """Tell whether an ALIVE is overdue."""
+        """Tell whether the next ALIVE is overdue."""
         return t_ns - self._alive_ns > self._beat_ns * 5 // 4 + _UNDER_WAY_NS
 
     def _participants(self, epoch: Epoch) -> set[str]:
         return {pe for pe, node in self._node_of.items() if epoch.has(node)}
 
     def _compare(self, t_ns: int, epoch: Epoch, phase: str | None, present: Iterable[str]) -> Iterator[Violation]:
-        """Compare an epoch with the best plan for the PEs that take part."""
+        """Yield a violation if an epoch serves less than the best plan for the PEs that take part in it."""
         if epoch.configuration is None:
             return
         absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
@@ -239,7 +241,7 @@ class ServiceCheck(Oracle):
             yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
     def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
-        """Give a sentence if an epoch serves less than a plan for this situation serves; else None."""
+        """Return a sentence if an epoch serves less than some plan for the situation `now`; None if not."""
         assert epoch.configuration is not None
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)
@@ -248,21 +250,21 @@ class ServiceCheck(Oracle):
         return f"epoch {epoch.number} serves {served} by criticality, but a plan serves {possible}"
 
     def _phases_in(self, from_ns: int, to_ns: int) -> list[str | None]:
-        """Give the phases in effect at any moment from `from_ns` to `to_ns`."""
+        """Return the phases that were in effect at any moment from `from_ns` to `to_ns`."""
         spans = pairwise([(0, self._spec.initial_phase()), *self._phases, (to_ns + 1, None)])
         return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
     def prioritized(self, t_ns: int, priorities: Mapping[str, int]) -> None:
-        """Note that the manager announces other priorities."""
+        """Record that the manager announces other priorities."""
         self._priorities.append((t_ns, priorities))
 
     def _priorities_in(self, from_ns: int, to_ns: int) -> list[Mapping[str, int]]:
-        """Give the priorities in effect at any moment from `from_ns` to `to_ns`."""
+        """Return the priorities that were in effect at any moment from `from_ns` to `to_ns`."""
         spans = pairwise([(0, {}), *self._priorities, (to_ns + 1, {})])
         return [found for (since_ns, found), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
     def silences(self, outages: Iterable[Outage], injected: Sequence[Injected], end_ns: int) -> list[Violation]:
-        """Give the critical functions that were silent for too long without need.
+        """Return a violation for each critical function that was silent for too long without need.
 
         injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """
@@ -288,7 +290,7 @@ class ServiceCheck(Oracle):
         return None
 
     def _situation(self, begin_ns: int, over_ns: int, injected: Sequence[Injected]) -> Situation | None:
-        """Give the situation in a time in which nothing changes; None where the situation is not known."""
+        """Return the worst situation that is possible from `begin_ns` to `over_ns`; None if it is not known."""
         hit = [s for s in injected if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
         starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
         if starts or any(one.element is None for one in hit):
@@ -301,7 +303,7 @@ class ServiceCheck(Oracle):
         return Situation(frozenset(down), self._limits(over_ns), phase, self._priorities_in(begin_ns, begin_ns)[-1])
 
     def _starts(self) -> Iterator[tuple[int, int]]:
-        """Give the times (from, to) within start-up windows in which no PE ran a module."""
+        """Yield the times (from, to) within start-up windows in which no PE ran a module."""
         for began_ns in self._masterships_ns:
             for from_ns, to_ns in self._idle:
                 first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)
@@ -309,7 +311,7 @@ class ServiceCheck(Oracle):
                     yield first_ns, last_ns
 
     def _could_serve(self, name: str, now: Situation) -> bool:
-        """Tell whether the best plan serves every wanted function of this function's class and the classes above."""
+        """Tell whether the best plan serves every wanted function of this function's class and of the classes above."""
         functions = self._spec.functions.values()
         criticality = self._spec.functions[name].criticality_in(now.phase)
         if criticality not in CRITICAL_CLASSES or not now.priority_of(self._spec.functions[name]):

@@ -20,7 +20,11 @@ from heronry_tools.sim.oracles.violation import Violation
 def stopped_by_silence(
     spec: Spec, targets: Iterable[str], witness: Witness, since_ns: int, now_ns: int
 ) -> list[Violation]:
-    """Give the outages from `since_ns` to `now_ns` of a run in which only managers have failed."""
+    """Return a violation for each function that was silent though nothing but managers has failed.
+
+    It looks at the time from `since_ns` to `now_ns`. If any of `targets`, into which faults were injected, is no
+    manager, nothing is returned. witness: has the silences of all functions.
+    """
     if any(target not in MANAGERS for target in targets):
         return []
     story = "was not heard, though only managers had failed"

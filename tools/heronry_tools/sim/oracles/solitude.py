@@ -1,6 +1,6 @@
-"""The PEs that heard no node for T_lease, and when that ended: they may have missed a command (protocol rule 8).
+"""Which PEs heard no node for T_lease, and when that ended: they may have missed a command (protocol rule 8).
 
-This is derived from the frames on a PE's uplink. Either no other node sent there, or the PE itself did not send,
+The oracle derives it from the frames on a PE's uplink: either no other node sent there, or the PE itself did not send,
 because its wire was broken or it was paused. A PE that has restarted knows nothing of the time before. While a bus is
 broken into two parts the frames do not show which node heard which, so every PE on the bus counts.
 """
@@ -13,10 +13,10 @@ _SLOWER_PPM = 1_000  # a silence shorter than T_lease by this counts: a PE's clo
 
 
 class Solitude:
-    """Follows which nodes send on each bus."""
+    """Finds the PEs that have heard no other node for T_lease, and when each heard one again."""
 
     def __init__(self, spec: Spec) -> None:
-        """Assume that every PE has just heard another node."""
+        """Assume at the beginning that every PE has just heard another node."""
         self._on = {bus: {pe for pe in spec.pes if uplink_bus(spec, pe) == bus} for bus in spec.buses}
         lease_ns = {name: LEASE_PERIODS * bus.heartbeat_ns for name, bus in spec.buses.items()}
         self._silence_ns = {bus: ns * (10**6 - _SLOWER_PPM) // 10**6 for bus, ns in lease_ns.items()}
@@ -26,11 +26,11 @@ class Solitude:
         self._ended_ns: dict[str, int] = {}
 
     def ended_ns(self, pe: str) -> int:
-        """Give the time in ns at which a PE heard another node again after its last such silence; 0 if it had none."""
+        """Return the time in ns at which a PE last heard a node again after a silence of T_lease; 0 if never."""
         return self._ended_ns.get(pe, 0)
 
     def heard(self, t_ns: int, bus: str, speaker: str) -> None:
-        """Note a state of a PE, or an ALIVE of a manager."""
+        """Record that `speaker`, a PE or a manager, was heard on a bus."""
         last, last_ns, other_ns = self._last.get(bus, (speaker, t_ns, t_ns))
         silence_ns = self._silence_ns[bus]
         if t_ns - self._spoke_ns.get((bus, speaker), t_ns) >= silence_ns:
@@ -43,13 +43,13 @@ class Solitude:
         self._last[bus] = (speaker, t_ns, other_ns if speaker == last else last_ns)
 
     def started(self, t_ns: int, pe: str, incarnation: int) -> None:
-        """Note the incarnation that a PE reports."""
+        """Record the incarnation that a PE reports; a restarted PE knows nothing of the time before."""
         if self._incarnations.setdefault(pe, incarnation) != incarnation:
             self._incarnations[pe] = incarnation
             self._end(t_ns, {pe})
 
     def split(self, t_ns: int, bus: str) -> None:
-        """Note that a bus has broken in the middle, or was mended."""
+        """Record that a bus has broken or was repaired; every PE on it may have missed a command."""
         self._end(t_ns, self._on[bus])
 
     def _end(self, t_ns: int, pes: set[str]) -> None:

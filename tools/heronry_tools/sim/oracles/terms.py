@@ -39,7 +39,7 @@ _TOGETHER_LEASES, _APART_PERIODS = 2, 3
 
 
 class TermCheck(Oracle):
-    """Follows the terms of commands, and the epochs that PEs report."""
+    """Verifies the terms of commands, and the epochs that PEs report."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
         super().__init__()
@@ -59,13 +59,17 @@ class TermCheck(Oracle):
         self._apart_ns = self._mastership.lease_ns * _APART_PERIODS // LEASE_PERIODS
 
     def bus_split(self, _t_ns: int, bus: str, is_split: bool) -> None:
-        """Note that the managers' bus has broken or was mended; managers that were apart have not met yet."""
+        """Record that a bus has broken in the middle, or was repaired.
+
+        While the managers' bus is broken, two managers may use one term. After the repair they get T_lease anew to
+        notice each other.
+        """
         if bus == self._bus:
             self._is_split = is_split
             self._voices.clear()
 
     def follow_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
-        """Verify a command on the managers' bus; tells whether its term is active or claimed."""
+        """Verify a command on the managers' bus; return whether its term is active or claimed."""
         if isinstance(message, SliceHead | SliceBody):
             own = self._own.get(station, 0)
             return own == self._mastership.number or self._mastership.is_claimed(own, station)
@@ -82,23 +86,23 @@ class TermCheck(Oracle):
         return self._mastership.named(t_ns, term, station)
 
     def tagged(self, t_ns: int, station: str) -> None:
-        """Note that a station has sent a TAG, which proves the command before it."""
+        """Record that a station has sent a TAG, which proves the command before it."""
         self._meet(t_ns, station, self._own.get(station, 0))
         self._mastership.tagged(t_ns, station)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """Note that a second manager, `twin`, is about to start with a copy of the journal of `station`."""
+        """Note that a second manager is about to start at station `twin`, with `station`'s journal."""
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
     def follow_alive(self, t_ns: int, station: str, term: int) -> bool:
-        """Verify an ALIVE on the managers' bus; tells whether its term is active."""
+        """Verify an ALIVE on the managers' bus; return whether its term is active."""
         if not self._has_key:
             self._meet(t_ns, station, term)
         return self._mastership.named(t_ns, term, station) and not self._mastership.is_claimed(term, station)
 
     def manager_died(self, _t_ns: int, station: str) -> None:
-        """Forget the last LEASE of a station whose manager has died: the next manager there may know nothing."""
+        """Forget the last LEASE of a station whose manager has died; the next one there may begin anew."""
         self._leased.pop(station, None)
 
     def _leases(self, t_ns: int, station: str, message: Lease) -> None:
@@ -121,7 +125,7 @@ class TermCheck(Oracle):
         self._tell(t_ns, "reign", story)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
-        """Verify that two stations do not use one term for too long, unless their bus is broken in the middle."""
+        """Verify that two stations do not use one term for too long, except while their bus is broken in the middle."""
         if self._is_split:
             return
         voices = self._voices.setdefault(term, {})
@@ -135,7 +139,7 @@ class TermCheck(Oracle):
             voices.clear()
 
     def said(self, state: StateSaid) -> None:
-        """Verify the epoch that a PE reports."""
+        """Verify that the epoch that a PE reports is of no lower term than its epochs before."""
         bus, node, t_ns, page = state.bus, state.node, state.t_ns, state.page
         if page.epoch not in self._prepared:
             return

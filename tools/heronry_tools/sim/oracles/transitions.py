@@ -24,10 +24,10 @@ from heronry_wire.state_frames import PeState, StatePage0
 
 
 class TransitionCheck(Oracle):
-    """Follows what each PE runs, and verifies each epoch at its first GO or GO_ALL."""
+    """Verifies each epoch at its first GO or GO_ALL, from what each PE runs at that time."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
-        """epochs: the activated epochs by number, filled while the run goes on."""
+        """Begin without states; the caller adds to `epochs` (by number) each epoch that is activated."""
         super().__init__()
         self._spec, self._epochs = spec, epochs
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
@@ -36,7 +36,7 @@ class TransitionCheck(Oracle):
         self._breaking = 0
 
     def said(self, state: StateSaid) -> None:
-        """Note what a PE reports that it runs."""
+        """Record what a PE reports that it runs."""
         self._told[state.pe] = state.page
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
@@ -72,7 +72,7 @@ class TransitionCheck(Oracle):
         return [f"from epoch {before.number} to {epoch.number}: {one}" for one in found if one.rule == "t.bus"]
 
     def _before(self, pages: Sequence[StatePage0]) -> Epoch | None:
-        """Give the epoch in which all these PEs are ACTIVE; None if they are not in one epoch."""
+        """Return the epoch in which all these PEs are ACTIVE; None if they are not all in one epoch."""
         said = {(page.epoch, page.digest, page.state) for page in pages}
         number, digest, state = next(iter(said), (NO_EPOCH, 0, PeState.UNCONFIGURED))
         before = self._epochs.get(number)

@@ -1,4 +1,4 @@
-"""The violation that an oracle reports."""
+"""The violation that an oracle records."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ MISSED = "missed"
 
 
 class Violation(NamedTuple):
-    """One violation of a requirement, and when it was seen."""
+    """One violation of a rule, and when the oracle saw it."""
 
     t_ns: int
     rule: str  # exclusion, clash, digest, epoch, served, active

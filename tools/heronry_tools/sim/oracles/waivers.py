@@ -17,7 +17,7 @@ REPORTS = "reports"
 
 @dataclass(slots=True)
 class Waiver:
-    """Rules that are not verified between two moments; no end where `to_ns` is None."""
+    """Rules of oracles that are not verified from `from_ns` to `to_ns`; a `to_ns` of None is the end of the flight."""
 
     rules: frozenset[str]
     from_ns: int
@@ -25,15 +25,15 @@ class Waiver:
 
 
 class Waivers:
-    """The waivers of one flight."""
+    """All waivers of one flight."""
 
     def __init__(self, settling_ns: int) -> None:
-        """settling_ns: time after the end of a fault in which its consequences may still appear."""
+        """Begin without waivers; each one is to be extended by `settling_ns` after the end of its fault."""
         self._settling_ns = settling_ns
         self._all: list[Waiver] = []
 
     def begin(self, rules: frozenset[str], now_ns: int) -> Waiver:
-        """Give a waiver that begins now; the code that ends the fault sets `Waiver.to_ns`."""
+        """Return a waiver that begins now; the code that ends the fault sets its `to_ns`."""
         waiver = Waiver(rules, now_ns)
         if rules:
             self._all.append(waiver)
@@ -50,11 +50,11 @@ class Waivers:
         )
 
     def promised(self, violations: Iterable[Violation]) -> tuple[Violation, ...]:
-        """Give the violations that no waiver covers."""
+        """Return the violations that no waiver covers."""
         return tuple(one for one in violations if not self.cover(one.rule, one.t_ns, one.since_ns))
 
     def unverified_ns(self, end_ns: int) -> dict[str, int]:
-        """For each rule, give the ns before `end_ns` in which it was waived."""
+        """Return, for each rule, the time in ns before `end_ns` in which it was waived."""
         rules = frozenset[str]().union(*(one.rules for one in self._all))
         return {rule: self._length_ns(rule, end_ns) for rule in sorted(rules)}
 

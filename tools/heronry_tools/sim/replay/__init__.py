@@ -1,1 +1,1 @@
-"""Replays a recorded bus through the manager's core, which takes the same decisions and gives the reason for each."""
+"""Replays a recorded bus through the manager's core, which takes the same decisions again and gives its reasons."""

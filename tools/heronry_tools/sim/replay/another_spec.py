@@ -1,8 +1,8 @@
 """Detects that a recording was made with another spec.
 
-Two facts show which spec was flown. The digest of a slice that was sent whole depends on the digest of the spec. And if
-PREPARE names a contingency by its number, its digest must be on board. One match suffices. If nothing matches, no part
-of the mastership is replayed, and the first mismatch is reported as the reason.
+Two facts show which spec was flown. The digest of a completely sent slice depends on the digest of the spec. And if
+PREPARE names a contingency by its number, the contingency with that digest must be on board. One match is enough. If
+nothing matches, no part of the mastership is replayed, and the first mismatch is reported as the reason.
 """
 
 from collections.abc import Iterable, Iterator
@@ -15,9 +15,9 @@ from heronry_wire.pe_table import PeTable
 
 
 def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable]) -> str | None:
-    """Give a sentence if a mastership was flown with another spec; None if it may have been flown with this one.
+    """Return a sentence if a mastership was flown with another spec; None if it may have been flown with this one.
 
-    on_board: tables with the contingencies.
+    on_board: the tables with the contingencies; None if there are none.
     """
     called = {one.digest for table in on_board for one in table.preloaded()}
     clues = list(_clues(spec, mastership, called))
@@ -31,7 +31,7 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
 
 
 def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tuple[Prepare, bool]]:
-    """Give each PREPARE that shows which spec was flown: itself, and whether it matches this spec."""
+    """Yield each PREPARE that shows which spec was flown, and True if it agrees with this spec."""
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
     bodies: dict[int, dict[int, bytes]] = {}
@@ -52,7 +52,7 @@ def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tup
 
 
 def _whole(head: SliceHead | None, frames: dict[int, bytes]) -> bytes | None:
-    """Give the bytes of a slice; None while some are missing."""
+    """Return the bytes of a slice, given its first frame and its other frames; None while some bytes are missing."""
     count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
     if head is None or not all(index in frames for index in range(1, count + 1)):
         return None

@@ -13,7 +13,11 @@ Taken = Literal["both", "recorded", "replayed"]
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A decision, and who took it; `late_ns`: how much later the replay took it, where both did."""
+    """A decision in the recording, in the replay, or in both.
+
+    taken: in which of the two it is
+    late_ns: how much later it is in the replay than in the recording, if it is in both
+    """
 
     decision: Decision
     taken: Taken
@@ -21,7 +25,7 @@ class Compared:
 
     @property
     def t_ns(self) -> int:
-        """When the decision was taken."""
+        """Return the time at which the decision was taken."""
         return self.decision.t_ns
 
 
@@ -33,11 +37,11 @@ class Comparison:
     entries: list[Compared | Remark]
 
     def differences(self) -> int:
-        """Count the decisions that only one side has, and the remarks on differences."""
+        """Return the number of decisions that only one side has, plus the number of remarks on differences."""
         return sum(e.differs if isinstance(e, Remark) else e.taken != "both" for e in self.entries)
 
     def decisions(self) -> int:
-        """Count the decisions of the recording."""
+        """Return the number of decisions in the recording."""
         return len(self.mastership.decisions)
 
 

@@ -1,10 +1,11 @@
 """Finds the heartbeat period with which a recording was flown, where the flight has stretched that of the spec.
 
-`heronry demo` flies with a longer heartbeat than the spec's on a computer that cannot keep it: the usual one, doubled
-as often as needed (`kept_heartbeat_ns`). Every time of the protocol follows from that period, so the core that replays
-needs it. The recording carries it, since a manager sends one LEASE in each period: half of the intervals between two
-LEASEs are shorter than a period and half are longer, whatever was late. The candidate that is nearest to their median
-was flown. A recording with fewer than `_FEWEST` intervals tells nothing, and is replayed with the spec's own period.
+On a computer that cannot keep the spec's heartbeat period, `heronry demo` uses a longer one: the spec's, doubled as
+often as needed (`kept_heartbeat_ns`). Every time of the protocol follows from that period, so the core that replays
+needs it. The recording shows it, since a manager sends one LEASE in each period: whatever was late, half of the
+intervals between two LEASEs are shorter than a period and half are longer. Of the possible periods, the one nearest to
+the median interval was used. A recording with fewer than `_FEWEST` intervals shows nothing, and is replayed with the
+spec's own period.
 """
 
 from itertools import pairwise
@@ -20,7 +21,7 @@ _FEWEST = 4
 
 
 def as_flown(spec: Spec, masterships: list[Mastership]) -> Spec:
-    """Give the spec with the heartbeat periods of the recording: `spec` itself where they are its own."""
+    """Return the spec with the heartbeat periods of the recording; `spec` itself if they are its own."""
     intervals = [
         later - earlier for one in masterships for (earlier, _), (later, _) in pairwise(one.leases) if later > earlier
     ]
@@ -32,7 +33,7 @@ def as_flown(spec: Spec, masterships: list[Mastership]) -> Spec:
 
 
 def period_ns(spec: Spec) -> int:
-    """Heartbeat period of the manager's bus."""
+    """Return the heartbeat period of the manager's bus."""
     return spec.buses[spec.manager.bus].heartbeat_ns
 
 

@@ -1,11 +1,12 @@
-"""Turns a recording of a flight with a key into one without: keeps what the key proves, and drops the rest.
+"""Turns a recording of a flight with a key into one without: keeps what the key proves, and drops all other frames.
 
-The core that replays has no key: its own nonces and numbers would differ from those in the recording. The code that
-decides for a standby manager (`Authenticity`) decides here, too; sessions are those that recorded WELCOMEs have opened.
+The core that replays has no key: its own nonces and numbers would differ from those in the recording. `Authenticity`,
+which decides in a standby manager which frames are authentic, decides here, too. The sessions are those that the
+recorded WELCOMEs have opened.
 
     a command          counts from the time of its TAG; TAGs and commands that are never proven are left out
     pages 0 and 1      get their digest back if the tag in its place is correct
-    an EMCY            follows the page 0 that has proven it
+    an EMCY            comes after the page 0 that has proven it
     pages 2 and 3      are left out, as is every state that is not proven
 
 A manager that had just restarted could not believe some states that count here, if the session before was still open.
@@ -33,13 +34,13 @@ def is_tagged(frames: Iterable[LoggedFrame]) -> bool:
 
 
 def proven(spec: Spec, key: Key, frames: Sequence[LoggedFrame]) -> list[LoggedFrame]:
-    """Give the frames on the manager's bus that are proven, in the order in which they are proven."""
+    """Return the frames on the manager's bus that are proven, in the order in which they are proven."""
     reader = _Reader(spec, key)
     return [logged._replace(frame=frame) for logged in frames for frame in reader.read(logged)]
 
 
 class _Reader:
-    """Follows both managers and all PEs, frame by frame."""
+    """Decides for each frame of both managers and of all PEs whether the key proves it."""
 
     def __init__(self, spec: Spec, key: Key) -> None:
         self._turn = Turn(FIRST_MANAGER, 0, term=0, silent=True)
@@ -52,7 +53,7 @@ class _Reader:
         }
 
     def read(self, logged: LoggedFrame) -> list[Frame]:
-        """Take the next frame; give the frames that it proves, or itself if it needs no proof."""
+        """Read the next frame; return the frames that it proves, or the frame itself if it needs no proof."""
         frame = logged.frame
         self._turn.now_ns = logged.time_ns
         if frame.extended or frame.remote or frame.error:

@@ -5,9 +5,9 @@
     FOLDER/00000001.log            frames, as candump -L writes them; the next file begins when this one has its size
     FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`), in the monotonic clock of that computer
 
-The oldest pair of files goes when the next one would exceed the limit of the whole folder. Every pair but the first
-begins with `resumed`, the whole snapshot, so what is left can be read without what is gone. Frames have dates; they
-are read back in the clock of the events.
+The oldest pair of files is deleted when the next pair would exceed the limit of the whole folder. Every pair but the
+first begins with the event `resumed`, a complete snapshot, so the remaining files can be read without the deleted ones.
+The log gives frames with date and time; they are converted to the clock of the events.
 """
 
 import json
@@ -32,7 +32,7 @@ def is_recorded_folder(path: Path) -> bool:
 
 
 def head_of(folder: Path) -> dict[str, Any]:
-    """Read the head of a folder; raises UserError for one of a later version, or damaged."""
+    """Read `flight.json`; raises UserError if it is damaged or of a later version."""
     try:
         head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
         version = head["v"]
@@ -45,13 +45,30 @@ def head_of(folder: Path) -> dict[str, Any]:
     return dict(head)
 
 
-def spec_of(folder: Path) -> Spec:
-    """Load the spec in a folder."""
-    return load_spec(str(folder / head_of(folder)["spec_file"]))
+def spec_of(folder: Path, text: str | None = None) -> Spec:
+    """Load the spec in a folder, or the one that `text` names; raises UserError where that is another one."""
+    head = head_of(folder)
+    if text is None:
+        return load_spec(str(folder / head["spec_file"]))
+    spec = load_spec(text)
+    expect_spec_of(head, spec, f"{folder} has its own spec: leave SPEC out", str(folder))
+    return spec
+
+
+def expect_spec_of(told: Mapping[str, Any], spec: Spec, remedy: str, name: str) -> None:
+    """Raise UserError where the recording `name` says in `told` that it is of another spec."""
+    flown, digest = told["spec"], told["spec_digest"]
+    if digest != spec.digest:
+        other = "another text of it" if flown == spec.name else f"'{spec.name}' ({_short(spec.digest)})"
+        raise UserError(f"{name} is a flight of '{flown}' ({_short(digest)}), and SPEC is {other}; {remedy}")
+
+
+def _short(digest: str) -> str:
+    return f"digest {digest[:8]}"
 
 
 def log_of(folder: Path) -> list[LoggedFrame]:
-    """Read all frames of a folder, in the clock of its events and in order of time.
+    """Return all frames of a folder, in the clock of its events and in order of time.
 
     Lines that are no frames are left out.
     """
@@ -65,7 +82,7 @@ def log_of(folder: Path) -> list[LoggedFrame]:
 
 
 def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
-    """Read all events of a folder, in the order in which they were told."""
+    """Return all events of a folder, in the order in which they were recorded."""
     for file in sorted(folder.glob(f"*{EVENTS_SUFFIX}")):
         for line in _whole_lines(file):
             with suppress(ValueError):
@@ -73,6 +90,6 @@ def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
 
 
 def _whole_lines(file: Path) -> list[str]:
-    """Read the lines of a file; the last one counts only with its end: a kill may have cut it."""
+    """Return the lines of a file; the last one is left out if its end is missing, since a kill may have cut it."""
     whole, _, _ = file.read_text(encoding="utf-8", errors="replace").rpartition("\n")
     return whole.splitlines()

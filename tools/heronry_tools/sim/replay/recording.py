@@ -5,11 +5,11 @@ LEASE, since a manager listens for so long, and ends with the last LEASE. A *dec
 or the first ACTIVATE with a step; repetitions are no decisions.
 
 A mastership whose beginning was not recorded cannot be replayed: decisions before the recording are unknown. Such a
-mastership is recognized by its first LEASE, which names an epoch.
+mastership is recognized by its first LEASE, which already names an epoch.
 
 Lines that are no frames are counted. A recording may hold several buses, which differ in the name of the channel. The
-manager's bus is the channel named as in the spec, or the only one, or the one that the user names. For a replicated bus
-the user may name both channels, separated by a comma; each frame then counts once.
+manager's bus is the channel that the user names; without that, the channel named as in the spec, or the only one. For a
+replicated bus the user may name both channels, separated by a comma; each frame then counts once.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ _SAID_BY |= {heartbeat_id(node): node for node in MANAGER_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A step that a manager took towards a configuration, at `t_ns`; the time does not count when two are compared."""
+    """One step of a manager towards a configuration; two decisions are equal if all but their `t_ns` are equal."""
 
     t_ns: int = field(compare=False)
     what: str  # PREPARE, or the name of the step of an ACTIVATE
@@ -45,7 +45,7 @@ class Decision:
 
 @dataclass(slots=True)
 class Mastership:
-    """One mastership in a recording; times in ns of the recording."""
+    """One mastership in a recording; times are in ns on the clock of the recording."""
 
     node: int
     term: int
@@ -58,7 +58,7 @@ class Mastership:
     leases: list[tuple[int, Lease]] = field(default_factory=list)
 
     def calls_by_number(self) -> bool:
-        """Tell whether a PREPARE names a contingency by its number, so that the manager flew with contingencies."""
+        """Tell whether a PREPARE names a contingency by its number: then contingencies were on board."""
         prepared = (decode_command(command, frame.data) for _, command, frame in self.said)
         return any(isinstance(message, Prepare) and message.contingency for message in prepared)
 
@@ -66,8 +66,8 @@ class Mastership:
 def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
     """Read a candump log, or a folder of 'heronry record'.
 
-    Gives its frames in order of time, and the number of lines that are no frames. Raises UserError if no line is a
-    frame; OSError if the file cannot be read.
+    Returns its frames in order of time, and the number of lines that are no frames. Raises UserError if no line is a
+    frame, and OSError if the file cannot be read.
     """
     if is_recorded_folder(path):
         return log_of(path), 0
@@ -80,7 +80,7 @@ def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
 
 
 def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str | None) -> list[LoggedFrame]:
-    """Give the frames of the manager's bus; raises UserError if the recording does not show which bus that is."""
+    """Return the frames of the manager's bus; raises UserError if the recording does not show which bus that is."""
     channels = list(dict.fromkeys(logged.channel for logged in frames))
     if channel is None:
         channel = spec.manager.bus if spec.manager.bus in channels or len(channels) > 1 else channels[0]
@@ -98,7 +98,7 @@ def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str 
 
 
 def masterships(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Mastership]:
-    """Give every mastership on the manager's bus, in the order of their first LEASEs."""
+    """Return every mastership on the manager's bus, in the order of their first LEASEs."""
     found: list[Mastership] = []
     for logged in frames:
         node, command = _COMMANDS.get(logged.frame.can_id, (None, None))
@@ -116,7 +116,7 @@ def masterships(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Mastership]:
 
 
 def decision_of(node: int, t_ns: int, frame: Frame) -> Decision | None:
-    """Give the decision that a frame of manager `node` carries; None where it carries none."""
+    """Return the decision that a frame of manager `node` carries; None if it carries none."""
     of, command = _COMMANDS.get(frame.can_id, (None, None))
     if frame.extended or command is None or of != node:
         return None
@@ -130,13 +130,13 @@ def decision_of(node: int, t_ns: int, frame: Frame) -> Decision | None:
 
 
 def note(decisions: list[Decision], decision: Decision | None) -> None:
-    """Append a decision, unless it repeats one in the list."""
+    """Append a decision to a list, except if the list already has it."""
     if decision is not None and decision not in decisions:
         decisions.append(decision)
 
 
 def _follow(found: list[Mastership], node: int, command: Command, logged: LoggedFrame) -> None:
-    """Add a command to the mastership of its sender; a LEASE with another term begins a new one."""
+    """Add a command to the mastership of its sender; a LEASE with another term begins a new mastership."""
     t_ns, frame = logged.time_ns, logged.frame
     mastership = next((known for known in reversed(found) if known.node == node), None)
     message = decode_command(command, frame.data)

@@ -1,18 +1,19 @@
 """Replays one recorded mastership through the manager's core.
 
-The core gets the frames that the manager heard, at their recorded times, and its own deadlines in between. The bus does
-not show when the planner answered, nor with which plan. Both are derived from what the manager prepared next:
+The core gets the frames that the manager heard, at their recorded times; between them it is called at its own
+deadlines. The bus does not show when the planner answered, nor with which plan. Both are derived from what the manager
+prepared next:
 
 - If the prepared digest is that of the best plan, of the greedy plan, or of a contingency, that plan is the answer. It
   was given at the time of the PREPARE.
 - If the prepared configuration is another one, but legal in the situation of the core's request, the core gets it, so
-  that the rest can be replayed. A remark reports the difference, and the value of both plans.
+  that the replay can continue. A remark reports the difference, and the value of both plans.
 - If nothing prepared later is legal in that situation, there was no answer in time: the next request replaced it, or
   the plan was no better than what ran.
 - If a LEASE names a configuration that would be planned now, the manager adopted it.
 
-The operator's orders are not on the bus. Their consequences are shown as recorded, but not replayed, and so is
-everything that depends on them.
+The operator's orders are not on the bus. Their consequences are shown as recorded, but neither they nor anything that
+depends on them is replayed.
 """
 
 from collections.abc import Iterator, Mapping
@@ -68,7 +69,7 @@ _NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A sentence on a reason for the core's decisions, or on a difference."""
+    """A sentence about a decision of the core: its reason, or a difference from the recording (`differs`)."""
 
     t_ns: int
     text: str
@@ -83,10 +84,10 @@ class _Answer:
 
 
 class Planners:
-    """The plans that a manager of a spec may fly with, each found by the digest of its configuration."""
+    """Makes the plans that a manager of a spec may have used, and names each by the digest of its configuration."""
 
     def __init__(self, spec: Spec, ahead: Prepared | None = None) -> None:
-        """ahead: the contingencies, if there are any."""
+        """Begin with the planners of a spec; `ahead` has the contingencies, None if there are none."""
         self.spec, self.ahead = spec, ahead or prepared_with(spec, None)
         self._planner, self._compiler = Planner(spec), Compiler(spec)
         made = self.ahead.made
@@ -96,13 +97,13 @@ class Planners:
         self._fittings = (*with_plans, with_solver, without_solver)
 
     def digest(self, configuration: Configuration) -> int:
-        """Give the digest by which PREPARE and LEASE name a configuration."""
+        """Return the digest by which PREPARE and LEASE name a configuration."""
         return self._compiler.configuration(configuration).digest
 
     def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        """Give every plan that could answer a request, the likeliest first.
+        """Yield every plan that could answer a request, with its name, the likeliest first.
 
-        These are the plans with and without contingencies, and with and without a solver.
+        The plans are made with and without contingencies, and with and without a solver.
         """
         found = set()
         for policy in self._fittings:
@@ -113,7 +114,7 @@ class Planners:
                     yield _NAMES[answer.source], answer.answer.plan
 
     def _answers(self, policy: PlanningPolicy, instruction: Instruction) -> Iterator[Answer]:
-        """Give the answers of a policy, and those of the exact planner if the policy requests them."""
+        """Return the answers of a planning policy, with those of the exact planner if the policy requests them."""
         match instruction:
             case Answer():
                 yield instruction
@@ -149,7 +150,7 @@ class Rerun:
         self._until(self._mastership.last_ns)
 
     def _until(self, t_ns: int) -> None:
-        """Give the core all deadlines, and answers of the planner, that are due before `t_ns`."""
+        """Call the core for all deadlines, and with all answers of the planner, that are due before `t_ns`."""
         while not self._ended:
             deadline_ns = self._core.next_deadline_ns()
             answer = self._answer
@@ -194,7 +195,7 @@ class Rerun:
             self.events.append({"v": told["v"], "t_ns": told["t_ns"], **runs})
 
     def _find_answer(self, now_ns: int, request: RequestPlan) -> _Answer | None:
-        """Derive what the planner answered, and when; None if it did not answer in time."""
+        """Derive what the planner answered, and when; return None if it did not answer in time."""
         likeliest_last = list(self._planners.plans(request))[::-1]
         known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}
         prepared = [d for d in self._mastership.decisions if d.what == "PREPARE" and d not in self.decisions]
@@ -211,7 +212,10 @@ class Rerun:
         return None if recorded is None else self._another(at_ns, request, recorded, known)
 
     def _adopted(self, now_ns: int, following: Decision | None) -> int | None:
-        """Give the digest that LEASE names before any PREPARE of this mastership; None if there is none."""
+        """Return the digest of the configuration that the manager adopted; None if it adopted none.
+
+        It is the one that a LEASE names before any PREPARE of this mastership.
+        """
         if self.decisions:
             return None
         until_ns = self._mastership.last_ns if following is None else following.t_ns
@@ -242,7 +246,7 @@ def _answer(at_ns: int, request: RequestPlan, name: str, plan: Plan) -> _Answer:
 
 
 def _configurations(planners: Planners, mastership: Mastership) -> dict[int, Configuration]:
-    """Give the configurations that were activated in a mastership, by digest."""
+    """Return the configurations that were activated in a mastership, by digest."""
     commanded, found = Commanded(planners.spec, planners.ahead.tables.values()), {}
     for t_ns, command, frame in mastership.said:
         message = decode_command(command, frame.data)

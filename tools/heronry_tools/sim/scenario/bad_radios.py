@@ -23,14 +23,14 @@ _NOTHING: can.typechecking.CanFilters = [{"can_id": 0x7FF, "can_mask": 0x7FF, "e
 
 
 class Disturbance(NamedTuple):
-    """How many times slower a bus is than normal, and how many of a thousand frames its receivers miss."""
+    """How many times slower than normal a bus is, and how many of a thousand frames its receivers miss."""
 
     slowdown: int = 1
     loss_per_mille: int = 0
 
 
 def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
-    """Give the disturbance of one bus at a time of the script (ns)."""
+    """Return the disturbance of one bus at a time of the script (ns)."""
     levels = dict.fromkeys(KINDS, 0) | {"collapse": 1}
     for deed in faults:
         fault = deed.fault
@@ -44,7 +44,10 @@ class BadRadios:
     """The disturbed buses of one flight; as a context manager it closes its connections to their hubs at the end."""
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:
-        """channels: path of the hub for each bus or channel, by name; a fault of another bus has no effect."""
+        """Connect to the hubs; `channels` gives the path of the hub for each bus or channel, by name.
+
+        A fault of a bus that is not in `channels` has no effect.
+        """
         self._faults: dict[str, list[Deed]] = {}
         for deed in deeds:
             if deed.fault is not None:
@@ -62,7 +65,7 @@ class BadRadios:
             client.shutdown()
 
     def next_ns(self, elapsed_ns: int) -> int | None:
-        """Give the time of the script (ns) at which a disturbance changes next; None if none does."""
+        """Return the time of the script (ns) at which a disturbance changes next; None if none does."""
         times = [
             time_ns
             for deeds in self._faults.values()
@@ -74,7 +77,7 @@ class BadRadios:
         return min(times, default=None)
 
     def follow(self, elapsed_ns: int) -> None:
-        """Set the disturbances of all buses to those of this time of the script (ns)."""
+        """Disturb the buses as it is due at this time of the script (ns)."""
         for bus, deeds in self._faults.items():
             wanted = disturbance(deeds, elapsed_ns)
             if wanted != self._now[bus]:

@@ -30,7 +30,7 @@ Mark = tuple[int, bool]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The result for one expectation; `seen` is a sentence on what was heard."""
+    """Whether one expectation holds; `seen` is a sentence on what was heard."""
 
     expectation: Expectation
     holds: bool
@@ -41,7 +41,11 @@ class Evaluation:
     """Evaluates the expectations of one flight."""
 
     def __init__(self, spec: Spec, heard: Observations, start_ns: int, slack_ns: int = 0) -> None:
-        """start_ns: the time at which the script begins. slack_ns: added to the longest gap between frames."""
+        """Begin; the evaluation uses only what was `heard`.
+
+        start_ns: time at which the script began
+        slack_ns: added to the longest allowed gap between frames
+        """
         self._spec, self._heard, self._start_ns, self._slack_ns = spec, heard, start_ns, slack_ns
 
     def verdict(self, one: Expectation) -> Verdict:
@@ -88,7 +92,7 @@ class Evaluation:
                 return [(t, one.subject in (element, module_of(element))) for t, element in heard.reports], None
 
     def _last_against(self, one: Expectation) -> int | None:
-        """Give the time at which the last frame that contradicts an expectation was heard; None if there is none."""
+        """Return the time of the last frame that contradicts an expectation; None if there is none."""
         kind, _, name = one.subject.partition(":")
         heard = self._heard
         match kind:
@@ -109,7 +113,7 @@ class Evaluation:
         return max((t for t in times if self._ns(one.from_ns) < t <= self._ns(one.until_ns)), default=None)
 
     def _epoch_at(self, from_ns: int) -> int:
-        """Give the epoch in the last state before a moment; in the first state of all if there is none before."""
+        """Return the epoch in the last state before `from_ns`; if there is none before, in the first state of all."""
         named = [(s.t_ns, s.page.epoch) for s in self._heard.states if s.page.epoch != NO_EPOCH]
         before = [epoch for t, epoch in named if t <= self._ns(from_ns)]
         return before[-1] if before else next((epoch for _, epoch in named), NO_EPOCH)
@@ -145,7 +149,7 @@ class Evaluation:
         return f"this did not hold at {self._s(self._ns(one.until_ns))}; the last heard was {told or 'nothing'}"
 
     def _last_words(self, one: Expectation) -> str | None:
-        """Say what was heard last of an expectation's subject, and when; None if nothing was."""
+        """Return a sentence on what was heard last of an expectation's subject, and when; None if nothing was."""
         kind, _, name = one.subject.partition(":")
         heard, until_ns = self._heard, self._ns(one.until_ns)
         match kind:
@@ -185,7 +189,10 @@ def _patience_ns(modes: Iterable[Mode]) -> int:
 
 
 def holds_since(marks: Iterable[Mark], patience_ns: int, until_ns: int) -> int | None:
-    """Give the beginning of the unbroken chain of marks that reaches `until_ns`; None if there is none."""
+    """Return the beginning of the unbroken chain of agreeing frames that reaches `until_ns`; None if there is none.
+
+    marks: each frame's time, and whether it agrees. patience_ns: longest gap between two frames of a chain.
+    """
     since_ns = last_ns = None
     for t_ns, says in marks:
         if t_ns > until_ns:

@@ -1,4 +1,4 @@
-"""The result of flying a script, in the simulator or with real processes."""
+"""The result of a flight of a script, in the simulator or with real processes."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,9 @@
-"""Flies a script in the simulator: virtual time, the flight cores, all random values from the script's seed.
+"""Flies a script in the simulator: virtual time, the cores that fly, all random values from the script's seed.
 
 Besides the script's expectations, the oracles of the simulator verify the flight as they verify a drawn flight
-(`end_of_flight`). They verify the rules that always hold, and silences without need. After the script every fault that
-can be ended is ended, and the oracles verify that the aircraft converges. An exception of a core ends the flight, which
-then fails.
+(`end_of_flight`). They verify the rules that always hold, and that no function was silent without need. After the
+script every fault that can be ended is ended, and the oracles verify that the aircraft converges. An exception of a
+core ends the flight, which then fails.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ _LONGEST_START_NS = 20_000 * MS
 
 
 def _take_off(script: Script) -> Simulation:
-    """Give the simulation of a script, without the PEs that are absent at first."""
+    """Return the simulation of a script; the PEs that are absent at first do not run yet."""
     return Simulation(
         script.spec,
         script.seed,
@@ -41,11 +41,10 @@ def _take_off(script: Script) -> Simulation:
 
 
 def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation], None] | None = None) -> Flown:
-    """Fly a script; raises UserError if something cannot be done at its time.
+    """Fly a script and return the result; raises UserError if the script asks for something impossible at its time.
 
-    is_compared: compare the trace with the golden one, if there is one; False if the golden trace is about to be
-    rewritten.
-    watch: gets the flight before it begins.
+    is_compared: whether to compare the trace with the golden one, if there is one
+    watch: is called with the simulation before the flight begins
     """
     flight = _take_off(script)
     if watch is not None:
@@ -77,7 +76,7 @@ def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
     """Do what the script says, to its end.
 
-    Gives for each deed of the script how many events came before it, and its line of the trace.
+    Returns, for each deed of the script, the number of events before it and its line of the trace.
     """
     _begin(flight, script)
     start_ns = _start_ns(flight)
@@ -91,14 +90,14 @@ def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[in
 
 
 def _end(flight: Simulation, script: Script, injections: Injections) -> list[str]:
-    """End the flight; gives the violations as sentences."""
+    """End the flight; return its violations as sentences."""
     injections.injected += _injected(flight, script)
     violations = end_flight(flight, injections, (deed.target for deed in script.deeds))
     return [*_missed(script, injections), *map(str, flight.waivers.promised(violations))]
 
 
 def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
-    """Give the kills and the jammed actuators of a script as faults, for the oracle `service`.
+    """Return the kills and the jammed actuators of a script as faults, for the oracle `service`.
 
     If one of two managers is killed, the fault ends at the time at which it begins, since the other manager takes over.
     The fault of a jammed actuator names no element: when the actuator is reported depends on the monitors.
@@ -116,7 +115,7 @@ def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
 
 
 def _missed(script: Script, injections: Injections) -> Iterator[str]:
-    """Give a sentence for each fault that was not injected, or was injected in another state than the script names."""
+    """Return a sentence for each fault that was not injected, or not in the state that the script names."""
     for deed in script.deeds:
         story = None if deed.fault is None else not_injected(deed.fault, deed.text, injections)
         if story is not None:
@@ -124,7 +123,7 @@ def _missed(script: Script, injections: Injections) -> Iterator[str]:
 
 
 def _begin(flight: Simulation, script: Script) -> None:
-    """Fly until the first configuration runs; raises UserError if that takes too long."""
+    """Simulate until the first configuration runs; raises UserError if that takes too long."""
     while not flight.events_of("reconfigured"):
         flight.run_for(MS)
         if flight.now_ns > _LONGEST_START_NS:
@@ -132,14 +131,14 @@ def _begin(flight: Simulation, script: Script) -> None:
 
 
 def _start_ns(flight: Simulation) -> int:
-    """Give the time at which the first configuration ran; the present time if none has run."""
+    """Return the time at which the first configuration ran; the present time if none has run."""
     return next((event["t_ns"] for event in flight.events_of("reconfigured")), flight.now_ns)
 
 
 def _do(flight: Simulation, script: Script, deed: Deed) -> None:
     try:
         match deed.what, deed.target:
-            case "fault", _:
+            case "fault" | "wait", _:
                 pass  # `Injections` injects faults
             case "stick", device:
                 flight.fail_device(device.removeprefix("device:"), "stuck")
@@ -158,7 +157,7 @@ def _do(flight: Simulation, script: Script, deed: Deed) -> None:
 
 
 def _say(flight: Simulation, deed: Deed) -> None:
-    """Let the operator give an order."""
+    """Give the active manager the operator's order that a deed names."""
     reply = flight.operator.say(ORDERS[deed.what](deed.target))
     if reply is None:
         raise UserError(f"'{deed.text}': no manager is active at that time to accept the order; choose another time")
@@ -167,7 +166,7 @@ def _say(flight: Simulation, deed: Deed) -> None:
 
 
 def _decided(flight: Simulation, deeds: list[tuple[int, str]]) -> tuple[str, ...]:
-    """Give the lines of the trace: what was done and what the manager decided, in order of time."""
+    """Return the lines of the trace: what was done and what the manager decided, in order of time."""
     lines, waiting = [], list(deeds)
     for number, event in enumerate(flight.events):
         while waiting and waiting[0][0] <= number:

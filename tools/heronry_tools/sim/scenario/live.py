@@ -54,7 +54,7 @@ _LONGEST_WAIT_S = 0.1
 
 
 def check(script: Script) -> None:
-    """Refuse a script without expectations, or with deeds that cannot be done to processes; raises UserError."""
+    """Raise UserError for a script without expectations, or with deeds that cannot be done to processes."""
     if not script.expectations:
         raise UserError(f"{script.file}: no 'expect' in this file; add for example '{EXAMPLE}', or omit -i and -c")
     for deed in script.deeds:
@@ -65,12 +65,12 @@ def check(script: Script) -> None:
 
 
 def _is_of_a_radio(script: Script, deed: Deed) -> bool:
-    """Tell whether a deed is a fault of a bus that is always a software bus started by the flight."""
+    """Tell whether a deed is a fault of a bus that every flight simulates as a software bus."""
     return deed.fault is not None and deed.fault.kind in KINDS and deed.fault.name != script.spec.manager.bus
 
 
 def fly(script: Script, arguments: argparse.Namespace) -> Flown:
-    """Fly a script with real processes, on the bus that python-can's flags name."""
+    """Fly a script with real processes and return the result; the bus is the one of python-can's options."""
     spec = script.spec
     with ExitStack() as stack:
         folder = run_folder()
@@ -96,7 +96,7 @@ def _made_ahead(script: Script) -> Contingencies | None:
 
 
 def _made_key(script: Script, folder: Path) -> Path | None:
-    """Make the key file of a script; None if it has no key."""
+    """Make the key file of a script in `folder`; None if the script has no key."""
     if not script.has_key:
         return None
     file = folder / "fleet.key"
@@ -105,7 +105,7 @@ def _made_key(script: Script, folder: Path) -> Path | None:
 
 
 def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
-    """Give interface, channel and bit rate of the manager's bus from python-can's flags; None for a software bus."""
+    """Return interface, channel and bit rate that python-can's options give; None if the bus is a software bus."""
     interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
     if channel is not None:
         return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
@@ -115,7 +115,7 @@ def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
 
 
 def _hubs(choices: Mapping[str, BusChoice]) -> dict[str, str]:
-    """Give the paths of the hubs that this flight has started, by bus or channel (`radio`, `can0.1`)."""
+    """Return the paths of the hubs that this flight has started, by bus or channel (`radio`, `can0.1`)."""
     return {
         name if choice.channels == 1 else f"{name}.{number}": config["channel"]
         for name, choice in choices.items()
@@ -125,7 +125,7 @@ def _hubs(choices: Mapping[str, BusChoice]) -> dict[str, str]:
 
 
 class _Show:
-    """One flight in real time."""
+    """One flight of a script with real processes, in real time."""
 
     def __init__(self, script: Script, fleet: Fleet, ear: Ear, radios: BadRadios, patience: float) -> None:
         self._script, self._fleet, self._ear, self._radios = script, fleet, ear, radios
@@ -142,7 +142,7 @@ class _Show:
         self._trace: list[str] = []
 
     def run(self, where: str) -> Flown:
-        """Fly to the end of the script."""
+        """Fly to the end of the script; `where` names the bus in the result."""
         for node in MANAGER_NODES if self._script.has_standby else (FIRST_MANAGER,):
             self._start_manager(node)
         for pe in self._script.spec.pes:
@@ -174,7 +174,7 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Give an expectation more time: times `patience`, and 3 s more if a process is started in its time."""
+        """Return the expectation with more time: times `patience`, and 3 s more if a process starts in its time."""
         if not one.within_ns:
             return one
         starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0
@@ -203,7 +203,7 @@ class _Show:
             self._runs_ns = event["t_ns"]
 
     def _begin(self) -> None:
-        """Begin the script once every function that the first configuration serves was heard, or after LOADING_S."""
+        """Wait until every function of the first configuration was heard, or for LOADING_S, then begin the script."""
         if self._start_ns is not None or self._runs_ns is None:
             return
         now_ns, functions = time.monotonic_ns(), self._script.spec.functions

@@ -39,7 +39,7 @@ class Heard:
 
 @dataclass(slots=True)
 class Observations:
-    """Everything that was heard, in order of time."""
+    """Everything that was heard on the managers' bus, in order of time."""
 
     spec: Spec
     outputs: list[Output] = field(default_factory=list)
@@ -69,7 +69,7 @@ class Observations:
         }
 
     def see(self, t_ns: int, frame: Frame) -> None:
-        """Take a frame on the managers' bus; `t_ns` is its end."""
+        """Record what a frame on the managers' bus shows; `t_ns` is the end of the frame."""
         if frame.extended or frame.remote:
             return
         variable = self._variables.get(frame.can_id)

@@ -1,6 +1,6 @@
-"""The deeds of a script that can be done to real processes, as single steps.
+"""The deeds of a script that can be done to real processes, each as one or two steps.
 
-These are the orders of the operator, kills, and faults that consist of two steps: a death with an end is a kill and a
+One step is an order of the operator or a kill. Two steps are a fault with an end: a death with an end is a kill and a
 restore, a pause is a SIGSTOP and a SIGCONT. A fault that waits for a state of the protocol cannot be injected, since
 this program learns of the state too late.
 """
@@ -21,7 +21,7 @@ _NS_PER_MS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step: kill, restore, stop, go_on, phase, fail, clear, script or release."""
+    """One step of a deed: kill, restore, stop, go_on, phase, fail, clear, script or release."""
 
     at_ns: int
     what: str
@@ -30,24 +30,26 @@ class Step:
 
     @property
     def target(self) -> str:
-        """The element or manager to which the step is done."""
+        """Return the element or manager to which the step is done."""
         return self.deed.target
 
 
 def can_be_done(deed: Deed) -> bool:
     """Tell whether a deed can be done to processes."""
     if deed.fault is None:
-        return deed.what in ("kill", "restore", *ORDERS)
+        return deed.what in ("kill", "restore", "wait", *ORDERS)
     return deed.fault.kind in _FAULTS and not deed.fault.during
 
 
 def steps(deeds: Iterable[Deed]) -> list[Step]:
-    """Give the steps of all deeds that can be done to processes, in order of time."""
+    """Return the steps of all deeds that can be done to processes, in order of time."""
     found = [step for deed in deeds if can_be_done(deed) for step in _steps_of(deed)]
     return sorted(found, key=lambda step: step.at_ns)
 
 
 def _steps_of(deed: Deed) -> Iterator[Step]:
+    if deed.what == "wait":
+        return
     if deed.fault is None:
         yield Step(deed.at_ns, deed.what, deed)
         return

@@ -9,7 +9,7 @@ from heronry_tools.sim.scenario.flown import Flown
 
 
 def text_report(flown: Flown) -> list[str]:
-    """Give lines of text: one line if everything holds, else also what was expected and what was heard."""
+    """Return one line if everything holds; else also lines with what was expected and what was heard."""
     file, count = flown.script.file, len(flown.verdicts)
     head = f"{file}: {'holds' if flown.holds else 'FAILS'} ({flown.seconds:g} s in {flown.where}, {count} expected)"
     lines = [f"  {_failed(flown, verdict)}" for verdict in flown.verdicts if not verdict.holds]
@@ -21,7 +21,7 @@ def text_report(flown: Flown) -> list[str]:
 
 
 def document(flown: Flown) -> dict[str, Any]:
-    """Give one flight as plain data, for JSON."""
+    """Return the result of one flight as JSON data."""
     return {
         "file": str(flown.script.file),
         "why": flown.script.why,
@@ -44,7 +44,10 @@ def document(flown: Flown) -> dict[str, Any]:
 
 
 def junit(flights: Iterable[Flown]) -> str:
-    """Give a JUnit document: one suite per file, and in it a case per expectation, for violations, for the trace."""
+    """Return a JUnit document with one suite per file.
+
+    A suite has a case for each expectation, one case for violations, and one for the trace.
+    """
     suites = ET.Element("testsuites", name="heronry scenario")
     for flown in flights:
         suites.append(_suite(flown))

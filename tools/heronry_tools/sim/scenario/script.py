@@ -98,11 +98,11 @@ _EXAMPLES = {
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """Something that is done at a time: a `fault` is injected (`what` is "fault"), or `what` is done to `target`."""
+    """Something that is done at a time: if `what` is "fault", `fault` is injected, else `what` is done to `target`."""
 
     line: int
     at_ns: int
-    what: str  # kill, restore, phase, fail, clear, script, release, stick, fault
+    what: str  # kill, restore, phase, priority, fail, clear, script, release, wait, stick, fault
     target: str  # of `script`: its text
     text: str
     fault: Fault | None = None
@@ -110,7 +110,12 @@ class Deed:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """`subject` must be in `state` from `within_ns` after `from_ns`, to `until_ns`; times of the script."""
+    """`subject` must be in `state` up to `until_ns`; times are in ns of the script.
+
+    by: the module that must serve the function; None for any
+    from_ns: when the time of the expectation begins
+    within_ns: how long after `from_ns` the state must be reached
+    """
 
     line: int
     subject: str
@@ -124,7 +129,7 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """One scenario file, as read."""
+    """The content of one scenario file."""
 
     file: Path
     why: str
@@ -143,12 +148,12 @@ class Script:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """The faults that the simulator injects, in the order of the script."""
+        """Return the faults that the simulator injects, in the order of the script."""
         return tuple(deed.fault for deed in self.deeds if deed.fault is not None)
 
 
 def read_script(file: Path) -> Script:
-    """Read a scenario file; raises UserError."""
+    """Read a scenario file; raises UserError with the place and the remedy."""
     try:
         text = file.read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -241,7 +246,7 @@ class _Reader:
                 )
 
     def _prepared(self, words: list[str]) -> bool:
-        """Read a line on the aircraft, before the first deed; tells whether it is such a line."""
+        """Read a line that describes the aircraft, before the first deed; return whether it is such a line."""
         match words:
             case ["standby"]:
                 self.has_standby = True
@@ -283,6 +288,8 @@ class _Reader:
                 deed = Deed(self.number, at_ns, what, self._element(element), text)
             case ["script", name]:
                 deed = Deed(self.number, at_ns, "script", self._script_text(name), text)
+            case ["wait"]:
+                deed = Deed(self.number, at_ns, "wait", "", text)
             case ["release"]:
                 deed = Deed(self.number, at_ns, "release", "", text)
             case ["stick", device] if device.startswith("device:"):
@@ -290,7 +297,19 @@ class _Reader:
             case [kind, target, *_] if kind in KINDS:
                 deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
             case _:
-                known = ["kill", "restore", "phase", "priority", "fail", "clear", "script", "release", "stick", *KINDS]
+                known = [
+                    "kill",
+                    "restore",
+                    "phase",
+                    "priority",
+                    "fail",
+                    "clear",
+                    "script",
+                    "release",
+                    "wait",
+                    "stick",
+                    *KINDS,
+                ]
                 remedy = meant(words[0], known, f"what can be done is {', '.join(known)}")
                 self._refuse(f"'{text}' cannot be done; {remedy}")
         self.deeds.append(deed)
@@ -304,7 +323,7 @@ class _Reader:
             self._refuse(f"{file}: {reason}; name a *.pcs.script file")
 
     def _in_turn(self, deed: Deed) -> None:
-        """Refuse to kill a target that does not run, or to restore one that runs."""
+        """Raise UserError if the deed kills a target that does not run, or restores one that runs."""
         before = [d.what for d in self.deeds if d.target == deed.target and d.what in ("kill", "restore")]
         runs = before[-1] == "restore" if before else deed.target not in self.without
         if runs != (deed.what == "kill"):
@@ -369,7 +388,10 @@ class _Reader:
             self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables)}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
-        """Set the end of an expectation; refuses one whose time to come true is not over by then."""
+        """Return an expectation with its end, the time of the next deed or of the end of the script.
+
+        Raises UserError if the expectation's time to come true is not over by then.
+        """
         until_ns = next((deed.at_ns for deed in self.deeds if deed.at_ns > one.from_ns), end_ns)
         if one.from_ns + one.within_ns >= until_ns:
             self.number = one.line
@@ -410,7 +432,7 @@ class _Reader:
             self._refuse(str(error))
 
     def _checked_priority(self, function: str, priority: str) -> str:
-        """Return FUNCTION=N, or FUNCTION= for the priority of the spec."""
+        """Return the order FUNCTION=N, or FUNCTION= if `priority` is "default"; raises UserError."""
         assert self.spec is not None
         try:
             checked_function(self.spec, function)

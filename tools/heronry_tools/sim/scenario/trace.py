@@ -59,12 +59,12 @@ _LINES: Mapping[str, str] = {
 
 
 def deed_line(seconds: float, text: str) -> str:
-    """Give the line for a deed of the script at its time."""
+    """Return the line of the trace for a deed of the script."""
     return f"--- at {seconds:g}s {text}"
 
 
 def event_line(event: Mapping[str, Any]) -> str | None:
-    """Give the line for an event of the manager; None if the event is no decision."""
+    """Return the line of the trace for an event of the manager; None if the event is no decision."""
     kind = event["event"]
     if kind == "reconfigured":
         changes = [f"{sign}{', '.join(event[what])}" for sign, what in _CHANGES if event[what]]
@@ -79,12 +79,12 @@ _CHANGES = (("start ", "started"), ("stop ", "stopped"), ("move ", "moved"))
 
 
 def golden_file(file: Path) -> Path:
-    """Give the path of a scenario file's golden trace."""
+    """Return the path of a scenario file's golden trace."""
     return file.with_name(f"{file.name}.golden")
 
 
 def kept(file: Path) -> list[str] | None:
-    """Give the lines of a scenario's golden trace; None if there is none. Raises UserError if it is not text."""
+    """Return the lines of a scenario's golden trace; None if there is none. Raises UserError if it is not text."""
     golden = golden_file(file)
     if not golden.exists():
         return None
@@ -95,7 +95,7 @@ def kept(file: Path) -> list[str] | None:
 
 
 def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
-    """Give a diff from a scenario's golden trace to this trace; None if there is no golden trace. Raises UserError."""
+    """Return a diff from a scenario's golden trace to `trace`; None if there is no golden trace. Raises UserError."""
     before = kept(file)
     if before is None:
         return None

@@ -1,1 +1,1 @@
-"""The simulated world: virtual time, buses with arbitration, controllers, and nodes that run the flight cores."""
+"""The simulated world: virtual time, buses with arbitration, controllers, and nodes that run the cores that fly."""

@@ -52,7 +52,12 @@ _TRANSMIT_ERROR, _RECEIVE_ERROR = 8, 1
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Quality of a bus: probabilities per frame, or per frame and receiver."""
+    """Quality of a bus.
+
+    loss: share of frames that are destroyed
+    omission: share of frames that a receiver misses
+    doubled: share of frames that a receiver gets twice
+    """
 
     loss: float = 0.0
     omission: float = 0.0
@@ -79,7 +84,11 @@ class Clash(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Tampering:
-    """How often one frame is received (0: not at all), by one `receiver`, or by all stations if that is None."""
+    """How a bus must deliver one frame.
+
+    copies: how often the frame is received; 0 if not at all
+    receiver: the station that this concerns; None for all stations
+    """
 
     copies: int
     receiver: str | None = None
@@ -89,7 +98,7 @@ class SimulatedBus:
     """One CAN segment."""
 
     def __init__(self, name: str, bitrate: int, clock: Clock, random: Random, faults: Faults) -> None:
-        """random: a value is drawn only when a fault needs one."""
+        """Create a bus without stations; a fault that needs a random value takes it from `random`."""
         self.name, self.bitrate, self.faults = name, bitrate, faults
         self.slowdown = 1
         self.broken = 0  # number of breaks in the wire now
@@ -116,7 +125,7 @@ class SimulatedBus:
 
     @property
     def queued(self) -> int:
-        """Number of frames in mailboxes and queues of stations that can send."""
+        """Return the number of frames in mailboxes and queues of stations that can send."""
         return sum(len(s.queue) + (s.mailbox is not None) for s in self._stations if s.can_send)
 
     @property
@@ -126,12 +135,12 @@ class SimulatedBus:
 
     @property
     def offered(self) -> int:
-        """Number of the last frame that any station has queued."""
+        """Return the serial number of the last frame that any station has queued."""
         return self._offers
 
     @property
     def longest_waiting(self) -> Waiting | None:
-        """The frame that has waited longest at a station that can send; None if no frame waits."""
+        """Return the frame that has waited longest at a station that can send; None if no frame waits."""
         mailboxes = (s.mailbox for s in self._stations if s.can_send and s.mailbox is not None)
         queues = (waiting for s in self._stations if s.can_send for _, _, waiting in s.queue)
         return min((*mailboxes, *queues), key=lambda waiting: waiting.offer, default=None)
@@ -154,7 +163,7 @@ class SimulatedBus:
         self._audience.clear()
 
     def leave(self, station: Station) -> None:
-        """Disconnect a station, which cannot join again; the frames in its queue and mailbox are lost."""
+        """Disconnect a station for good; the frames in its queue and mailbox are lost."""
         station.present = False
         station.reconsider()
         station.mailbox = None
@@ -169,7 +178,7 @@ class SimulatedBus:
         transmit_failed: bool | None = None,
         receive_failed: bool | None = None,
     ) -> None:
-        """Break the wire of a station, in both directions or in one, or mend it; omitted arguments change nothing."""
+        """Break or repair the wire of a station, in both directions or in one; omitted arguments change nothing."""
         station.cut_off = station.cut_off if cut_off is None else cut_off
         station.transmit_failed = station.transmit_failed if transmit_failed is None else transmit_failed
         station.receive_failed = station.receive_failed if receive_failed is None else receive_failed
@@ -177,7 +186,7 @@ class SimulatedBus:
         self._wake(station)
 
     def stall(self, station: Station, *, stalled: bool) -> None:
-        """Pause a station's processor, or end the pause; the frame in its mailbox is sent nevertheless."""
+        """Pause a station's processor, or end the pause; the controller still sends the frame in its mailbox."""
         station.stalled = stalled
         self._wake(station)
 
@@ -198,7 +207,7 @@ class SimulatedBus:
         self._go_off(station)
 
     def offer(self, station: Station, frame: Frame, until_ns: int = NEVER_NS) -> None:
-        """Queue a frame at a station; if its transmission cannot start by `until_ns`, it is dropped."""
+        """Queue a frame at a station; the frame is dropped if its transmission cannot start by `until_ns`."""
         if not station.present:
             return
         self._offers = offer = self._offers + 1
@@ -216,7 +225,10 @@ class SimulatedBus:
                 self._refill(station)
 
     def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
-        """Shorten the time until which the transmission of a frame (this same object) may start."""
+        """Lower the time until which the transmission of a frame may start.
+
+        `frame` must be the object that was offered.
+        """
         for waiting in (station.mailbox, *(waiting for _, _, waiting in station.queue)):
             if waiting is not None and waiting.frame is frame:
                 waiting.until_ns = min(waiting.until_ns, until_ns)
@@ -228,7 +240,7 @@ class SimulatedBus:
         heapify(station.queue)
 
     def stand_back(self, station: Station, until_ns: int) -> None:
-        """Let data frames, and less urgent ones, wait in a station's queue until `until_ns`."""
+        """Hold back the data frames and all less urgent frames of a station until `until_ns`."""
         station.stands_back_until_ns = until_ns
         self._clock.at(until_ns, lambda: self._refill(station) if station.mailbox is None else None)
 
@@ -238,7 +250,7 @@ class SimulatedBus:
         return waiting.key >= FIRST_HELD_BACK and self._clock.now_ns < waiting.station.stands_back_until_ns
 
     def _refill(self, station: Station) -> None:
-        """Move the next queued frame that is not too old to the mailbox."""
+        """Put a station's next frame into its mailbox; drop frames whose time limit is over."""
         queue, now_ns = station.queue, self._clock.now_ns
         while queue and not station.stalled and not self._stands_back(queue[0][2]):
             waiting = heappop(queue)[2]
@@ -297,7 +309,7 @@ class SimulatedBus:
         return bits * self.slowdown * _NS_PER_S // self.bitrate
 
     def _head(self) -> Waiting | None:
-        """Give the most urgent frame of a station that can send; None if there is none."""
+        """Return the most urgent frame of a station that can send; None if there is none."""
         waiting, now_ns = self._waiting, self._clock.now_ns
         while waiting:
             head = waiting[0][2]
@@ -313,9 +325,9 @@ class SimulatedBus:
         return None
 
     def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
-        """Find a rival in the same arbitration; tells whether both frames are destroyed, and after how many bits.
+        """Find another station that sends under the same identifier at the same time.
 
-        A rival is a station that sends under the same identifier at the same time.
+        Returns whether both frames are destroyed, and after how many bits.
         """
         rival = self._head()
         if rival is None or rival.key != head.key or rival.station is head.station:
@@ -406,7 +418,10 @@ class SimulatedBus:
     # Errors
 
     def _fail(self, head: Waiting, rival: Waiting | None) -> None:
-        """Count a destroyed frame as an error at all stations, and let its sender send it again."""
+        """Count a destroyed frame as an error at all stations, and let its sender send it again.
+
+        rival: the other sender in the same arbitration; None if there is none.
+        """
         self.destroyed += 1
         self._errors_count = True
         senders = [waiting.station for waiting in (head, rival) if waiting is not None]

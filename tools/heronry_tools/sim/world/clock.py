@@ -2,7 +2,7 @@
 
 Two callbacks of one instant are called in the order in which they were scheduled. Arbitration is the one exception: it
 comes after all other callbacks of its instant, when each node has sent its frames (`at_last`). So one seed gives one
-run.
+flight.
 """
 
 from collections import deque

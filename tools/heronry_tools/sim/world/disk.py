@@ -1,11 +1,11 @@
 """The disk with a simulated manager's journal: the bytes that a real manager would write, and effects of power cuts.
 
-Terms and reserved numbers are on the disk at once. Other records follow `SYNCED_AFTER_NS` later, when the manager's
+Terms and reserved numbers are on the disk at once. Other records reach it `SYNCED_AFTER_NS` later, when the manager's
 frames have been sent; until then a power cut may leave any part of them (`torn`). If only the manager is killed,
 nothing is lost.
 
 A full or read-only disk (`refuses`) may write a part of the first line that it refuses, and writes nothing after that.
-Each later record, and each start of a manager, tries to write the whole journal.
+With each later record, and at each start of a manager, the whole journal is written again if the disk permits.
 """
 
 from collections import deque
@@ -20,10 +20,10 @@ _PROBLEM = "the disk takes nothing; a restart may not know what happens from now
 
 
 class Disk:
-    """The disk with the journal of one manager, over all its restarts."""
+    """The disk with the journal of one manager; it stays when the manager restarts."""
 
     def __init__(self, spec: Spec, data: bytes | None = None) -> None:
-        """Begin with an empty journal, or with these bytes."""
+        """Begin with an empty journal, or with the bytes `data`."""
         self.refuses = False
         self.problem: str | None = None  # the error reported to the manager; None: no error
         self.data = whole_journal(spec, NOTHING) if data is None else data
@@ -34,13 +34,13 @@ class Disk:
         self._unsynced: deque[tuple[int, int]] = deque()  # of each record: time of writing, and end in bytes
 
     def opened(self) -> Memory:
-        """Read and shorten the journal, as a manager does at its start."""
+        """Read and rewrite the journal, as a manager does at its start, and return its content."""
         self._memory, _ = recovered(self.data)
         self._put_down()
         return self._memory
 
     def write(self, record: Record, now_ns: int) -> None:
-        """Append a record; afterwards `problem` tells whether it is on the disk."""
+        """Append a record; `problem` then says why it is not on the disk, or is None."""
         self._memory = self._memory.after(record)
         if self.problem is not None:
             self._put_down()
@@ -57,7 +57,7 @@ class Disk:
             self._sync(now_ns)
 
     def torn(self, random: Random, now_ns: int) -> None:
-        """Cut the power: records that were not synced remain up to a drawn byte, and a part of that is noise."""
+        """Cut the power: of the records that are not synced, a random part remains, with some bytes of noise in it."""
         while self._unsynced and self._unsynced[0][0] <= now_ns - SYNCED_AFTER_NS:
             self._sync(self._unsynced[0][0])
         begin, end = self._synced, random.randint(self._synced, len(self.data))
@@ -72,7 +72,7 @@ class Disk:
             _, self._synced = self._unsynced.popleft()
 
     def _put_down(self) -> None:
-        """Write the whole journal anew, and replace the old one."""
+        """Write the whole journal anew, in place of the old one."""
         if self.refuses:
             self.problem = _PROBLEM
             return

@@ -1,7 +1,7 @@
-"""Merges the two channels of a replicated bus for observers: of each transmission only the first copy is passed on.
+"""Merges the two channels of a replicated bus for observers: only the first copy of each transmission is passed on.
 
 The copies of one transmission are recognized by the Python object that both channels were given. The nodes do not use
-that object, but compare bytes and times; the oracles verify what they do.
+that object, but compare bytes and times; the oracles verify the result of that comparison.
 """
 
 from collections import deque
@@ -14,7 +14,7 @@ REMEMBERED_NS = 1_000_000_000
 
 
 class FirstCopies:
-    """Passes a frame that neither channel has carried before to each of `taps`."""
+    """Calls each of `taps` for a frame that neither channel has carried before."""
 
     def __init__(self) -> None:
         self.taps: list[Callable[[Sent], None]] = []
@@ -22,7 +22,7 @@ class FirstCopies:
         self._order: deque[tuple[int, int]] = deque()
 
     def see(self, sent: Sent) -> None:
-        """Take a frame that a channel has carried."""
+        """Call the taps for a frame that a channel has carried, if it is a first copy."""
         while self._order and self._order[0][0] < sent.end_ns - REMEMBERED_NS:
             del self._seen[self._order.popleft()[1]]
         identity = id(sent.frame)

@@ -1,4 +1,4 @@
-"""The digest of a run, over each frame with its time, bus and sender; two runs with equal digests are equal."""
+"""The digest of a flight, over each frame with its time, bus and sender; flights with equal digests are equal."""
 
 import hashlib
 import struct
@@ -9,7 +9,7 @@ _HEAD = struct.Struct("<qBBH")
 
 
 class FrameDigest:
-    """Computes the digest of one run, frame by frame."""
+    """Computes the digest of one flight, frame by frame."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
@@ -24,7 +24,7 @@ class FrameDigest:
         self._unhashed += frame.data
 
     def so_far(self) -> str:
-        """Give the digest of all frames so far: 16 hexadecimal digits."""
+        """Return the digest of all frames so far: 16 hexadecimal digits."""
         self._hash.update(self._unhashed)
         self._unhashed.clear()
         return self._hash.hexdigest()[:16]

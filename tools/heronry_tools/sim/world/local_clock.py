@@ -26,7 +26,7 @@ class LocalClock:
         self._shown_ns = 0
 
     def now_ns(self) -> int:
-        """Present time on this clock."""
+        """Return the present time on this clock."""
         now_ns = self._clock.now_ns
         if now_ns != self._read_ns:
             elapsed_ns, tick = now_ns - self._since_ns, _MILLION + self._ppm
@@ -35,7 +35,7 @@ class LocalClock:
         return self._shown_ns
 
     def when_ns(self, local_ns: int) -> int:
-        """Give the virtual time at which this clock shows at least `local_ns`, if it does not jump before."""
+        """Return the virtual time at which this clock, without a jump before, shows at least `local_ns`."""
         if not self._ppm:
             return local_ns - self._ahead_ns
         passed_ns, tick = local_ns - self._ahead_ns - self._since_ns, _MILLION + self._ppm
@@ -51,10 +51,10 @@ class LocalClocks:
     """Makes the clocks of the nodes of one flight."""
 
     def __init__(self, clock: Clock, chance: Random, skew_ppm: int) -> None:
-        """skew_ppm: the largest error of a clock."""
+        """Begin; each clock is too fast or too slow by at most `skew_ppm` millionths."""
         self._clock, self._chance, self._skew_ppm = clock, chance, skew_ppm
 
     def draw(self, apart_ns: int = 0) -> LocalClock:
-        """Make a clock with a drawn error, and a drawn lead of less than `apart_ns` over virtual time."""
+        """Return a clock with a random rate, and with a random lead of less than `apart_ns` over virtual time."""
         ahead_ns = self._chance.randrange(apart_ns) if apart_ns else 0
         return LocalClock(self._clock, ahead_ns, self._chance.randint(-self._skew_ppm, self._skew_ppm))

@@ -1,6 +1,6 @@
 """The module host of a simulated PE: runs the PE's modules inside the process of the simulator.
 
-The core gives actions, the host executes them, and each answer goes back to the core as an event. On a real node
+The host executes the actions of the core, and gives the core each answer as an event. On a real node
 `heronry_agent.shell.partition_host` takes the same actions and gives the same events, with the modules in separate
 processes. Here no module is protected from another, and a step takes no time. `module_steps` models modules that hang
 or are slow because of a fault.
@@ -30,7 +30,7 @@ from heronry_wire.pe_table import PeTable
 
 
 class ModuleHost:
-    """The modules of one PE that are loaded now."""
+    """The loaded modules of one PE."""
 
     def __init__(self, table: PeTable, devices: Devices) -> None:
         """Load the images of a table; `devices` are the devices of its modules."""
@@ -42,7 +42,7 @@ class ModuleHost:
         self.missing_images = {image: failure.reason for image, failure in failures if failure is not None}
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Execute an action for modules or their devices; gives the event for the core, or None."""
+        """Execute an action on modules or their devices; return the event for the core, None if there is none."""
         self._now_ns = now_ns
         match action:
             case StepModule():
@@ -66,7 +66,7 @@ class ModuleHost:
         return None
 
     def code(self, module: int) -> Module | None:
-        """Give the object of a module that runs, for an observer that does not change it."""
+        """Return the object of a running module, for an observer that does not change it; None if it does not run."""
         return self._runner.code(module)
 
     def _step(self, action: StepModule, now_ns: int) -> Stepped | StepFailed:

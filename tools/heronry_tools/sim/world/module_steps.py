@@ -50,7 +50,7 @@ class Processor(Protocol):
         """Pause the processor from now on."""
 
     def give(self, answer: Event) -> None:
-        """Give the core an answer that comes later than its request."""
+        """Give the core an answer to an earlier request."""
 
     def put_off(self, actions: Sequence[Action]) -> None:
         """Execute these actions when the pause of the processor ends."""
@@ -72,7 +72,7 @@ class ModuleSteps:
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
-        """drive, look, broken, broke: see `SimulatedPe`."""
+        """Begin; the parameters are those of `SimulatedPe`."""
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
         self._drive, self._look = drive, look
         self._broken, self._broke = broken, broke
@@ -89,7 +89,7 @@ class ModuleSteps:
         self._requested_ns: dict[int, int] = {}  # by release of a step that waits: when it was requested
 
     def step(self, action: StepModule) -> ModuleEvent | None:
-        """Execute a step, with the faults of this PE; gives its event, or None if the event comes later or never."""
+        """Execute a step, with the faults of this PE; return its event, None if the event comes later or never."""
         behind = self._behind.get(self._partitions[action.module])
         if behind is not None:
             behind.append(action)
@@ -107,29 +107,31 @@ class ModuleSteps:
         if how is not None:
             return self._fail(action, how)
         answer = self._host.carry_out(action, self._time.now_ns())
+        if isinstance(answer, StepFailed):
+            self._broke(self.names[action.module])
         if self.slow is not None:
             self._processor.pause(self.slow.randrange(_SLOWEST_NS))
         return answer
 
     def _broken_as(self, module: str) -> str | None:
-        """Give the kind of failure of a module, on this PE or on each PE; None if it does not fail."""
+        """Return how a module fails on this PE; None if it does not fail."""
         return self._broken.get(f"{module}@{self._pe}", self._broken.get(module))
 
     def measure(self, action: MeasureStep) -> StepMeasured:
-        """Give the time that a step has spent: its whole time if it hangs, else 0."""
+        """Return the time for which a step has been hanging; 0 if it does not hang."""
         partition = self._partitions[action.module]
         first = next((module for module in self._hung if self._partitions[module] == partition), None)
         spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0
         return StepMeasured(action.module, action.release, spent_ns)
 
     def wait(self, actions: Sequence[Action]) -> None:
-        """Note that these steps were requested now but wait for the processor."""
+        """Queue steps that must wait for the processor; their time of request is now."""
         for action in actions:
             if type(action) is StepModule:
                 self._requested_ns.setdefault(action.release, self._clock.now_ns)
 
     def end(self, partition: str) -> None:
-        """End a partition, with its steps that hang or wait."""
+        """End a partition, and drop its steps that hang or wait."""
         self._hung = {m: step for m, step in self._hung.items() if self._partitions[m] != partition}
         self._behind.pop(partition, None)
 
@@ -188,7 +190,7 @@ class ModuleSteps:
 
 
 def _off(value: Value) -> Value:
-    """Give another value of the same type."""
+    """Return a wrong value of the same type."""
     if isinstance(value, float):
         return value + _WRONG_BY
     return value ^ 1 if isinstance(value, int) else value

@@ -24,7 +24,7 @@ _MOST_RINGS_AT_ONCE = 1000
 
 
 class Node:
-    """Base of the simulated PE and the simulated manager."""
+    """Base of the simulated PE and of the simulated manager."""
 
     def __init__(self, clock: Clock, time: LocalClock) -> None:
         self.time = time
@@ -63,7 +63,7 @@ class Node:
         self._offers.append(twin.offer)
 
     def stop(self) -> None:
-        """Let the node die: it is silent at once, and its queued frames are lost. No effect on a dead node."""
+        """Let the node die: it is silent at once, and its queued frames are lost; no effect on a dead node."""
         if not self.running:
             return
         self.running = False
@@ -73,12 +73,12 @@ class Node:
     def wire(
         self, *, cut_off: bool | None = None, transmit_failed: bool | None = None, receive_failed: bool | None = None
     ) -> None:
-        """Break all wires of the node, in both directions or in one, or mend them; the node runs on."""
+        """Break or repair all wires of the node, in both directions or in one; the node runs on."""
         for bus, station in self.stations:
             bus.wire(station, cut_off=cut_off, transmit_failed=transmit_failed, receive_failed=receive_failed)
 
     def pause(self, duration_ns: int) -> None:
-        """Pause the processor from now on; a pause that ends within an earlier one changes nothing."""
+        """Pause the processor from now on; a pause that ends within an earlier one has no effect."""
         until_ns = self._clock.now_ns + duration_ns
         if self._paused_until_ns is not None and self._paused_until_ns >= until_ns:
             return
@@ -120,7 +120,7 @@ class Node:
     # The timer: an alarm that was replaced by another is ignored
 
     def _arm(self, due_ns: int) -> None:
-        """Set the alarm to this time on the node's own clock."""
+        """Set the timer to this time on the node's own clock."""
         self._armed_ns = due_ns
         self._clock.at(self.time.when_ns(due_ns), self._ring)
 
@@ -139,7 +139,7 @@ class Node:
     # What each kind of node does
 
     def _take(self, event: Received) -> None:
-        """Give a frame to the core."""
+        """Give the core a received frame."""
         raise NotImplementedError
 
     def _channels_lost(self, port: int, lost: frozenset[int]) -> None:
@@ -147,11 +147,11 @@ class Node:
         raise NotImplementedError
 
     def _wake(self) -> None:
-        """Call the core if its deadline is due, and set the timer."""
+        """Call the core if its deadline is due, and set the timer to the next deadline."""
         raise NotImplementedError
 
     def _resume(self) -> None:
-        """At the end of a pause, first complete the work that was under way."""
+        """Complete the work that the pause has interrupted; called first at the end of a pause."""
 
     def _caught_up(self) -> None:
-        """At the end of a pause, give the core its late events, after all kept frames."""
+        """Give the core the events that the pause has delayed; called after all kept frames."""

@@ -1,7 +1,7 @@
-"""The sending side of a simulated PE: passes frames to its controllers, with their age limits.
+"""The sending side of a simulated PE: gives frames to its controllers, with their age limits.
 
-The core gives each frame an age limit, which is measured by the PE's own clock. For the port of a radio the core learns
-how long each frame took to leave. Frames that a gateway forwards may be delayed by a fault (`delays`).
+The core gives each frame an age limit, which is measured by the PE's own clock. The core also learns how long each
+frame to a radio took to leave. A fault can delay the frames that a gateway forwards (`delays`).
 """
 
 from collections import Counter
@@ -17,7 +17,7 @@ from heronry_wire.sansio import Send, StandBack, Withdraw
 
 
 class PeOutbox:
-    """The sending side of one PE."""
+    """The sending side of one PE, from its core to its controllers."""
 
     def __init__(
         self,
@@ -29,10 +29,12 @@ class PeOutbox:
         lease_ns: int,
         radios: frozenset[int],
     ) -> None:
-        """offers: by port, passes a frame to the controller, with the time until which it may be sent.
+        """Begin with nothing to send.
 
-        stations: on every bus and channel. lease_ns: age limit of a frame for which the core has given none.
-        radios: ports that lead to a radio.
+        offers: by port, gives a frame to the controller, with the time until which it may be sent
+        stations: the PE's stations on every bus and channel
+        lease_ns: age limit of a frame for which the core has given none
+        radios: ports that lead to a radio
         """
         self._clock, self._time, self._lease_ns = clock, time, lease_ns
         self._offers, self._stations = offers, stations
@@ -43,7 +45,7 @@ class PeOutbox:
         self.passing: Frame | None = None  # the frame just received, which the PE may forward
 
     def send(self, action: Send) -> None:
-        """Pass a frame to the controller of its port."""
+        """Give a frame to the controller of its port."""
         port, frame, until_ns = action.port, action.frame, action.until_ns
         if port in self.radios:
             self._handed_ns[port] = self._time.now_ns()
@@ -61,20 +63,20 @@ class PeOutbox:
             bus.withdraw(station, action.identifiers)
 
     def stand_back(self, action: StandBack) -> None:
-        """Let the data frames of a port wait."""
+        """Hold the data frames of a port back for the time that the action gives."""
         for bus, station in self._stations:
             if station.port == action.port:
                 bus.stand_back(station, self._time.when_ns(action.until_ns))
 
     def took_ns(self, port: int) -> int | None:
-        """Give how long the frame that has just left by a radio took since `send`, in ns.
+        """Return the time in ns that the frame which has just left by a radio took since `send`.
 
-        None if no core needs the time.
+        Return None if the core does not need the time.
         """
         handed_ns = self._handed_ns.pop(port, None)
         return None if handed_ns is None else self._time.now_ns() - handed_ns
 
     def _offer_late(self, port: int, frame: Frame, latest_ns: int, withdrawn: int) -> None:
-        """Pass a delayed frame to the controller, unless the frame was withdrawn meanwhile."""
+        """Give a delayed frame to the controller, except if it was withdrawn meanwhile."""
         if self._withdrawn[frame.can_id] == withdrawn:
             self._offers[port](frame, latest_ns)

@@ -1,14 +1,14 @@
 """Plans for simulated managers, and best plans for the oracles.
 
-Answers are kept for the life of the process. A plan depends only on the spec, the situation and what runs, so keeping
-it changes no run. The verifier has accepted every plan, as in flight. An oracle needs only levels 1 to 3 of the best
-plan. These do not depend on what runs (which counts at level 4), so any plan that is proven best at levels 1 to 3 will
-do.
+Answers are kept for the life of the process. That changes no flight, since a plan depends only on the spec, the
+situation and what runs. As in flight, the verifier has accepted every plan. An oracle needs only levels 1 to 3 of the
+best plan. These do not depend on what runs (which counts at level 4), so any plan that is proven best at levels 1 to 3
+will do.
 
-The policy that flies (`heronry_manager.core.planning_policy`) decides which planner gets a request; `Planners` are the
-planners behind it. By default there is only the exact planner, so every answer is the best plan, as if every fault had
-been pre-planned. With `IMMEDIATE` nothing is pre-planned. `GREEDY` is a manager without a solver. `ALL` is a manager as
-equipped for a flight.
+The planning policy that flies (`heronry_manager.core.planning_policy`) decides which planner gets a request; `Planners`
+names the planners that it has. By default there is only the exact planner, so every answer is the best plan, as if
+every fault had been pre-planned. With `IMMEDIATE` nothing is pre-planned. `GREEDY` is a manager without a solver. `ALL`
+is a manager as equipped for a flight.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ _GREEDY: dict[str, Greedy] = {}  # by digest of the spec
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """The tables of an aircraft's PEs, and its contingencies, if there are any."""
+    """The tables of an aircraft's PEs, and its contingencies if it has any."""
 
     tables: Mapping[str, PeTable]
     made: ContingencyTable | None = None
@@ -55,9 +55,9 @@ PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec, 
 
 
 def prepared(spec: Spec, faults: int | None) -> Prepared:
-    """Compile the tables of a spec, with contingencies for up to `faults` faults on board.
+    """Return the tables of a spec, with contingencies for up to `faults` faults on board.
 
-    None: without contingencies.
+    If `faults` is None, there are no contingencies.
     """
     known = PREPARED.get((spec.digest, faults))
     if known is None:
@@ -67,7 +67,7 @@ def prepared(spec: Spec, faults: int | None) -> Prepared:
 
 
 def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
-    """Compile the tables of a spec, with these contingencies on board."""
+    """Return the tables of a spec, with these contingencies on board."""
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in spec.pes}
     if made is None:
@@ -84,7 +84,7 @@ def plan_ahead(spec: Spec, faults: int) -> Contingencies:
 
 
 class Planners(Enum):
-    """The planners behind a manager's planning policy."""
+    """The planners that a manager's planning policy can use."""
 
     BEST = "the exact planner"
     IMMEDIATE = "the greedy planner, and in the background the exact one"
@@ -92,13 +92,13 @@ class Planners(Enum):
     ALL = "the greedy planner, the exact one, and a pre-planner"
 
     def policy(self, spec: Spec, made: ContingencyTable | None) -> PlanningPolicy:
-        """Give a new policy with these planners and these contingencies."""
+        """Return a new planning policy with these planners and these contingencies."""
         immediate = None if self is Planners.BEST else _greedy(spec)
         return PlanningPolicy(spec, immediate, has_planner=self is not Planners.GREEDY, contingencies=made)
 
 
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
-    """Give the best legal plan; raises InvariantError if the verifier refuses it."""
+    """Return the best legal plan; raises InvariantError if the verifier refuses it."""
     question = _question(spec, now)
     key: _Key = (question, None if running is None else frozenset(running.items()))
     known = KNOWN_PLANS.get(key)
@@ -113,19 +113,19 @@ def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
 
 
 def best_at_all(spec: Spec, now: Situation) -> Plan:
-    """Give a plan that is best at levels 1 to 3, whatever runs; the oracles use it."""
+    """Return a plan that is best at levels 1 to 3, whatever runs; the oracles use it."""
     known = KNOWN_PLANS.get((_question(spec, now), _WHATEVER))
     return best_plan(spec, now, None) if known is None else known
 
 
 def immediate_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
-    """Give the plan of a manager without a solver; raises InvariantError if the verifier refuses it."""
+    """Return the plan of a manager without a solver; raises InvariantError if the verifier refuses it."""
     (decided,) = Planners.GREEDY.policy(spec, None).step(RequestPlan(0, now, running))
     return plan_of(decided)
 
 
 def plan_of(decided: Instruction) -> Plan:
-    """Give the plan in a policy's immediate decision; raises InvariantError if a greedy plan was refused."""
+    """Return the plan in a policy's immediate decision; raises InvariantError if the verifier has refused it."""
     match decided:
         case Answer(PlanReady(plan=plan)):
             return plan
@@ -134,7 +134,7 @@ def plan_of(decided: Instruction) -> Plan:
 
 
 def critical_at_best(spec: Spec, now: Situation) -> tuple[int, ...]:
-    """Give level 1 (criticality) of the best plan, for oracles that need only this level."""
+    """Return level 1 (criticality) of the best plan's value, for oracles that need only this level."""
     question = _question(spec, now)
     known = KNOWN_PLANS.get((question, _WHATEVER))
     if known is not None:
@@ -152,19 +152,19 @@ def _question(spec: Spec, now: Situation) -> _Question:
 
 
 def _planner(spec: Spec) -> Planner:
-    """Give the planner of a spec, which is kept between calls."""
+    """Return the planner of a spec, which is kept between calls."""
     if spec.digest not in _PLANNERS:
         _PLANNERS[spec.digest] = Planner(spec)
     return _PLANNERS[spec.digest]
 
 
 def _greedy(spec: Spec) -> Greedy:
-    """Give the greedy planner of a spec, which is kept between calls."""
+    """Return the greedy planner of a spec, which is kept between calls."""
     if spec.digest not in _GREEDY:
         _GREEDY[spec.digest] = Greedy(spec)
     return _GREEDY[spec.digest]
 
 
 def plans_known() -> int:
-    """Count the requests for plans that were answered in this process."""
+    """Return the number of plans that this process has made and keeps."""
     return sum(runs != _WHATEVER for _, runs in KNOWN_PLANS)

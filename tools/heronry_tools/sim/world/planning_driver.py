@@ -49,15 +49,15 @@ class PlanningDriver:
     ) -> None:
         """Begin with no request.
 
-        decide_ns: gives the time of a planning process for its next plan. tell: called with each answer when it
-        arrives; a FromPlanner must then go to `take`, as soon as the manager is awake.
+        decide_ns: returns the time that a planning process takes for its next plan
+        tell: is called with each answer when it arrives; give a FromPlanner to `take` as soon as the manager is awake
         """
         self._clock, self._spec, self._planners = clock, spec, planners
         self._decide_ns, self._tell = decide_ns, tell
         self._policy = planners.policy(spec, made)
 
     def take(self, event: PolicyEvent) -> None:
-        """Give an event of the core or of a planner to the policy."""
+        """Give the policy an event of the core or of a planner."""
         for instruction in self._policy.step(event):
             self._carry_out(instruction)
 

@@ -1,9 +1,9 @@
-"""The one plant of a run, and the device drivers through which each PE reads and moves it.
+"""The one plant of a simulation, and the device drivers through which each PE reads and moves it.
 
-In flight every process has a plant of its own, which learns from output echoes what the actuators of other PEs do. The
-simulator is one process and has one plant: the scripted one, or one with flight dynamics. That is more realistic: a
-surface stays where it is when its PE restarts, and a failed servo stays failed. The plant is read and moved at the true
-time, whatever a PE's clock shows.
+In flight every process has its own plant, which learns from output echoes what the actuators of other PEs do. The
+simulator is one process and has one plant: the scripted one, or one with flight dynamics. One plant is more realistic:
+a surface stays where it is when its PE restarts, and a failed servo stays failed. The plant is read and moved at the
+true time, whatever a PE's clock shows.
 """
 
 from collections.abc import Iterable
@@ -20,15 +20,15 @@ class PlantView:
         self._plant, self._clock = plant, clock
 
     def open(self, name: str) -> PlantDevice:
-        """Give the device of this name, read and moved at the true time."""
+        """Return the device of this name, read and moved at the time of the simulation, not by the clock of a node."""
         return PlantDevice(self._plant, name, self._true_ns)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
-        """Give the actuators on other PEs whose echoes a plant of its own would need."""
+        """Return the actuators on other PEs whose output echoes the plant needs."""
         return self._plant.follows(sensors)
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Ignore an output echo: the plant has moved already."""
+        """Ignore an output echo: the one plant has moved already when the command was given."""
 
     def _true_ns(self) -> int:
         return self._clock.now_ns

@@ -1,12 +1,12 @@
 """The port of a simulated node on a replicated bus; on a real node this is `heronry_wire.replicated_link`.
 
 Each frame is offered to both channels as one Python object. By that object an observer recognizes the copies of one
-transmission; the node does not use it. The parts that fly (`ChannelMerge`, `ChannelWatch`) decide on each received
-frame. When one copy has been sent, the time limit of the other is shortened. A simulated controller can abort a frame
-that it has not begun to send, so no late copy is sent here.
+transmission; the node does not use it. The code that flies (`ChannelMerge`, `ChannelWatch`) decides on each received
+frame whether it is new. When one copy has been sent, the time limit of the other copy is shortened. A simulated
+controller can abort a frame that it has not begun to send, so no late copy is sent here.
 
-To the node this is one port. `listener` gets each frame once, `left` is called when the first copy of a frame was sent,
-and `told` with the channels that are lost. `witness` gets every copy and the decision on it, for the oracles.
+To the node this is one port. `listener` is called with each frame once, `left` when the first copy of a frame was sent,
+and `told` with the channels that are lost. `witness` is called with every copy and the decision on it, for the oracles.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,7 +47,7 @@ class ReplicatedPort:
         told: Callable[[frozenset[int]], None],
         witness: Callable[[Copy], None],
     ) -> None:
-        """Replace the listeners of the two stations."""
+        """Join the stations to one port, and replace their listeners."""
         self.listener = listener
         self.left: Callable[[Frame], None] | None = None
         self._clock, self._wires, self._told, self._witness = clock, tuple(wires), told, witness

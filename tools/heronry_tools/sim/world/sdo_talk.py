@@ -1,7 +1,8 @@
 """An SDO client that reads and writes objects of a node; each transfer is a generator.
 
-A `yield` sends a message and gives the answer. The client follows CiA 301 (7.2.4), not the server's code: it raises
-`WrongAnswerError` on any deviation from the standard. An abort by the server is a normal answer.
+A generator yields each message that it sends, and is resumed with the answer. The client implements CiA 301 (7.2.4)
+itself, without the server's code: it raises `WrongAnswerError` on any deviation from the standard. An abort by the
+server is a normal answer.
 """
 
 from collections.abc import Generator
@@ -67,7 +68,7 @@ _SILENCE_NS = 30_000_000
 
 
 class WrongAnswerError(Exception):
-    """A node's answer deviates from the standard."""
+    """The answer of a node deviates from the standard."""
 
 
 class SdoTalk:
@@ -77,31 +78,31 @@ class SdoTalk:
         self._request_id, self._response_id = sdo_request_id(node), sdo_response_id(node)
 
     def ask(self, message: bytes) -> Talk[bytes]:
-        """Send a message and give its answer; raises WrongAnswerError if the answer is wrong or missing."""
+        """Send a message and return its answer; raises WrongAnswerError if the answer is wrong or missing."""
         answer = yield Frame(self._request_id, message), self._response_id, PATIENCE_NS
         if answer is None or len(answer) != MESSAGE_BYTES:
             raise WrongAnswerError(f"{message.hex(' ')} is answered with {_told(answer)}")
         return answer
 
     def hear(self) -> Talk[bytes]:
-        """Wait for the server's next message, which needs no request."""
+        """Wait for the server's next message, which needs no request, and return it."""
         answer = yield None, self._response_id, PATIENCE_NS
         if answer is None:
             raise WrongAnswerError("the server does not send its next message")
         return answer
 
     def say(self, message: bytes, silence_ns: int = _SILENCE_NS) -> Talk[None]:
-        """Send a message that must have no answer."""
+        """Send a message and demand that no answer comes within `silence_ns`."""
         answer = yield Frame(self._request_id, message), self._response_id, silence_ns
         _demand(answer is None, "%s must have no answer, but is answered with %s", message, answer)
 
     def refused(self, message: bytes, reason: Abort, index: int = 0, sub_index: int = 0) -> Talk[None]:
-        """Send a message that the server must answer with this abort."""
+        """Send a message and demand that the server answers it with this abort."""
         answer = yield from self.ask(message)
         _demand(_abort(answer, index, sub_index) is reason, "%s is answered with %s", message, answer)
 
     def upload(self, index: int, sub_index: int) -> Talk[bytes | Abort]:
-        """Read an object, expedited or by segments."""
+        """Read an object, expedited or by segments, and return its bytes or the server's abort."""
         answer = yield from self.ask(with_data(UPLOAD, index, sub_index))
         abort = _abort(answer, index, sub_index)
         if abort is not None:
@@ -131,7 +132,10 @@ class SdoTalk:
                 return data
 
     def upload_by_block(self, index: int, sub_index: int, size: int, lost: int = 0) -> Talk[bytes | Abort]:
-        """Read an object by blocks of `size` segments; the last `lost` segments of the first block get lost."""
+        """Read an object by blocks of `size` segments, and return its bytes or the server's abort.
+
+        The client acts as if it had not received `lost` segments at the end of the first block.
+        """
         answer = yield from self.ask(
             with_data(BLOCK_UPLOAD | BLOCK_CRC | BLOCK_INITIATE, index, sub_index, bytes((size,)))
         )
@@ -160,7 +164,7 @@ class SdoTalk:
         return data
 
     def _block(self, first: bytes, size: int) -> Talk[list[bytes]]:
-        """Receive the segments of a block; `first` is its first segment."""
+        """Receive the segments of a block, and return them; `first` is the first one."""
         parts: list[bytes] = []
         answer = first
         while True:
@@ -173,7 +177,7 @@ class SdoTalk:
             answer = yield from self.hear()
 
     def download(self, index: int, sub_index: int, data: bytes) -> Talk[Abort | None]:
-        """Write an object, expedited if it is short enough, else by segments; gives the server's abort, or None."""
+        """Write an object, expedited if it is short enough, else by segments; return the server's abort, or None."""
         is_short = 0 < len(data) <= EXPEDITED_BYTES
         command = EXPEDITED | (EXPEDITED_BYTES - len(data)) << 2 if is_short else 0
         content = data.ljust(4, b"\0") if is_short else len(data).to_bytes(4, "little")
@@ -198,10 +202,10 @@ class SdoTalk:
     def download_by_block(
         self, index: int, sub_index: int, data: bytes, *, loses: int = 0, checksum: int | None = None
     ) -> Talk[Abort | None]:
-        """Write an object by blocks; gives the server's abort, or None.
+        """Write an object by blocks; return the server's abort, or None.
 
-        loses: number of the segment of the first block that gets lost; 0: no segment. checksum: a wrong checksum to
-        send; None: the right one.
+        loses: number of the segment of the first block that is not sent; 0 if all are sent
+        checksum: a wrong checksum to send; None for the right one
         """
         answer = yield from self.ask(
             with_number(BLOCK_DOWNLOAD | BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE, index, sub_index, len(data))
@@ -250,7 +254,7 @@ class SdoTalk:
 
 
 def _abort(answer: bytes, index: int, sub_index: int) -> Abort | None:
-    """Give the reason if the answer aborts the transfer of this object; None if the answer is no abort."""
+    """Return the reason if the answer aborts the transfer of this object; None if the answer is no abort."""
     if command_of(answer) != ABORT:
         return None
     *place, reason = read_head(answer)

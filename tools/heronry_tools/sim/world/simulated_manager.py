@@ -62,10 +62,13 @@ class SimulatedManager(Node):
         ahead: Prepared,
         witness: Callable[[Copy], None],
     ) -> None:
-        """Join the bus on each of its channels, and start.
+        """Join the bus on each of its channels, and start the manager.
 
-        decide_ns: gives the time of the next planning run. tell: called with every event. ahead: the contingencies.
-        disk: the disk with its journal. name: of its station.
+        disk: the disk with its journal
+        name: name of its station
+        decide_ns: returns the time that the next planning run takes
+        tell: is called with every event
+        ahead: the contingencies; None if there are none
         """
         super().__init__(clock, time)
         self._tell = tell
@@ -93,7 +96,7 @@ class SimulatedManager(Node):
         self._set_alarm()
 
     def say(self, order: Order) -> Reply:
-        """Give an order of the operator to the core; gives the core's answer."""
+        """Give the core an order of the operator; return the core's answer."""
         self._hand_over(OperatorSaid(0, order))
         return self._replies.pop()
 
@@ -151,7 +154,7 @@ class SimulatedManager(Node):
                 self.stop()
 
     def _left(self, frame: Frame) -> None:
-        """Report to the core that a frame was sent, unless the processor is paused."""
+        """Report to the core that a frame was sent; no effect while the processor is paused."""
         if frame.can_id == self.core.alive_id and self.is_awake:
             self._hand_over(AliveLeft(frame))
 
@@ -159,7 +162,7 @@ class SimulatedManager(Node):
         self._told(ChannelsLost(lost))
 
     def _told(self, ready: ManagerEvent | FromPlanner) -> None:
-        """Take an event of a planner's process or of the driver."""
+        """Give the core or the planning policy an event of the planner; later, if the processor is paused."""
         if not self.is_awake:
             self._ready.append(ready)
         elif isinstance(ready, FromPlanner):
@@ -174,7 +177,7 @@ class SimulatedManager(Node):
 
 
 class _Heard:
-    """The identifiers that a manager's core receives; they never change."""
+    """The set of identifiers that a manager's core receives."""
 
     def __init__(self, core: ManagerCore) -> None:
         self._core = core

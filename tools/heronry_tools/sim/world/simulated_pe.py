@@ -1,7 +1,7 @@
 """The driver of a simulated PE: its core, its stations, its modules, and its timer on the virtual clock.
 
 Core and modules are those that fly. A PE has its own clock (`LocalClock`): the processors of an aircraft are not
-switched on at one moment, so the periods of two PEs are shifted against each other, and the shift matters.
+switched on at one moment, so the periods of two PEs are shifted against each other, and the shift has effects.
 `module_steps` models the time of steps, `pe_outbox` the sending of frames.
 
 The core's invariants are checked after every call that did more than send a frame or release a module, and at every
@@ -45,6 +45,7 @@ from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule, Drive))
+_TAKEN_AWAY = "the simulator took it away"
 
 
 class SimulatedPe(Node):
@@ -68,12 +69,15 @@ class SimulatedPe(Node):
         witness: Callable[[Copy], None],
         lacks: frozenset[str] = frozenset(),
     ) -> None:
-        """Join the buses, given by name and each with its channels, and start.
+        """Join each of `buses`, which are given by name with their channels, and start the PE.
 
-        drive: called with every step of a module that drives. look: called with some steps of other modules.
-        move: called with every order to a device. witness: gets every copy of a frame on a replicated bus.
-        broken: by module, or by NAME@PE, how it fails at its next step, or which phase it requests (ASKS).
-        broke: called when a module has failed. lacks: modules whose code is missing here.
+        drive: is called with every step of a module that drives an output
+        look: is called with some steps of other modules
+        move: is called when the PE allows a device to move
+        broken: by module, or by NAME@PE, how it fails at its next step, or which phase it requests (ASKS)
+        broke: is called when a module has failed
+        witness: is called with every copy of a frame on a replicated bus
+        lacks: modules whose code is missing on this PE
         """
         super().__init__(clock, time)
         self.name = table.name
@@ -81,7 +85,7 @@ class SimulatedPe(Node):
         devices = {module.device for module in table.modules if module.device is not None}
         self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
         self._images = {module.name: module.image for module in table.modules}
-        missing = frozenset(self._host.missing_images).union(self._images[module] for module in lacks)
+        missing = dict(self._host.missing_images) | {self._images[module]: _TAKEN_AWAY for module in lacks}
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
         self.steps = ModuleSteps(
             clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
@@ -110,7 +114,7 @@ class SimulatedPe(Node):
 
     def lack(self, module: str) -> None:
         """Let the code of a module turn out to be missing."""
-        self.give(ImagesMissing({self._images[module]: "the simulator took it away"}))
+        self.give(ImagesMissing({self._images[module]: _TAKEN_AWAY}))
 
     def unstick(self) -> None:
         """Complete the steps that hang."""
@@ -118,7 +122,10 @@ class SimulatedPe(Node):
         self._wake()
 
     def code(self, module: str) -> Module | None:
-        """Give the object of a module that runs here, for an observer that does not change it."""
+        """Return the object of a running module, for an observer that does not change it.
+
+        None if it does not run here.
+        """
         found = next((index for index, name in self.steps.names.items() if name == module), None)
         return None if found is None else self._host.code(found)
 
@@ -149,7 +156,7 @@ class SimulatedPe(Node):
                 bus.wants(station, wanted)
 
     def _left(self, port: int, _: Frame) -> None:
-        """Report to the core that a frame was sent to a radio, unless the processor is paused."""
+        """Report to the core that a frame was sent to a radio; no effect while the processor is paused."""
         if not self.is_awake:
             return
         took_ns = self.outbox.took_ns(port)
@@ -182,7 +189,7 @@ class SimulatedPe(Node):
             self._arm(due_ns)
 
     def _carry_out(self, actions: list[Action]) -> None:
-        """Execute the core's actions, and those that follow from its modules' answers."""
+        """Execute the core's actions, and those that the core requests after the modules' answers."""
         if not _ROUTINE.issuperset(map(type, actions)):
             self.core.validate()
             if self.core.identifiers is not self._identifiers:

@@ -27,7 +27,7 @@ RESTART_BITS = 128 * 11
 
 @dataclass(slots=True, eq=False)
 class Waiting:
-    """A frame in a queue or mailbox."""
+    """A frame that waits in a queue or mailbox."""
 
     key: int  # arbitration key
     offer: int  # serial number: of frames with equal keys the lower is sent first
@@ -40,7 +40,7 @@ Urgency = tuple[int, int, Waiting]  # key, offer, frame: the most urgent one is 
 
 
 class _Everything:
-    """A container with every identifier."""
+    """A set that contains every identifier."""
 
     def __contains__(self, identifier: object) -> bool:
         return True

@@ -22,7 +22,8 @@ class Moved(NamedTuple):
 class Driven(NamedTuple):
     """A step of a module, with its inputs.
 
-    asked_ns: when the core requested the step, and read its inputs.
+    t_ns: when the step was executed
+    asked_ns: when the core requested the step, and read its inputs
     """
 
     t_ns: int

@@ -1,9 +1,9 @@
 """The signals of a recorded flight: every variable of the spec as each module gives it, and what PEs and buses show.
 
 A signal is a series of numbers with a name and a unit. Those of variables are named MODULE.VARIABLE, with .0, .1, ...
-for the parts of a vector. Of PEs: pe.NAME.load in %, and pe.NAME.epoch; of buses: bus.NAME.load and bus.NAME.peak in %;
-of functions: function.NAME.served (1, 0). A variable that no frame carried has a series without samples, so that a
-reader finds every signal of the spec.
+for the elements of an array. The others are, of PEs, pe.NAME.load in % and pe.NAME.epoch; of buses, bus.NAME.load and
+bus.NAME.peak in %; of functions, function.NAME.served (1 or 0). A variable that no frame carried has a series without
+samples, so that a reader finds every signal of the spec.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +19,12 @@ from heronry_wire.frame import Frame, Malformed
 
 @dataclass(slots=True)
 class Series:
-    """One signal: its samples, at times in ns of the recording."""
+    """One signal.
+
+    name, unit, comment: what the signal is.
+    times_ns: times of the samples, in ns of the recording's clock.
+    values: the samples.
+    """
 
     name: str
     unit: str
@@ -42,12 +47,12 @@ def signals_of(recording: Recording) -> list[Series]:
 
 
 def signal_names(spec: Spec) -> list[tuple[str, str]]:
-    """Give name and unit of every signal of a spec's variables."""
+    """List the name and the unit of every signal of a spec's variables."""
     return [(series.name, series.unit) for series in _Data(spec).series()]
 
 
 class _Data:
-    """The variables of one spec, read from data frames."""
+    """Collects the values of one spec's variables from data frames."""
 
     def __init__(self, spec: Spec) -> None:
         self._of: dict[int, list[Series]] = {}
@@ -81,12 +86,12 @@ class _Data:
 
 
 def _parts(data_type: str) -> int:
-    """Number of numbers in a datum of a type: CHAR4 has four, and ACHAR4, a text, counts as one."""
+    """Give how many numbers a datum of a type has; CHAR4 has four, and ACHAR4, a text, counts as one."""
     return int(data_type[-1]) if data_type[-1].isdigit() and not data_type.startswith("ACHAR") else 1
 
 
 def _states(recording: Recording) -> list[Series]:
-    """Give what PEs, buses and functions show, from the feed."""
+    """Give the signals of PEs, buses and functions, from the events of a recording."""
     spec, found = recording.spec, dict[str, Series]()
     for pe in spec.pes:
         found[f"pe.{pe}.load"] = Series(f"pe.{pe}.load", "%", f"CPU load that {pe} measures")
@@ -120,5 +125,5 @@ def _samples(event: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
 
 
 def listed_events(recording: Recording) -> Sequence[Mapping[str, Any]]:
-    """Give the events of a recording that are more than samples of a signal."""
+    """Give the events of a recording, without those that are only samples of a signal."""
     return [one for one in recording.events if one["event"] not in ("bus_seen", "heard", "pe_seen")]

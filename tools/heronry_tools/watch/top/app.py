@@ -1,7 +1,7 @@
 """`heronry top` in a terminal, with Textual: panels of text, painted anew at most twice a second.
 
-What has come is taken as it comes, and counted also while the picture is frozen. A panel is painted only where its text
-has changed, so that a slow line (SSH) carries little.
+Events are taken from the feed as they come, even while the picture is frozen. A panel is painted only where its text
+has changed, so that little is sent over a slow line (SSH).
 """
 
 import asyncio
@@ -44,7 +44,7 @@ _OWN_ACTIONS = frozenset(
 
 
 def _shown(key: str, action: str, words: str | None = None) -> Binding:
-    """Bind a key, before the widgets get it, and show it in the footer."""
+    """Bind a key to an action before the widgets get it, and show it in the footer; `words` are its label there."""
     return Binding(key, action, action if words is None else words, priority=True)
 
 
@@ -53,7 +53,7 @@ def _quiet(key: str, action: str) -> Binding:
 
 
 class Reading(ModalScreen[None]):
-    """A page to read; any of the keys that opened it closes it."""
+    """A page of text over the panels; a key that opens such a page also closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [("escape,q,d,question_mark", "close", "close")]
 
@@ -62,18 +62,18 @@ class Reading(ModalScreen[None]):
         self._text = text
 
     def compose(self) -> ComposeResult:
-        """One scrolling page."""
+        """Yield the text, which scrolls, and the footer."""
         with VerticalScroll(id="page"):
             yield Static(Text(self._text))
         yield Footer()
 
     def action_close(self) -> None:
-        """Back to the panels."""
+        """Close the page."""
         self.dismiss()
 
 
 class TopApp(App[None]):
-    """The panels of one source."""
+    """The panels of one live or recorded source."""
 
     CSS_PATH = "app.tcss"
     ENABLE_COMMAND_PALETTE = False
@@ -99,7 +99,7 @@ class TopApp(App[None]):
     _OF_A_RECORDING: ClassVar[frozenset[str]] = frozenset({"play", "reconfiguration", "move", "end"})
 
     def __init__(self, source: TopSource) -> None:
-        """Show a source, which the caller closes."""
+        """Show a source; the caller closes it."""
         super().__init__()
         self.source = source
         self.look = Look()
@@ -109,14 +109,18 @@ class TopApp(App[None]):
         self._waits_on: set[int] = set()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Leave the keys to a page that is open, and to the field of the filter."""
+        """Tell whether a key works now.
+
+        While a page or the filter is open, the keys of the panels do not. Keys for a recording work only in a
+        recording.
+        """
         del parameters
         if isinstance(self.screen, Reading) or isinstance(self.focused, Input):
             return action not in _OWN_ACTIONS
         return self.source.is_recorded or action not in self._OF_A_RECORDING
 
     def compose(self) -> ComposeResult:
-        """Head, buses, PEs beside functions, and what happened."""
+        """Yield the panels: the head, the buses, PEs beside functions, and below them what happened."""
         yield Static(id="head")
         yield Static(id="buses")
         with Horizontal(id="middle"):
@@ -131,7 +135,7 @@ class TopApp(App[None]):
         yield Footer()
 
     def on_mount(self) -> None:
-        """Begin to look and to paint."""
+        """Start the timers that take events and paint, and paint for the first time."""
         self.query_one("#filter").display = False
         self.set_interval(_LOOK_S, self._take)
         self.set_interval(REPAINT_S, self.paint)
@@ -140,18 +144,18 @@ class TopApp(App[None]):
         self.paint()
 
     def on_resize(self) -> None:
-        """Show all panels side by side where there is room."""
+        """Show all of the lower panels side by side if there is room, else one of them."""
         self._arrange()
         self.call_after_refresh(self.paint)
 
     def snapshot(self) -> Snapshot:
-        """Give what is shown."""
+        """Give the snapshot that is shown: the present one, or the frozen one."""
         return self.source.snapshot() if self._frozen is None else self._frozen
 
     def _take(self) -> None:
-        """Take what has come, and wait on what the source reads from now: a manager that ends is not waited on.
+        """Take the events that have come, and wait for more on the descriptors that the source now has.
 
-        A terminal that has closed can be read without end and says nothing: then the program ends.
+        If the terminal has closed, the program ends: a closed terminal can be read without end and gives nothing.
         """
         if not (self.is_headless or os.isatty(_STANDARD_INPUT)):
             self.exit()
@@ -170,7 +174,7 @@ class TopApp(App[None]):
             self.query_one(f"#{name}-box").display = is_large or number == self._tab
 
     def paint(self) -> None:
-        """Write the panels, if they are there: a timer may call before they are mounted, and when the program ends."""
+        """Write the panels, if they are mounted: a timer may call this before they are, and when the program ends."""
         if not self.query("#modules"):
             return
         view, width = self.snapshot(), self.size.width
@@ -209,20 +213,20 @@ class TopApp(App[None]):
     # What the keys do
 
     def action_help(self) -> None:
-        """Show the keys, and what the letters mean."""
+        """Show the page that explains keys and letters."""
         self.push_screen(Reading(_HELP + "\n" + "\n".join(panels.LEGEND)))
 
     def action_details(self) -> None:
-        """Show all of the selected PE."""
+        """Show a page with all that is known of the selected PE."""
         self.push_screen(Reading("\n".join(panels.details(self.snapshot(), self.look)) or "nothing is known yet"))
 
     def action_freeze(self) -> None:
-        """Freeze the picture, or go on."""
+        """Freeze the picture, or show the present again."""
         self._frozen = self.source.snapshot() if self._frozen is None else None
         self.paint()
 
     def action_select(self, step: int) -> None:
-        """Select another PE."""
+        """Select the next PE (1) or the previous one (-1)."""
         names = list(self.snapshot().pes)
         if names:
             at = names.index(self.look.selected) if self.look.selected in names else 0
@@ -230,43 +234,43 @@ class TopApp(App[None]):
             self.paint()
 
     def action_tab(self) -> None:
-        """Show the next panel below."""
+        """Show the next one of the lower panels."""
         self.action_show((self._tab + 1) % len(_TABS))
 
     def action_show(self, number: int) -> None:
-        """Show a panel below."""
+        """Show a lower panel, by its number from 0."""
         self._tab = number
         self._arrange()
 
     def action_filter(self) -> None:
-        """Let the user write words."""
+        """Open the field for the words of the filter."""
         field = self.query_one("#filter", Input)
         field.display = True
         field.focus()
 
     def on_input_submitted(self, said: Input.Submitted) -> None:
-        """Take the words of the filter."""
+        """Use the words in the field as filter, and close the field."""
         self.look = Look(self.look.selected, said.value.strip())
         said.input.display = False
         self.set_focus(None)
         self.paint()
 
     def action_move(self, seconds: int) -> None:
-        """Move the cursor of a recording."""
+        """Move the cursor of a recording by a number of steps."""
         self._recorded().move(seconds * _STEP_NS)
         self.paint()
 
     def action_reconfiguration(self, which: int) -> None:
-        """Move the cursor to a reconfiguration."""
+        """Move the cursor to the next reconfiguration (1), or to the previous one (0)."""
         self._recorded().to_reconfiguration(is_next=bool(which))
         self.paint()
 
     def action_play(self) -> None:
-        """Let the cursor run, faster each time."""
+        """Let the cursor run at the next speed; after the last one it stops."""
         self._recorded().play()
 
     def action_end(self, which: int) -> None:
-        """Move the cursor to an end of the recording."""
+        """Move the cursor to the begin (0) or the end (1) of the recording."""
         timeline = self._recorded().timeline
         self._recorded().move_to(timeline.ends_ns if which else timeline.begins_ns)
         self.paint()
@@ -277,7 +281,7 @@ class TopApp(App[None]):
 
 
 def _fileno(reader: Any) -> int:
-    """Give the descriptor of what a feed reads: some readers are descriptors themselves."""
+    """Give the descriptor of a reader, which may be a number or an object with `fileno`."""
     return reader if isinstance(reader, int) else int(reader.fileno())
 
 

@@ -1,6 +1,7 @@
-"""A snapshot as the panels of `heronry top`: text with colours, one fact a line, and a letter beside every colour.
+"""A snapshot as the panels of `heronry top`: coloured text, one fact a line.
 
-Each function gives lines for one panel; the app cuts them to the width of the panel.
+A letter stands beside every colour, for terminals without colours. Each function gives the lines of one panel; the app
+cuts them to the width of the panel.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,19 +38,19 @@ LEGEND = (
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What the user has chosen to see."""
+    """What the user has chosen: the selected PE, and the words of the filter."""
 
     selected: str = ""  # a PE
     words: str = ""  # of the filter
 
 
 def seconds(ns: int | None, digits: int = 1) -> str:
-    """Write a duration."""
+    """Write a duration in seconds; `-` for one that is not known."""
     return "-" if ns is None else f"{ns / _NS_PER_S:.{digits}f}s"
 
 
 def head(view: Snapshot) -> list[Text]:
-    """Phase, epoch, term and stage; what is wrong as a whole."""
+    """Give the head: phase, epoch, term, stage and the manager, and what is wrong with the whole system."""
     manager = view.manager
     state = _MANAGER.get(manager.state, manager.state)
     line = Text.assemble((view.spec, "bold"), f"  phase {view.phase or '-'}  ")
@@ -72,7 +73,7 @@ def head(view: Snapshot) -> list[Text]:
 
 
 def buses(view: Snapshot, width: int) -> list[Text]:
-    """One line a bus: a bar of the load now, the peak, what is planned."""
+    """Give one line for each bus: a bar of the present load, the peak, and the planned load."""
     return [_bus(name, bus, max(8, min(40, width - 52))) for name, bus in view.buses.items()]
 
 
@@ -93,7 +94,7 @@ def _bus(name: str, bus: Bus, cells: int) -> Text:
 
 
 def pes(view: Snapshot, look: Look) -> list[Text]:
-    """One line a PE."""
+    """Give one line for each PE."""
     lines = [Text("  PE         heard  epoch CPU      mod rst", "bold")]
     for name, pe in view.pes.items():
         if _matches(look, name, pe.why):
@@ -122,7 +123,7 @@ def _bar(budget: Budget, cells: int) -> str:
 
 
 def function_state(function: Function) -> tuple[str, str]:
-    """Letter and colour of a function."""
+    """Give the letter and the colour for the state of a function."""
     if not function.wanted:
         return "-", "dim"
     if function.served is None:
@@ -135,7 +136,7 @@ def function_state(function: Function) -> tuple[str, str]:
 
 
 def functions(view: Snapshot, look: Look) -> list[Text]:
-    """One line a function: `lost <- why` where it is not served."""
+    """Give one line for each function; one that is not served has `lost <- why`."""
     lines = [Text("  function         cl mode", "bold")]
     shown = [(name, one) for name, one in view.functions.items() if _matches(look, name, one.why_not, one.mode)]
     lines += [_function(view, name, one) for name, one in shown if one.wanted]
@@ -157,7 +158,7 @@ def _function(view: Snapshot, name: str, one: Function) -> Text:
 
 
 def modules(view: Snapshot, look: Look) -> list[Text]:
-    """The modules of the selected PE."""
+    """Give the lines of the selected PE's modules."""
     pe = view.pes.get(look.selected)
     if pe is None:
         return [Text("no PE is selected: press down", "dim")]
@@ -181,7 +182,7 @@ def _module(name: str, module: Module) -> Text:
 
 
 def reconfigurations(view: Snapshot, look: Look) -> list[Text]:
-    """The last reconfigurations, newest first."""
+    """Give the last reconfigurations, newest first."""
     lines = [Text("epoch  detect decide distr. activ. ms  moved/started/stopped  lost <- why", "bold")]
     shown = (one for one in reversed(view.reconfigurations) if _matches(look, one.sentence, *one.lost))
     lines += map(_reconfiguration, shown)
@@ -199,7 +200,7 @@ def _reconfiguration(one: Reconfiguration) -> Text:
 
 
 def events(view: Snapshot, look: Look, most: int) -> list[Text]:
-    """The last events, newest first."""
+    """Give the last events, at most `most`, newest first."""
     shown = [told for told in reversed(view.told) if _matches(look, told.sentence, told.event)]
     return [_told(view, told) for told in shown[:most]] or [Text("nothing yet", "dim")]
 
@@ -211,7 +212,7 @@ def _told(view: Snapshot, told: Told) -> Text:
 
 
 def details(view: Snapshot, look: Look) -> Iterator[str]:
-    """All of the selected PE, and of the last reconfiguration, for reading."""
+    """Give all that is known of the selected PE and of the last reconfiguration, as a page to read."""
     pe = view.pes.get(look.selected)
     if pe is not None:
         yield f"PE {look.selected} (node {pe.node_id}) is {pe.standing}" + (f": {pe.why}" if pe.why else "")
@@ -253,7 +254,7 @@ def _matches(look: Look, *texts: str | None) -> bool:
 
 
 def joined(lines: Sequence[Text]) -> Text:
-    """Join lines into one text, of which each line is cut at the edge of its panel."""
+    """Join lines into one text that cuts each line at the edge of its panel."""
     whole = Text("\n", no_wrap=True, overflow="ellipsis").join(lines)
     whole.no_wrap, whole.overflow = True, "ellipsis"
     return whole

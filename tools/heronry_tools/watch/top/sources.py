@@ -1,4 +1,4 @@
-"""Where `heronry top` gets its snapshot from: a live feed, or a recording with a cursor in time."""
+"""The source of the snapshots of `heronry top`: a live feed, or a recording with a cursor in time."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class LiveSource:
-    """A live feed: what it told so far."""
+    """A live feed, with the snapshot of its events so far."""
 
     is_recorded = False
 
@@ -23,11 +23,11 @@ class LiveSource:
         self._state = self._reducer.start(feed.source)
 
     def readers(self) -> Sequence[Any]:
-        """Give what becomes readable when something has come."""
+        """Give the descriptors that become readable when something has come."""
         return self._feed.readers()
 
     def look(self) -> None:
-        """Take what has come."""
+        """Take the events that have come."""
         self._state = self._reducer.all(self._feed.poll(), self._state)
 
     def snapshot(self) -> Snapshot:
@@ -35,11 +35,11 @@ class LiveSource:
         return self._state.snapshot
 
     def note(self) -> str:
-        """What is wrong with the feed, or nothing."""
+        """Give a sentence about what is wrong with the feed; empty if nothing is."""
         return self._feed.trouble or ""
 
     def close(self) -> None:
-        """Leave."""
+        """Close the feed."""
         self._feed.close()
 
 
@@ -49,17 +49,17 @@ class RecordedSource:
     is_recorded = True
 
     def __init__(self, recording: Recording, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        """Begin at the end; `clock_ns` is the clock by which the cursor runs."""
+        """Put the cursor at the end; `clock_ns` is the clock by which the cursor runs."""
         self.timeline, self._clock_ns = recording.timeline(), clock_ns
         self.at_ns = self.timeline.ends_ns
         self._speed, self._ran_ns = 0, 0
 
     def readers(self) -> Sequence[Any]:
-        """A recording is not waited for."""
+        """Give no descriptor: a recording need not be waited for."""
         return ()
 
     def look(self) -> None:
-        """Move the cursor by the time that has passed, if it runs."""
+        """If the cursor runs, move it by the time since the last call, times its speed."""
         now_ns = self._clock_ns()
         if self._speed:
             self.move_to(self.at_ns + self._speed * (now_ns - self._ran_ns))
@@ -68,14 +68,14 @@ class RecordedSource:
         self._ran_ns = now_ns
 
     def play(self) -> None:
-        """Let the cursor run, at the next of its speeds; after the last one it stops."""
+        """Let the cursor run at the next higher speed; after the highest one it stops."""
         faster = [speed for speed in SPEEDS if speed > self._speed]
         if self.at_ns >= self.timeline.ends_ns:
             self.at_ns = self.timeline.begins_ns
         self._speed, self._ran_ns = (faster[0] if faster else 0), self._clock_ns()
 
     def move(self, by_ns: int) -> None:
-        """Move the cursor."""
+        """Move the cursor by a time, backwards if it is negative."""
         self.move_to(self.at_ns + by_ns)
 
     def move_to(self, at_ns: int) -> None:
@@ -83,7 +83,7 @@ class RecordedSource:
         self.at_ns = min(max(at_ns, self.timeline.begins_ns), self.timeline.ends_ns)
 
     def to_reconfiguration(self, *, is_next: bool) -> None:
-        """Move the cursor to the next reconfiguration, or the one before; to an end where there is none."""
+        """Move the cursor to the next or the previous reconfiguration; without one, to the end or the begin."""
         times = self.timeline.reconfigurations()
         if is_next:
             self.move_to(min((t for t in times if t > self.at_ns), default=self.timeline.ends_ns))
@@ -95,18 +95,18 @@ class RecordedSource:
         return self.timeline.at(self.at_ns)
 
     def note(self) -> str:
-        """Where the cursor is, and how fast it runs."""
+        """Give the position of the cursor, and its speed."""
         begins_ns = self.timeline.begins_ns
         at_s, whole_s = (self.at_ns - begins_ns) / _NS_PER_S, (self.timeline.ends_ns - begins_ns) / _NS_PER_S
         return f"log {at_s:.2f} of {whole_s:.2f} s" + (f", {self._speed}x" if self._speed else "")
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing, since nothing is open."""
 
 
 TopSource = LiveSource | RecordedSource
 
 
 def source_of(opened: Feed | Recording) -> TopSource:
-    """Give the source of an opened feed or recording."""
+    """Give the source for an opened feed or recording."""
     return RecordedSource(opened) if isinstance(opened, Recording) else LiveSource(opened)

@@ -1,1 +1,1 @@
-"""Faults injected into a flight: when (`schedule`), and what each kind does, in one file for each kind of target."""
+"""Injects faults into a flight: `schedule` at the right time, the other files each for one kind of target."""

@@ -68,7 +68,7 @@ def _leaving(uninvited: Sequence[Stranger | Forger | Denier]) -> End:
 
 
 def _alter(uses: frozenset[Use], share: float) -> Inject:
-    """Alter a share of all received frames that have one of these uses (data or commands)."""
+    """Return an injection that alters a share of all received frames with one of these uses (data or commands)."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End:
         wires = simulation.wiring.wires[fault.name]

@@ -15,7 +15,7 @@ def _channel_loss(simulation: Simulation, fault: Fault, _: Random) -> End:
 
 
 def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
-    """Break a bus in the middle, with one manager on each side; the side of each PE is drawn."""
+    """Break a bus in the middle, with one manager on each side; `random` decides on which side each PE is."""
     managers = [f"manager {node}" for node in random.sample(MANAGER_NODES, 2)]
     beyond = {managers[0], *(pe for pe in simulation.spec.pes if random.randrange(2))}
     wires, one_way = simulation.wiring.wires[fault.name], fault.level == 1
@@ -35,7 +35,7 @@ def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
 
 
 def _share(field: str) -> Inject:
-    """Set one of the probabilities in a bus's `Faults`."""
+    """Return an injection that sets one probability (`loss`, `omission` or `doubled`) of a bus to the fault's level."""
 
     def inject(simulation: Simulation, fault: Fault, _: Random) -> End:
         wires, before = simulation.wiring.wires[fault.name], getattr(simulation.wiring.faults, field)
@@ -76,7 +76,7 @@ def _collapse(simulation: Simulation, fault: Fault, _: Random) -> End:
 
 
 def _link(direction: str) -> Inject:
-    """Break the link of every gateway of a far bus, in one direction or in both."""
+    """Return an injection that breaks the link of every gateway to a bus, in one direction or in both."""
 
     def inject(simulation: Simulation, fault: Fault, _: Random) -> End | None:
         gateways = [pe for pe in simulation.fleet.running.values() if len({bus.name for bus, _ in pe.stations}) > 1]

@@ -1,7 +1,7 @@
 """The form of an injection: a function that does something to a simulation, and returns the function that ends it.
 
-It returns None if it injected nothing (for example a pause of a dead PE). No fault is ended twice. A fault of a PE or
-manager that has died meanwhile is not ended, because it ended with that incarnation.
+An injection returns None if it did nothing (for example a pause of a dead PE). No fault is ended twice. A fault of a PE
+or manager that has died meanwhile is not ended, because it ended with that incarnation.
 """
 
 from collections.abc import Callable
@@ -19,11 +19,14 @@ _PLUG_HOLDS_MS = (6, 40, 200)  # longest time in one of these states; one of the
 
 
 def nothing() -> None:
-    """Do nothing; ends a fault for which there is nothing to end."""
+    """Do nothing; this function ends faults that end by themselves."""
 
 
 def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
-    """Call `turn` now and repeatedly until the fault is ended; `turn` gives the ns to its next call, None: no more."""
+    """Call `turn` again and again until the fault is ended; the first call comes at once.
+
+    Each call of `turn` returns the time in ns to the next call; None if there is to be no further call.
+    """
     over = False
 
     def do() -> None:
@@ -40,7 +43,7 @@ def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
 
 
 def loosen(simulation: Simulation, node: Node, random: Random) -> End:
-    """Let transmitter and receiver of a node fail and recover in turn; the times are drawn (6 to 200 ms at most)."""
+    """Let the transmitter and receiver of a node fail and recover repeatedly, at random intervals of 6 to 200 ms."""
 
     def turn() -> int | None:
         if not node.running:

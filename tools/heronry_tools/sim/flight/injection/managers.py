@@ -12,12 +12,15 @@ _OF_REPLAYED_COUNTERS = frozenset(("silence",))  # PEs with a key reject reused 
 
 
 def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
-    """Inject into the running manager that a fault names; the fault is ended in the same incarnation only."""
+    """Make an injection of `do`, which is done to the running manager that the fault names.
+
+    The fault is ended only if the same incarnation of the manager still runs then.
+    """
     return _in_seat(lambda simulation, seat, fault, random: do(simulation.managers.running[seat], fault, random))
 
 
 def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inject:
-    """Inject into the seat of the running manager that a fault names."""
+    """Make an injection of `do`, which gets the seat (the computer) of the running manager that the fault names."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         node, foremost = MANAGERS[fault.target], simulation.managers.foremost
@@ -80,7 +83,7 @@ def _clock_jump(manager: SimulatedManager, fault: Fault, _: Random) -> End:
 
 
 def _wire(direction: str) -> Inject:
-    """Break the wires of a manager, in one direction or in both."""
+    """Return an injection that breaks the wires of a manager, in one direction or in both."""
 
     def do(manager: SimulatedManager, _fault: Fault, _random: Random) -> End:
         manager.wire(**{direction: True})

@@ -1,4 +1,4 @@
-"""Faults of PEs: death, pause, broken wires, slow or hanging modules, an inspection."""
+"""Faults of PEs: death, pause, broken wires, slow or hanging modules, an inspection by a diagnostic client."""
 
 from collections.abc import Callable
 from random import Random
@@ -12,7 +12,10 @@ _STARTS_AGAIN_MS = (5, 200)
 
 
 def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
-    """Inject into a running PE; the fault is ended in the same incarnation only."""
+    """Make an injection of `do`, which is done to the running PE that the fault names.
+
+    The fault is ended only if the same incarnation of the PE still runs then.
+    """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         pe = simulation.fleet.running.get(fault.name)
@@ -25,7 +28,10 @@ def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
 
 
 def _on_living(do: Callable[[Simulation, Fault, Random], End | None]) -> Inject:
-    """Inject into a running PE; the fault is ended in whichever incarnation of the PE runs then."""
+    """Make an injection of `do`, which is done to the running PE that the fault names.
+
+    The fault is ended in whichever incarnation of the PE runs then.
+    """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         return do(simulation, fault, random) if fault.name in simulation.fleet.running else None
@@ -58,7 +64,7 @@ def _brownout(simulation: Simulation, fault: Fault, random: Random) -> End:
 
 
 def _stale_table(simulation: Simulation, fault: Fault, _: Random) -> End:
-    """Restart a PE with the table of another spec, and at the end of the fault with the right one."""
+    """Restart a PE with the table of another spec; at the end of the fault, restart it with the right table."""
     fleet = simulation.fleet
 
     def restart() -> None:

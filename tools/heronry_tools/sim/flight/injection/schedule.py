@@ -3,8 +3,8 @@
 The functions that inject each kind are in the files beside this one. The oracles read from `injected` what was
 injected, and when.
 
-Each fault has its own random generator, seeded by the seed of the run and the text of the fault. So removing one fault
-from a list changes no other, which allows `shrink` to shorten a failing list.
+Each fault has its own random generator, whose seed consists of the flight's seed and the text of the fault. So removing
+one fault from a list does not change the others, which allows `shrink` to shorten a failing list.
 """
 
 from collections import Counter
@@ -22,7 +22,7 @@ _INTO_STATE_NS = (0, 100_000, 500_000, 2 * MS)
 
 
 class Injections:
-    """Injects the faults of one run; `hits` counts the injections by kind and by the state of the protocol."""
+    """Injects the faults of one flight; `hits` counts the injections by kind and by the state of the protocol."""
 
     def __init__(self, simulation: Simulation, faults: tuple[Fault, ...], start_ns: int) -> None:
         """Schedule the faults, with times counted from `start_ns`."""
@@ -38,7 +38,7 @@ class Injections:
             self._schedule(fault, start_ns + fault.at_ms * MS)
 
     def heal(self) -> None:
-        """End every fault that can be ended, and inject no more."""
+        """End every fault that can be ended, and inject no further fault."""
         self._healed = True
         for fault in list(self._ends):
             self._end(fault)
@@ -53,9 +53,9 @@ class Injections:
         simulation.at(at_ns + WAITS_MS * MS, lambda: self._inject(fault))
 
     def _wait(self, fault: Fault, not_before_ns: int, random: Random) -> None:
-        """Inject a moment after the fault's state has begun.
+        """Inject a fault shortly after the protocol has entered the fault's state, not before `not_before_ns`.
 
-        If the state is over by then, wait until it begins again.
+        If the protocol has left the state by then, wait until it enters the state again.
         """
         simulation = self._simulation
 
@@ -96,7 +96,7 @@ class Injections:
             self._note(fault, self._simulation.now_ns)
 
     def _note(self, fault: Fault, to_ns: int | None) -> None:
-        """Record a fault for the oracles, unless it took no time and has no lasting effect."""
+        """Record a fault for the oracles; a fault that takes no time and has no lasting effect is not recorded."""
         kind = KINDS[fault.kind]
         of_one = kind.target_kind in _OF_ONE_ELEMENT and not kind.excuses
         from_ns = self._begun[fault]
@@ -107,14 +107,14 @@ class Injections:
         self.injected.append(Injected(self._element(fault) if of_one else None, from_ns, to_ns))
 
     def _unpromised(self, fault: Fault) -> frozenset[str]:
-        """Give the rules of the oracles that are waived while a fault is present."""
+        """Return the rules of the oracles that are waived while a fault is present."""
         kind = KINDS[fault.kind]
         if kind.promised_with_key and self._simulation.key is not None:
             return frozenset()
         return kind.unpromised | ({REPORTS} if kind.excuses else frozenset())
 
     def _element(self, fault: Fault) -> str:
-        """Give the element to count as down; for a PE without one channel of its bus, that channel."""
+        """Return the element that counts as down during a fault: its target, or the lost channel of a PE's bus."""
         bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].target_kind == "twin_pe" else None
         return fault.target if bus is None else f"channel:{bus}.{fault.level}"
 

@@ -42,7 +42,11 @@ class DiagnosticClient:
         running: Callable[[], Mapping[str, str]],
         wrong: Callable[[str], None],
     ) -> None:
-        """running: gives the modules planned on the PE, with their modes. wrong: called with a wrong answer."""
+        """Begin the inspection of the PE with this table.
+
+        running: returns the modules planned on the PE, with their modes
+        wrong: is called with a sentence when the PE has given a wrong answer
+        """
         self._clock, self._bus, self._table, self._wrong = clock, bus, table, wrong
         self._node = table.node_id
         self._heard = Heard()
@@ -111,7 +115,7 @@ class DiagnosticClient:
 
 
 def _inspection(clock: Clock, table: PeTable, heard: Heard, running: Callable[[], Mapping[str, str]]) -> Talk[None]:
-    """Inspect every topic, one after the other."""
+    """Inspect every topic, one after the other; a generator like those of `SdoTalk`."""
     objects, transfers = Objects(clock, table, heard, running), Transfers(clock, table, heard)
     services, nmt = NodeServices(clock, table, heard), Nmt(clock, table, heard)
     yield from objects.wait(1_100)  # a heartbeat, and all pages of the state

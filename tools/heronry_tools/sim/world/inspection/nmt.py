@@ -26,10 +26,10 @@ _WAIT_NS = 100 * MS
 
 
 class Nmt(Topic):
-    """Sends NMT commands to the node, and verifies its heartbeat."""
+    """Sends NMT commands to the PE, and verifies its heartbeat."""
 
     def heartbeat_time(self) -> Talk[None]:
-        """The heartbeat comes with the period in object 1017h; at 0 it does not come."""
+        """Demand that the heartbeat comes with the period in object 1017h, and does not come if that is 0."""
         for time_ms in (SHORT_MS, 0, SLOW_MS, HEARTBEAT_MS):
             found = yield from self._sdo.download(HEARTBEAT_TIME, 0, time_ms.to_bytes(2, "little"))
             demand(found is None, f"a heartbeat time of {time_ms} ms is refused: {found}")
@@ -37,7 +37,7 @@ class Nmt(Topic):
             yield from self.beats_every(time_ms)
 
     def in_flight(self) -> Talk[None]:
-        """No command is executed: the heartbeat continues, and reports that the PE is operational."""
+        """Demand that the PE executes no NMT command: its heartbeat continues, and reports an operational PE."""
         for command in (_STOP, _ENTER_PRE_OPERATIONAL, _RESET, _RESET_COMMUNICATION, _START, 77):
             for node in (self._node, BROADCAST):
                 yield Frame(NMT_ID, bytes((command, node))), -1, 2 * MS
@@ -48,7 +48,7 @@ class Nmt(Topic):
         demand(states == {OPERATIONAL}, f"after NMT commands in flight the heartbeat reports states {states}")
 
     def on_a_desk(self) -> Talk[None]:
-        """Every command that is addressed to this node, and no other, is executed."""
+        """Demand that the PE executes each NMT command that is addressed to it, and no other."""
         yield from self._sdo.download(HEARTBEAT_TIME, 0, SHORT_MS.to_bytes(2, "little"))
         yield from self._commanded(_START, self._node, [OPERATIONAL])
         yield from self._commanded(_STOP, self._node + 1, [OPERATIONAL])

@@ -24,10 +24,10 @@ _STAMP = 0x12345678
 
 
 class NodeServices(Topic):
-    """Requests services, and verifies the answers."""
+    """Requests node services, and verifies the answers."""
 
     def node_services(self) -> Talk[None]:
-        """Every service of a PE, with right and wrong requests."""
+        """Verify every node service of a PE, with right and wrong requests."""
         yield from self._identification()
         stamp = request(Service.NSS, BROADCAST, data_type=DataType.ULONG, value=_STAMP)
         yield encode_service(stamp), ANSWERS, 20 * MS
@@ -69,7 +69,7 @@ class NodeServices(Topic):
         demand(code == result.message_code, f"an interval of {time_ms} ms for {identifier} is answered with {code}")
 
     def _state_transmission(self) -> Talk[None]:
-        """STS: the PE sends both pages at once, but only once in a heartbeat period."""
+        """Verify service STS: the PE sends both pages of its state at once, but only once in a heartbeat period."""
         period_ns = self._table.ports[self._table.uplink].heartbeat_ns
         yield from self.wait(2 * period_ns // MS)
         seen, begun_ns = len(self._heard.pages_0), self._clock.now_ns

@@ -37,15 +37,15 @@ _RUNNING, _NOT_WANTED = 1, 0
 
 
 class Objects(Topic):
-    """Reads and writes objects."""
+    """Reads and writes objects of the PE's object dictionary, and verifies the answers."""
 
     def __init__(self, clock: Clock, table: PeTable, heard: Heard, running: Callable[[], Mapping[str, str]]) -> None:
-        """running: gives the modules that are planned on the PE, with their modes."""
+        """Prepare the topic; `running` returns the modules that are planned on the PE, with their modes."""
         super().__init__(clock, table, heard)
         self._running = running
 
     def constants(self) -> Talk[None]:
-        """Every constant has the right value, length and access rights; other objects do not exist."""
+        """Demand that every constant has the right value, length and access rights, and that no other object exists."""
         for entry in OBJECTS:
             last = entry.most if entry.kind is Kind.ARRAY else len(entry.variables)
             every = (0,) if entry.kind in (Kind.VAR, Kind.DOMAIN) else range(last + 2)
@@ -74,7 +74,7 @@ class Objects(Topic):
             demand(fits, f"object {entry.index:04X}h, {sub_index} is {found!r}")
 
     def present_state(self, *, is_flying: bool) -> Talk[None]:
-        """Changing values agree with the PE's state frames, the LEASE and the plan."""
+        """Demand that changing values agree with the PE's state frames, the LEASE and the plan."""
         page, staged = self._heard.pages_0[-1][1], self._heard.pages_1[-1][1]
         told = (
             *(page.state, page.flags, page.incarnation, page.epoch, page.digest, None, staged.staged_epoch),
@@ -105,7 +105,7 @@ class Objects(Topic):
         yield from self.read(COUNTERS, 2, 0)
 
     def long_texts(self) -> Talk[None]:
-        """Long texts are read by segments and by blocks, also if segments are lost."""
+        """Demand that long texts can be read by segments and by blocks, even if segments are lost."""
         sdo, eds, table = self._sdo, eds_text().encode(), self._table.to_json().encode()
         yield from self.read(STORED_EDS, 0, eds)
         for size, lost in ((127, 0), (16, 3), (1, 0)):
@@ -120,7 +120,7 @@ class Objects(Topic):
         demand(found is Abort.NO_OBJECT, "object 5000h exists")
 
     def refusals(self, *, is_flying: bool) -> Talk[None]:
-        """A write that is not allowed, or not in this form, is refused with the right abort code."""
+        """Demand that a write that is not allowed, or not in this form, is refused with the right abort code."""
         wrong: tuple[tuple[int, int, bytes, Abort], ...] = (
             (DEVICE_NAME, 0, b"mine", Abort.READ_ONLY),
             (STATE, 1, b"\1", Abort.READ_ONLY),
@@ -145,7 +145,7 @@ class Objects(Topic):
             yield from self._sdo.refused(huge, Abort.OUT_OF_MEMORY, TABLE)
 
     def own_table(self) -> Talk[None]:
-        """The PE accepts only its own table, which may be written again by every kind of transfer."""
+        """Demand that the PE accepts no table but its own, and accepts this one by every kind of transfer."""
         own, sdo = self._table.to_json().encode(), self._sdo
         for written in (own, b" " + own + b"\n"):
             found = yield from sdo.download(TABLE, 0, written)

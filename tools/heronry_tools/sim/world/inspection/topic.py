@@ -18,7 +18,7 @@ BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127  # states that a h
 
 @dataclass(slots=True)
 class Heard:
-    """What was heard of a PE and of its manager."""
+    """The frames of a PE and of its manager that were heard so far."""
 
     heartbeats: list[tuple[int, int]] = field(default_factory=list)  # time in ns, and the state reported
     pages_0: list[tuple[int, StatePage0]] = field(default_factory=list)
@@ -27,7 +27,7 @@ class Heard:
 
 
 class Topic:
-    """One topic; its methods are generators, like those of `SdoTalk`."""
+    """Base of a topic; its methods are generators, like those of `SdoTalk`."""
 
     def __init__(self, clock: Clock, table: PeTable, heard: Heard) -> None:
         self._clock, self._table, self._heard = clock, table, heard
@@ -35,11 +35,11 @@ class Topic:
         self._sdo = SdoTalk(table.node_id)
 
     def wait(self, ms: int) -> Talk[None]:
-        """Let this time pass."""
+        """Wait for `ms` milliseconds."""
         yield None, -1, ms * MS
 
     def read(self, index: int, sub_index: int, wanted: bytes | int | Abort) -> Talk[None]:
-        """Read an object and demand a value; a number has as many bytes as the object."""
+        """Read an object and demand that it has the value `wanted`; a number must have as many bytes as the object."""
         found = yield from self._sdo.upload(index, sub_index)
         same = wanted == (
             int.from_bytes(found, "little") if isinstance(wanted, int) and isinstance(found, bytes) else found
@@ -47,7 +47,7 @@ class Topic:
         demand(same, f"object {index:04X}h, {sub_index} reads {found!r}, not {wanted!r}")
 
     def beats_every(self, time_ms: int) -> Talk[None]:
-        """Demand that from now on the heartbeat comes with this period, or not at all if it is 0."""
+        """Demand that from now on the heartbeat comes with this period, or does not come if the period is 0."""
         self._heard.heartbeats.clear()
         begun_ns = self._clock.now_ns
         yield from self.wait(4 * time_ms + 20 if time_ms < HEARTBEAT_MS else HEARTBEAT_MS + 20)
@@ -63,6 +63,6 @@ class Topic:
 
 
 def demand(holds: bool, story: str) -> None:
-    """End the inspection with this story unless `holds`."""
+    """End the inspection as failed with the sentence `story` if `holds` is False."""
     if not holds:
         raise WrongAnswerError(story)

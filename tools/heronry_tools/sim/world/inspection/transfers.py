@@ -25,10 +25,10 @@ from heronry_wire.sdo import (
 
 
 class Transfers(Topic):
-    """Makes mistakes, and verifies that each one is answered with the right abort code."""
+    """Makes mistakes in SDO transfers, and verifies that each one is answered with the right abort code."""
 
     def mistakes(self) -> Talk[None]:
-        """A message out of place is refused, and ends the transfer that was under way."""
+        """Demand that a message out of place is refused, and ends the transfer that was under way."""
         sdo = self._sdo
         first, next_one = with_data(UPLOAD, STORED_EDS, 0), segment(SEGMENT_UPLOAD, b"")
         yield from sdo.refused(segment(SEGMENT_UPLOAD, b""), Abort.COMMAND)
@@ -59,7 +59,7 @@ class Transfers(Topic):
         )
 
     def _given_up(self, index: int) -> Talk[None]:
-        """The server aborts a transfer after a second if the client does not continue it."""
+        """Demand that the server aborts a transfer after a second if the client does not continue it."""
         answer = yield None, sdo_response_id(self._node), 900 * MS
         demand(answer is None, "the server does not wait for a second")
         answer = yield None, sdo_response_id(self._node), 110 * MS
