@@ -5,7 +5,7 @@ from random import Random
 
 import pytest
 
-from heronry_tools.fly.avionics.tracking_filter import BIAS_ELEVATION, BIAS_H, REFUSALS, STATES, H, TrackingFilter
+from heronry_tools.fly.avionics.tracking_filter import BIAS_ELEVATION, BIAS_H, REFUSALS, STATES, H, TrackingFilter, X
 
 CAMERA_M = (100.0, 12.0, 0.3)
 STEP_NS = 25_000_000
@@ -24,6 +24,7 @@ class Approach:
         self.chance, self.bias_m, self.bias_rad = Random(seed), bias_m, bias_rad
         self.place, self.now_ns = [-500.0, 1.0, 45.0], 0
         self.past = [(0, list(self.place))]
+        self.has_receiver = True
         self.filter = TrackingFilter(CAMERA_M, self.receiver(), 0)
 
     def receiver(self):
@@ -35,7 +36,7 @@ class Approach:
             self.place = [p + v * STEP_NS / 1e9 for p, v in zip(self.place, SPEED, strict=True)]
             self.past.append((self.now_ns, list(self.place)))
             self.filter.advance([v + self.chance.gauss(0, 0.1) for v in SPEED], self.now_ns)
-            if self.now_ns % (4 * STEP_NS) == 0:
+            if self.has_receiver and self.now_ns % (4 * STEP_NS) == 0:
                 self.filter.use_receiver(self.receiver())
             if images and self.now_ns % (6 * STEP_NS) == 0 and self.now_ns > 200_000_000:
                 then = self.past[-9][1]
@@ -134,3 +135,37 @@ def test_the_covariance_stays_symmetric_and_positive():
     assert all(covariance[i][j] == covariance[j][i] for i in range(STATES) for j in range(STATES))
     assert all(covariance[i][i] > 0.0 for i in range(STATES))
     assert covariance[BIAS_ELEVATION][BIAS_ELEVATION] <= 0.002**2
+
+
+SLOPE = math.tan(math.radians(5.0))
+
+
+def begun_by_sight(place, *, up, off_rad=0.002):
+    elevation = seen_rad(place)[1] + off_rad
+    return TrackingFilter.by_sight(CAMERA_M, elevation, 0, sinks=up < -0.5)
+
+
+@pytest.mark.parametrize("ahead_m", [120.0, 200.0, 300.0, 450.0])
+@pytest.mark.parametrize("above_m", [-2.0, 0.0, 2.0])
+def test_without_a_receiver_it_begins_where_the_aircraft_may_be(ahead_m, above_m):
+    """On the slope, near it, and on the level part before it; the filter knows how wrong the beginning may be."""
+    height = SLOPE * (ahead_m - 40.0) + above_m
+    begun = begun_by_sight((-ahead_m, 2.0, height), up=-1.4)
+    assert abs(begun.state[H] - height) < 3 * begun.sigma(H)
+    assert abs(begun.state[X] + ahead_m) < 3 * begun.sigma(X)
+    level = begun_by_sight((-620.0, 0.0, 45.0), up=0.1)
+    assert level.state[X] == pytest.approx(-600.0, abs=60.0)
+    assert level.state[H] == pytest.approx(45.0, abs=0.1)
+
+
+def test_a_beginning_by_sight_becomes_good_enough_to_land():
+    errors = []
+    for seed in range(5):
+        approach = Approach(seed)
+        approach.place = [-300.0, 1.0, 25.0]
+        approach.past = [(0, list(approach.place))] * 9
+        approach.filter = TrackingFilter.by_sight(CAMERA_M, seen_rad(approach.place)[1] + 0.001, 0, sinks=True)
+        approach.has_receiver = False
+        approach.fly(16)
+        errors.append(abs(approach.height_error()))
+    assert max(errors) < 1.5

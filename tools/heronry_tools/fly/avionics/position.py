@@ -6,7 +6,8 @@ and the filter, as long as it gets images, give version 1.
 
 Without velocity these modules publish nothing, since a receiver's position comes at only 10 Hz and cannot steer. A
 restart of a receiver's estimator loses nothing. A restart of the tracking filter loses what it has learnt from images:
-it begins again at the receiver's position, and needs some seconds of images. A change of the mode loses nothing.
+it begins again at the receiver's position, or without a receiver where an image meets the nominal approach, and needs
+some seconds of images. A change of the mode loses nothing.
 """
 
 from collections.abc import Mapping
@@ -18,7 +19,9 @@ from heronry_tools.fly.avionics.tracking_filter import H, TrackingFilter, X, Y
 
 NS_PER_S = 1_000_000_000
 CAMERA_M = (100.0, 12.0, 0.3)  # where the rover stands: x, y, height of the camera less that of the aircraft's centre
-_START_M = (-600.0, 0.0, 45.0)  # of a filter without any receiver
+_SINKS_M_PER_S = 0.5  # an aircraft that sinks less is on the level part of the approach
+_WAITS_NS = 300_000_000  # for the receiver, before a filter begins by an image alone
+_STEEPEST_RAD = 0.12  # of an aircraft on approach; an image that shows it higher is a false one
 _SETTLES_S = 1.0
 _APART_NS = 20_000_000  # angles and age of one image arrive within this time
 _MRAD_TENTHS = 10_000.0
@@ -88,6 +91,7 @@ class TrackedPosition(Module):
         self.filter: TrackingFilter | None = None
         self._image_ns = 0  # exposure of the last image that was used
         self._fix_age_ns = 0
+        self._since_ns = ctx.now_ns
 
     def mode_changed(self) -> bool:
         """Keep the state of the filter through a change of the mode."""
@@ -100,13 +104,29 @@ class TrackedPosition(Module):
         if moving is None:
             return {}
         if self.filter is None:
-            self.filter = TrackingFilter(CAMERA_M, fix or _START_M, now_ns)
+            self.filter = self._begun(inputs, fix, moving)
+            if self.filter is None:
+                return {}
         self.filter.advance(moving, now_ns)
         if fix is not None:
             self._use_fix(self.filter, fix, inputs["gps_x"].age_ns, moving)
         self._use_image(self.filter, inputs)
         state = self.filter.state
         return {"position_x": state[X], "position_y": state[Y], "height": state[H]}
+
+    def _begun(
+        self, inputs: Inputs, fix: tuple[float, float, float] | None, moving: tuple[float, float, float]
+    ) -> TrackingFilter | None:
+        """Begin at the receiver's position; without a receiver by an image, None before there is one."""
+        now_ns, angles = self.ctx.now_ns, numbers(inputs, "image_angles", 2)
+        if fix is not None:
+            return TrackingFilter(CAMERA_M, fix, now_ns)
+        if angles is None or now_ns - self._since_ns < _WAITS_NS:
+            return None
+        elevation_rad = angles[1] / _MRAD_TENTHS
+        if not 0.0 < elevation_rad < _STEEPEST_RAD:
+            return None
+        return TrackingFilter.by_sight(CAMERA_M, elevation_rad, now_ns, sinks=moving[2] < -_SINKS_M_PER_S)
 
     def _use_fix(
         self, tracking: TrackingFilter, fix: tuple[float, ...], age_ns: int, moving: tuple[float, ...]

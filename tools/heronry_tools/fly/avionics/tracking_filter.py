@@ -37,6 +37,10 @@ _CAMERA_BIAS_RAD = (0.003, 0.002)
 _START_M2 = 10.0**2
 _KEPT_NS = 1_500_000_000
 _NEAREST_M = 5.0  # nearer to the camera than this an angle says nothing
+_SLOPE, _AIM_M, _LEVEL_M = math.tan(math.radians(5.0)), -40.0, 45.0  # the nominal approach
+_LEVEL_FROM_RAD = 0.055  # elevation of an aircraft that may still be on the level part
+_SLOPE_LEAST = 0.018  # least difference between the slope and the line of sight
+_RANGE_SHARE, _RANGE_M, _BESIDE_M, _HEIGHT_M = 0.2, 5.0, 3.0, 0.5  # how far an aircraft is from the nominal approach
 
 Camera = tuple[float, float, float]
 
@@ -57,6 +61,26 @@ class TrackingFilter:
         self._ways: deque[tuple[int, tuple[float, float, float]]] = deque([(now_ns, self._way_m)])
         self._refused = [0, 0]
         self.resets = 0
+
+    @classmethod
+    def by_sight(cls, camera_m: Camera, elevation_rad: float, now_ns: int, *, sinks: bool) -> "TrackingFilter":
+        """Begin without a receiver: where the line of sight crosses the nominal approach, uncertain along that line.
+
+        sinks: the aircraft is on the slope; on its level part it may have the same elevation. Near the ground even a
+        wrong range gives a good height, as the height is the range times the elevation.
+        """
+        rise = math.tan(elevation_rad)
+        if sinks or elevation_rad < _LEVEL_FROM_RAD:
+            ahead = (_SLOPE * (camera_m[0] - _AIM_M) + camera_m[2]) / max(_SLOPE - rise, _SLOPE_LEAST)
+        else:
+            ahead = (_LEVEL_M - camera_m[2]) / rise
+        made = cls(camera_m, (camera_m[0] - ahead, 0.0, camera_m[2] + rise * ahead), now_ns)
+        along, covariance = (_RANGE_M + _RANGE_SHARE * ahead) ** 2, made.covariance
+        covariance[X][X] = along
+        covariance[X][H] = covariance[H][X] = -rise * along
+        covariance[H][H] = rise * rise * along + _HEIGHT_M**2 + ahead * ahead * _IMAGE_RAD2
+        covariance[Y][Y] = _BESIDE_M**2
+        return made
 
     def sigma(self, index: int) -> float:
         """Return the standard deviation of a state, as the filter estimates it."""
