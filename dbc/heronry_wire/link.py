@@ -255,7 +255,7 @@ class Link:
         self._deadline_ns = now_ns + REOPEN_NS
 
     def _open(self, opened: Opened | None = None) -> None:
-        """Open the bus, unless `opened` gives it, and check that it works; raises LinkError."""
+        """Open the bus, or take the one in `opened`, and check that it works; raises LinkError."""
         look_at_interface(self._config)
         bus, self._fileno, self._connection = opened or open_bus(self._config)
         try:
@@ -285,7 +285,10 @@ class Link:
         self._try_to_open(now_ns, result)
 
     def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
-        """Try to open a lost bus; `result` is the outcome of an opening in a thread, where one has ended."""
+        """Try to bring back a lost bus.
+
+        result: what a thread has opened, or why it could not; None: no thread was used, and the bus is opened here.
+        """
         try:
             if isinstance(result, HeronryError):
                 raise result

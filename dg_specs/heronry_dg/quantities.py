@@ -47,7 +47,7 @@ def positive_cpu_millis(value: object) -> int:
 
 
 def rate_mhz(value: object) -> int:
-    """Convert Hz to millihertz; raises UnfitError for a value that is not positive, too large or too fine."""
+    """Convert Hz to millihertz; raises UnfitError for a value that is zero, negative, too large or too fine."""
     return _positive(_whole(value, 1000, MOST_HZ, "a millihertz"), value)
 
 

@@ -283,10 +283,9 @@ class _Builder:
     def _left_over(self, place: Place, digits: str) -> None:
         """Report digits after a decimal comma, as in {cpu: 0,5}, which are never meant as a key."""
         self._findings.withdraw(place)
-        hint = "write a decimal point instead of a comma, and no separator of thousands"
-        self._findings.add(
-            rules.KEY_NOT_TEXT, place, f"the value ends at the comma, and {shown(digits)} is left over", hint
-        )
+        hint = "write a decimal point instead of a comma, and no comma between thousands"
+        sentence = f"a comma ends the value here, so {shown(digits)} is no part of the number"
+        self._findings.add(rules.KEY_NOT_TEXT, place, sentence, hint)
 
     def _value(self, event: yaml.ScalarEvent, place: Place) -> Value | Refused:
         if not event.implicit[0]:  # quoted, or a block of text

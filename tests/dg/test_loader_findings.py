@@ -289,12 +289,12 @@ def test_a_name_is_suggested_whatever_its_letters_case() -> None:
 
 
 def test_a_decimal_comma_and_a_separator_of_thousands_are_recognized() -> None:
-    left_over = "the value ends at the comma, and"
-    assert f"{left_over} '5' is left over" in complaint(
+    ends = "a comma ends the value here, so"
+    assert f"{ends} '5' is no part of the number" in complaint(
         spec_text(devices="{gps: {kind: sensor, pe: nav, rate_per_h: 0,»5}}")
     )
     modules = f"{{driver: {{device: gps, {RUNS.replace('rate_hz: 10', 'rate_hz: 1,»000')}}}}}"
-    assert f"{left_over} '000' is left over" in complaint(spec_text(modules=modules))
+    assert f"{ends} '000' is no part of the number" in complaint(spec_text(modules=modules))
     assert "is not text" in complaint(spec_text(phases="{climb: , »2: }"))
 
 

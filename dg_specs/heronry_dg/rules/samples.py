@@ -1,4 +1,4 @@
-"""Sections and lines for the examples of rules, which fit the small correct spec of check/examples.py."""
+"""Sections and lines of a spec for the examples of rules; they fit the small correct spec of check/examples.py."""
 
 from typing import Final
 

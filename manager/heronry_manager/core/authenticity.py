@@ -44,10 +44,10 @@ Page 2 names a nonce, and the nonce itself shows that a holder of the key has ma
 *Denial.* Frames without proof end nothing here. A session is open until the PE tags a state in a newer one, and a PE
 begins a newer one only after RENEW or in a new term. `attack_rate` counts the frames without proof.
 
-Lost: as in `command_tags`; a PE asks again. After a lost EMCY, page 0 cannot be believed until the PE has repeated the
-EMCY. Late or doubled: page 0 is refused, since its number is not above the last one. Forged: the state is counted in
-`refused`, which the status shows. After a restart the manager knows no session, and every PE that hears the new term
-requests one.
+`command_tags` says what a lost frame leads to; a PE asks again. After a lost EMCY, page 0 cannot be believed until the
+PE has repeated the EMCY. A late or doubled page 0 is refused, since its number is not above the last one. A forged
+state is counted in `refused`, which the status shows. After a restart the manager knows no session, and every PE that
+hears the new term requests one.
 """
 
 from collections import deque

@@ -109,7 +109,9 @@ class Epochs:
     def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
         """Make these PEs participants of an epoch for this plan.
 
-        If the plan can command no PE, all PEs that are reached by wire are awaited.
+        The epoch awaits the PEs that are reached by wire and that are up, and reached, in the situation of the plan. If
+        no available PE is, the epoch awaits all PEs that are reached by wire. contingency: number of the contingency
+        that the plan is; 0: it is none.
         """
         reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
         reaches_nobody = not any(pe in reached for pe in self._health.available())

@@ -14,7 +14,8 @@ from typing import Any
 VERSION = 1
 
 KINDS: Mapping[str, str] = {
-    "manager_started": "spec, spec_digest, node, term, bus, phase, advises, key (fingerprint): it starts by listening",
+    "manager_started": "spec, spec_digest, node, term, bus, phase, advises, key (fingerprint): "
+    "the manager has started, and listens first",
     "second_manager": "node, term: another manager sends LEASE, and this one ends",
     "pe_suspected": "pe, cause, silent_ns: a state frame is late; the manager sends the PE a PING",
     "pe_answered": "pe: a suspected PE is heard again in time",
@@ -25,22 +26,23 @@ KINDS: Mapping[str, str] = {
     "module_restarted": "element, by, times: a module failed, and its PE built it anew; it does not count as failed",
     "module_failed": "element, by, text, heard_ns (when its PE reported it): why a module failed, as its PE gives it "
     "by SDO: exception, message, place",
-    "stood_still": "by (a PE, a manager, the demo), for_ns, times: its computer stood still for more than a period",
+    "stood_still": "by (a PE, a manager, the demo), for_ns, times: the computer stood still for more than a period",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
     "fault_cleared": "element, by: the element no longer counts as failed",
     "link_limited": "bus, by, share: plans use this share of a radio's bandwidth from now on, as its gateway reports",
-    "link_gone": "bus, by: the gateway hears nothing from beyond; all PEs beyond are lost",
-    "link_back": "bus, by: the gateway hears a PE beyond again",
-    "channel_lost": "channel, by: a channel of a replicated bus carries nothing for that node; the other one does",
-    "channel_back": "channel, by: the channel carries frames for that node again",
+    "link_gone": "bus, by: the gateway hears nothing from beyond the radio; all PEs there are lost",
+    "link_back": "bus, by: the gateway hears a PE beyond the radio again",
+    "channel_lost": "channel, by: a channel of a replicated bus carries nothing for this node; the other channel does",
+    "channel_back": "channel, by: the channel carries frames for this node again",
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule has changed the mission phase",
     "suspicion": "element, by, evidence: a module reports a PE or a bus as faulty; evidence: what the manager knows",
     "suspicion_assessed": "element, found: what the manager found out about a suspected PE or bus",
     "unknown_element": "module, by, detail: the module has reported an element that the spec does not have",
-    "unknown_output": "module, by: the module gives a misspelt output in place of one that the spec lets it give",
+    "unknown_output": "module, by: a step gives no value for an output, but one under a similar name (misspelt)",
     "disagreement": "module, by, detail: two inputs of this module differ, and neither is known to be wrong",
     "agreement": "module, by: the inputs of this module agree again",
-    "priority_changed": "function, priority, before, by: set by the operator or a module; 'default': the spec's value",
+    "priority_changed": "function, priority ('default': the spec's), before, by: "
+    "the operator or a module has set the priority of the function",
     "priority_refused": "function, priority, by, why: a module has requested a priority that it may not set",
     "adopted": "epoch, digest: the PEs run a known configuration already; this mastership takes it over as it is",
     "advice": "plan, moved, started, stopped: what a manager that only advises would do",
@@ -56,11 +58,13 @@ KINDS: Mapping[str, str] = {
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
     "commands_refused": "pe, unproven, other: how many commands a PE with a key has refused so far",
     "states_unproven": "pe: the PE is heard, but proves nothing when asked: another key, no key, or a failed receiver",
-    "states_doubted": "pe, refused: so many states of the PE had a wrong tag; now only two proven ones in a row count",
+    "states_doubted": "pe, refused (number of states so far): "
+    "many states of the PE had a wrong tag; from now on a state counts only if the one before it was proven, too",
     "attacked": "bus, percent, frames_per_s: forged frames take a tenth of the manager's bus or more",
     "outputs_held": "pe, modules, cause: a PE holds exclusive outputs back for longer than T_lease",
     "outputs_free": "pe, for_ns: the PE holds exclusive outputs back no longer; it did so for this time",
-    "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped: it runs",
+    "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped: "
+    "this epoch runs now",
     "control_paths": "epoch, plants {name: on_path, open, unmoved or unseen}: which control loops this epoch closes",
     "script_taken": "reason: a script of the operator is accepted: its configuration is deployed, and held",
     "script_refused": "reason: a script of the operator was refused; what runs stays",
@@ -81,10 +85,14 @@ KINDS: Mapping[str, str] = {
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "heartbeat": "late_ns, period_ns, of_spec_ns: how late processes run here, and the period that the demo flies with",
     "logs": "folder, kept: where the demo's processes write their logs, and whether they stay there",
-    "outage": "function, from_ns, to_ns (null: not back yet), gathered: its outputs were not heard on the bus",
-    "outages": "functions, over, shortest_ns, longest_ns: a summary of the gathered outages reported just before",
+    "outage": "function, from_ns, to_ns (null: not back yet), gathered (true: `outages` sums this outage up): "
+    "the outputs of this function were not heard on the bus",
+    "outages": "functions, over (false: not back yet), shortest_ns, longest_ns: "
+    "a summary of the gathered `outage` events just before",
     "overtime": "awaited, at_most_s: the time of the demo is up, but it still awaits these effects",
-    "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw, what the manager still did",
+    "summary": "served, unserved (planned, but not heard on the bus), "
+    "rivals (modules that drove one DEMUX in turn), pending (what the manager had not finished; null: nothing): "
+    "the end of the demo: what the plan serves, and what was heard of it",
 }
 
 

@@ -22,12 +22,12 @@ ever take over. So the unproven states of a PE count if the PE has proven none w
 heard no LEASE for as long. A forger can make this manager active too early, but can command nothing. The next
 mastership waits for those PEs (`unbelieved`), as after a restart: they prove themselves once they have heard it.
 
-Lost: a LEASE that only this manager misses leads to no take-over, since the PEs have heard it. Late, doubled: nothing
-happens twice. Forged: a LEASE keeps the standby manager quiet for T_lease. Forged states of more than half of the PEs,
-while the active manager is silent, make the standby manager take over, and then the true manager ends or stands by.
-This manager ignores a manager with a lower term than another one, for as long as the one with the higher term sends.
-Forged states that make a mastership look refused only end that mastership, and a manager that the PEs accept follows
-it.
+A LEASE that only this manager misses leads to no take-over, since the PEs have heard it. A late or doubled LEASE makes
+nothing happen twice. A forged LEASE keeps the standby manager quiet for T_lease. Forged states of more than half of the
+PEs, while the active manager is silent, make the standby manager take over, and then the true manager ends or stands
+by. This manager ignores a manager with a lower term than another one, for as long as the one with the higher term
+sends. Forged states that make a mastership look refused only end that mastership, and a manager that the PEs accept
+follows it.
 
 A manager that only advises follows an active manager in the same way. It never takes over, and makes its plans for the
 situation that it learns of.

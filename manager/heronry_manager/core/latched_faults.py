@@ -10,10 +10,10 @@ plans use the module on other PEs. When it fails on a second PE, or a module tha
 module is down everywhere. A PE on which its code is missing does not count as a PE on which it has failed. A module
 with one possible PE has no places, and is down at once.
 
-Lost, or sent during a pause: a PE repeats its report until it is acknowledged. Late: a report that comes after the
-operator has cleared the element latches it again; a fault that persists would be found again anyway. Doubled: no
-effect. Forged: the report takes the element out of use until the operator clears it. A restart remembers all but the
-times of the faults.
+A PE repeats its report until it is acknowledged, so a report that is lost, or sent during a pause, comes again. A late
+report, which comes after the operator has cleared the element, latches it again; a fault that persists would be found
+again anyway. A doubled report has no effect. A forged report takes the element out of use until the operator clears it.
+A restart remembers all but the times of the faults.
 """
 
 from dataclasses import dataclass

@@ -10,9 +10,9 @@ lacks it, the wire of that PE is broken.
     well    the PE has reported CHANNEL_BACK, or no loss for that long. For its own channels the manager uses the
             report of its driver
 
-Lost: a report is repeated every second. Late or doubled: no effect. Forged: a false line in the status, for three
-seconds. A manager that restarts, or takes over, knows the channels within a second. A report about a channel that the
-spec does not have is ignored.
+A report is repeated every second, so a lost one comes again. A late or doubled report has no effect. A forged report
+makes a false line in the status, for three seconds. A manager that restarts, or takes over, knows the channels within a
+second. A report about a channel that the spec does not have is ignored.
 """
 
 from heronry_dg.model import Spec

@@ -19,9 +19,10 @@ manager hears a LEASE of its own number and term, a second manager with its numb
 the one that first hears the other gives way. A manager that only advises gives way to none, and sends nothing.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
-`TRANSITIONS`. Lost: a LEASE of another manager comes again in a period. Late or doubled: no manager gives way twice. A
-restart begins with LISTENING, and with the terms that the journal remembers. What the manager does not know: whether
-another manager is gone or merely not heard here; the reports of the PEs decide that (`following`).
+`TRANSITIONS`. Another manager repeats its LEASE in each period, so a lost LEASE comes again. A late or doubled LEASE
+makes no manager give way twice. A restart begins with LISTENING, and with the terms that the journal remembers. What
+the manager does not know: whether another manager is gone or merely not heard here; the reports of the PEs decide that
+(`following`).
 """
 
 from enum import Enum, auto

@@ -8,9 +8,10 @@ No plan changes. An event reports when a notice begins, and when a disagreement 
 disagreements. In a disagreement either input may be right, and the comparator decides which value its module gives
 (`heronry_agent.parts.comparators`).
 
-Lost: a PE repeats a notice every second while it lasts, and no manager acknowledges it. Late or doubled: no effect.
-Forged: a false line in the status, for three seconds. A manager that restarts, or takes over, knows all notices within
-a second. A notice of a module that the spec does not have is ignored.
+A PE repeats a notice every second while its cause lasts, so a lost notice comes again; no manager acknowledges notices.
+A late or doubled notice has no effect. A forged notice makes a false line in the status, for three seconds. A manager
+that restarts, or takes over, knows all notices within a second. A notice of a module that the spec does not have is
+ignored.
 """
 
 from heronry_dg.model import Spec

@@ -5,7 +5,7 @@ recorded nonce has that tag. Therefore a nonce is answered at most once in a per
 have passed since it was first heard: no PE uses a nonce for so long. As many as `_AT_ONCE` nonces of one PE are
 answered in a period, so a few recorded ones do not keep the true one from its answer.
 
-A lost page 2 is repeated by the PE, a late or doubled one costs an answer at most.
+The PE repeats a page 2 that was lost. A late or doubled page 2 costs one answer at most.
 """
 
 from collections import deque
@@ -29,7 +29,7 @@ class NonceAnswers:
     def is_due(self, nonce: int, now_ns: int) -> bool:
         """Tell whether the manager must answer this nonce now; if so, it counts as answered.
 
-        The nonce must have a right tag.
+        The caller has already verified the tag of the nonce.
         """
         first_ns = self._first_ns.setdefault(nonce, now_ns)
         if len(self._first_ns) > _REMEMBERED:

@@ -11,8 +11,8 @@ The reading of an object ends without a value if the PE aborts it, if an answer 
 answer comes within SILENCE_NS. Then the reading of the next object in the queue begins. Nothing that a PE runs depends
 on these values, so nothing is repeated; a caller may ask again. A PE gives its answers a tenth of the bus at most.
 
-Lost: that object has no value. Late or doubled: an answer that fits by chance gives a wrong value. Forged: any node can
-forge an answer, since SDO has no proof: the values are for people, and no decision may depend on them.
+If an answer is lost, that object has no value. A late or doubled answer that fits by chance gives a wrong value. Any
+node can forge an answer, since SDO has no proof: the values are for people, and no decision may depend on them.
 
 A PE has one SDO server, where a request replaces the transfer of another client. So this client gives way: only a
 request of it that crosses the first request of the other client can still disturb that client. If the other client

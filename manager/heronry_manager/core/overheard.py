@@ -99,7 +99,10 @@ class Overheard:
             self._turn.keep(self.runs)
 
     def _called(self, digest: int) -> Configuration | None:
-        """Give the configuration that PREPARE names by number, if this manager's file has it with the same digest."""
+        """Give the contingency whose number is in the overheard PREPARE.
+
+        None: PREPARE has no such number, or this manager's contingency with that number has another digest.
+        """
         if self._on_board is None or self._prepared is None:
             return None
         called = self._on_board.configuration(self._prepared.contingency)

@@ -11,9 +11,10 @@ step of a radio
              available again, and at the start, each report sets the step directly: no PE can be interrupted, and a PE
              that returns gets a plan that fits the radio
 
-Lost: the next report says the same. Late or doubled: dropped, by its sequence number. From another node than the
-gateway: dropped. Forged: see `heronry_wire.gateway_report`. While a gateway is silent the step of its radio stays, and
-the heartbeats show which PEs beyond are lost. A restart forgets everything here until the next report.
+After a lost report, the next one says the same. A late or doubled report is recognized by its sequence number and
+dropped; so is a report from another node than the gateway. `heronry_wire.gateway_report` says what a forged report can
+do. While a gateway is silent the step of its radio stays, and the heartbeats show which PEs beyond are lost. A restart
+forgets everything here until the next report.
 """
 
 from collections.abc import Mapping

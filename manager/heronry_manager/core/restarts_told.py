@@ -3,9 +3,10 @@
     unheard    no EMCY on this module came, or it had another count
     heard      the PE has sent this count for this module, and repeats it within T_lease of its bus: no further event
 
-A PE repeats the EMCY in each heartbeat period. Lost, late or doubled: there is one event. An EMCY after a gap of
-T_lease makes another event: a PE counts from one again after a module has run well for long enough, or after its own
-restart. Forged: a false event. A manager that restarts may repeat its last event.
+A PE repeats the EMCY in each heartbeat period. So there is one event, even if an EMCY is lost, late or doubled. If an
+EMCY has the same count but comes after a gap of T_lease, it tells of a new restart and makes another event: a PE counts
+from one again after a module has run well for long enough, or after its own restart. A forged EMCY makes a false event.
+A manager that restarts may repeat its last event.
 """
 
 from heronry_dg.model import Spec

@@ -47,7 +47,7 @@ class FlyScript:
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """Request to read the manager's events from now on; the caller gives no more orders."""
+    """Request to read the manager's events from now on; what the caller sends afterwards is ignored."""
 
 
 Question = AskStatus | AskTraceback

@@ -93,9 +93,10 @@ class Gateway:
         return [Send(self._uplink, frame)] if (port, frame.can_id) in self._rising else []
 
     def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
-        """Return the copies of a data frame for the ports that the slice names.
+        """Return the copies of a data frame that has come in at `port`, for the other ports that the slice names.
 
-        exclusive_until_ns: returns until when (in ns) an exclusive frame may go to the uplink; None: it may not.
+        exclusive_until_ns: called with `now_ns` if the frame is exclusive and is forwarded to the uplink. It returns
+        the time in ns until which the frame may leave there; None: the frame may not.
         """
         entry = self._data.get(frame.can_id)
         if entry is None or node_of(frame.data) != entry[0]:

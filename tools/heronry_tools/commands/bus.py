@@ -43,10 +43,18 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--plan", metavar="PLAN.json", help="the plan to show (- for standard input)")
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
     parser.add_argument(
-        "--limit", metavar="ELEMENT=PERCENT", action="append", help="the share of a capacity that is left"
+        "--limit",
+        metavar="ELEMENT=PERCENT",
+        action="append",
+        help="what is left of the capacity of a PE or bus; may be repeated",
     )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
-    parser.add_argument("--priority", metavar="FUNCTION=N", action="append", help="a changed priority; may be repeated")
+    parser.add_argument(
+        "--priority",
+        metavar="FUNCTION=N",
+        action="append",
+        help="the function's priority instead of the spec's, 0 to 32767; may be repeated",
+    )
     parser.add_argument("--bus", metavar="NAME", help="show this bus alone")
     add_output(parser, "write the messages as JSON")
     parser.set_defaults(run=run)

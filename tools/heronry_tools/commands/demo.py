@@ -57,7 +57,7 @@ def add_parsers(subparsers: Any) -> None:
         dest="seconds",
         metavar="SECONDS",
         type=_seconds,
-        help=f"how long to run (default {DEFAULT_SECONDS:.0f}); then the demo completes what has begun, within 15 s",
+        help=f"seconds to run (default {DEFAULT_SECONDS:.0f}); then the demo completes what has begun, within 15 s",
     )
     parser.add_argument(
         "--from",

@@ -82,7 +82,11 @@ def add_parsers(subparsers: Any) -> None:
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
     parser.add_argument("--without-rover", action="store_true", help="no rover stands beside the runway")
-    parser.add_argument("--must-land", action="store_true", help="the operator orders the phase must_land")
+    parser.add_argument(
+        "--must-land",
+        action="store_true",
+        help="as soon as the flight begins, the operator orders the phase must_land",
+    )
     parser.add_argument(
         "--corrections-lost",
         default="2",

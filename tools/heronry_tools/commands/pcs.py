@@ -115,7 +115,7 @@ def _add_check(commands: Any) -> None:
         type=_names,
         help="what has to hold for exit code 0 (default: configuration; of a spec: on_path of plants of class A and B)",
     )
-    parser.add_argument("--path", metavar="K,..", type=_names, help="is there a control path of these members?")
+    parser.add_argument("--path", metavar="K,..", type=_names, help="tell whether one loop runs through these members")
 
 
 def _add_edit(commands: Any) -> None:
@@ -213,7 +213,7 @@ def _required(arguments: argparse.Namespace, subject: "Subject") -> Sequence[str
         if name not in known:
             raise UserError(f"--require: there is no '{name}'; there is {', '.join(known)}")
     if "control_path" in arguments.require and arguments.path is None:
-        raise UserError("--require control_path needs --path: the members that one loop is to join")
+        raise UserError("--require control_path needs --path with the members through which one loop must run")
     required: list[str] = arguments.require
     return required
 

@@ -99,10 +99,18 @@ def _add_spec(parser: argparse.ArgumentParser) -> None:
 
 def _add_situation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
-    parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="what is left of a capacity")
+    parser.add_argument(
+        "--limit",
+        metavar="ELEMENT=PERCENT",
+        action="append",
+        help="what is left of the capacity of a PE or bus; may be repeated",
+    )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument(
-        "--priority", metavar="FUNCTION=N", action="append", help="a changed priority, 0 to 32767; may be repeated"
+        "--priority",
+        metavar="FUNCTION=N",
+        action="append",
+        help="the function's priority instead of the spec's, 0 to 32767; may be repeated",
     )
 
 

@@ -57,7 +57,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--channel", metavar="NAME", help="channel of the manager's bus in the log; A,B where it has two"
     )
-    single = "the plans for every single fault, if the manager called a plan by its number"
+    single = "the plans for every single fault, if a PREPARE names a contingency by its number"
     add_contingencies_argument(parser, "with which the manager flew", single)
     parser.add_argument("--key", type=Path, metavar="FILE", help="key with which the manager flew")
     add_output(parser, "write everything as JSON")

@@ -1,8 +1,8 @@
 """Asks the planner's process (`desk`): one question at a time.
 
-A search cannot be interrupted. So if the page no longer waits for its answer, the question is cancelled and the process
-is ended. The next question starts another process, which takes a second or two to load the solver. When a what-if panel
-is opened, the process is started early.
+A search cannot be interrupted. So if the page no longer waits for the answer of a search, the question is cancelled and
+the process is ended. The next question starts another process, which takes a second or two to load the solver. When a
+what-if panel is opened, the process is started early.
 """
 
 import asyncio

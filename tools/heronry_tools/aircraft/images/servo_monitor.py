@@ -122,7 +122,7 @@ class ElevatorMonitor(SurfaceMonitor):
 
 
 class ServoMonitor(SurfaceMonitor):
-    """The monitor of the paper's Figure 3, which assumes which servo is driven."""
+    """The monitor of the paper's Figure 3: it takes servo 1 as the driven one, and servo 2 once 1 was reported."""
 
     command = "elevator_demand"
     health = "servo_failure"

@@ -74,7 +74,7 @@ class LineWriter(Module):
 
 
 class FlightRecorder(LineWriter):
-    """The log on board."""
+    """Writes the state of the flight on board to the recorder, which is its device, as lines of text."""
 
     columns = (
         "mission_stage",
@@ -92,7 +92,7 @@ class FlightRecorder(LineWriter):
 
 
 class GroundDisplay(LineWriter):
-    """The display on the ground."""
+    """Writes the telemetry that has come to the ground to the display, which is its device, as lines of text."""
 
     columns: ClassVar[tuple[str, ...]] = (
         "telemetry_altitude",

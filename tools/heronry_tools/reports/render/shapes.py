@@ -1,6 +1,7 @@
-"""The size of a symbol, and where its edges end: in pixels from the upper left corner of its box.
+"""The size of a symbol of a drawn graph, and the heights at which edges of the graph meet it, in pixels.
 
-The box holds everything that belongs to a symbol, its name included. A module's name and cells stand in its square;
+Heights are measured from the top of the symbol's box. The box holds everything that belongs to a symbol, its name
+included. A module that has more than one mode has a cell for each mode. A module's name and cells stand in its square;
 the names of variables, devices and DEMUXes stand below them.
 """
 
@@ -29,7 +30,7 @@ class Shape:
     head: int = 0  # of a module: height above its cells
 
     def port(self, cell: int | None) -> int:
-        """Give the height at which edges of a cell end; without a cell, of the symbol itself."""
+        """Give the height at which edges meet the cell with this number; None: the height for the symbol itself."""
         if cell is not None:
             return self.head + CELL_ROW * cell + CELL_ROW // 2
         return (self.head or self.body_height) // 2

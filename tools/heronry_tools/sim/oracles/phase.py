@@ -2,15 +2,16 @@
 
 A phase counts as requested in two cases. Either the manager has accepted the operator's order for it. Or a PE has
 requested it (EMCY, PHASE_REQUEST), and the active manager has acknowledged the request or sends that phase. Each
-request of a PE has a number. A request counts once, even if it is acknowledged twice. It does not count if a later
-request of the same PE was acknowledged before. A PE that restarts numbers its requests from the beginning. A *forward
-only* request leads to a phase with a rule only from the phases that the rule names, and to any other phase only
-forward.
+request of a PE has a number. A request counts once, even if it is acknowledged twice. A request does not count if a
+later request of the same PE has already been acknowledged. A PE that restarts numbers its requests from the beginning.
+A *forward only* request (bit 15 of its detail is set) has effect in two cases: its phase has a rule, and the rule names
+the present phase as one from which it leads; or its phase has no rule, and comes later in the spec than the present
+one.
 
 The manager sends a phase in HOLDS. For a moment after a change, HOLDS may still name the phase that was just left. If a
 PE requests that former phase at that moment, HOLDS alone does not make the request count: the manager must acknowledge
-it, too. An acknowledgement may also have been sent before an operator's order and be heard after it. Then the ordered
-phase counts again as soon as HOLDS names it.
+it, too. An acknowledgement that was sent before an operator's order may be heard after it, and then makes the requested
+phase count. In this case the ordered phase counts again as soon as HOLDS names it.
 
 A new mastership knows what its manager remembers, or has heard as a standby manager. It may also have heard a request
 that the previous manager did not acknowledge before it failed. The first phase that a new mastership sends counts as

@@ -266,7 +266,7 @@ class TopApp(App[None]):
         self.paint()
 
     def action_play(self) -> None:
-        """Let the cursor run at the next speed; after the last one it stops."""
+        """Let the cursor run at the next higher speed; after the highest speed, stop it."""
         self._recorded().play()
 
     def action_end(self, which: int) -> None:
