@@ -99,14 +99,20 @@ def test_a_view_that_is_none_and_a_name_that_is_unknown(flat: str, capsys: pytes
     assert said.err == "heronry: there is no 'Y' here; there is A, B, C, D\n"
 
 
-def test_a_file_that_is_no_spec_is_told_in_a_few_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_no_spec_is_told_in_one_line_and_a_bad_spec_in_a_few(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "plan.json"
     assert main(["plan", "elevator_and_chute", "-o", str(file)]) == 0
     said = Said(capsys, "check", str(file))
     assert (said.code, said.out) == (2, "")
-    *first, last = said.err.splitlines()
+    assert len(said.err.splitlines()) == 1
+    assert "plan" in said.err
+    spec = tmp_path / "bad.dg.yaml"
+    spec.write_text("dg: 1\n" + "".join(f"unknown_{number}: 1\n" for number in range(9)))
+    *first, last = Said(capsys, "check", str(spec)).err.splitlines()
     assert len(first) == 5
-    assert re.fullmatch(rf"and \d+ more; is this the right file\? 'heronry check {file}' lists all", last)
+    assert re.fullmatch(rf"and \d+ more; is this the right file\? 'heronry check {spec}' lists all", last)
 
 
 def test_a_spec_without_plants_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
