@@ -205,9 +205,13 @@ class Survivors:
 
     def hosts(self, module: Module) -> tuple[str, ...]:
         """PEs on which a module may run now, in the spec's order (semantics rule 1)."""
+        return self.hosts_among(module, hosts_when_all_is_up(self.spec, module))
+
+    def hosts_among(self, module: Module, homes: tuple[str, ...]) -> tuple[str, ...]:
+        """Do what `hosts` does, for a module whose PEs with everything up are already computed."""
         if module.name in self.failed_modules or (module.device is not None and module.device not in self.devices):
             return ()
-        hosts = tuple(pe for pe in hosts_when_all_is_up(self.spec, module) if pe in self.pe_cpu_millis)
+        hosts = tuple(pe for pe in homes if pe in self.pe_cpu_millis)
         if not self.failed_places:
             return hosts
         return tuple(pe for pe in hosts if (module.name, pe) not in self.failed_places)

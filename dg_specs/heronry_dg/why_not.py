@@ -47,21 +47,54 @@ class Feasible:
         return any(when >= before for when in lost)
 
 
+class Feasibility:
+    """Computes what could run in situations of one phase with unlimited resources; their common part is done once.
+
+    A round checks only the modes that read what the round before took away; all others hold as they did.
+    """
+
+    def __init__(self, spec: Spec, phase: str | None) -> None:
+        self._whole, self._spec = spec, spec.in_phase(phase)
+        self._homes = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}
+        self._producers: dict[str, list[tuple[Module, Mode]]] = {variable: [] for variable in spec.variables}
+        self._readers: dict[str, list[tuple[Module, Mode]]] = {variable: [] for variable in spec.variables}
+        every = [(module, mode) for module in self._spec.modules.values() for mode in module.modes.values()]
+        for module, mode in every:
+            for variable in mode.gives:
+                self._producers[variable].append((module, mode))
+            for variable in {leaf.variable for _, leaf in mode.leaves()}:
+                self._readers[variable].append((module, mode))
+        intact = Feasible(self._spec, Situation(), survivors(spec, Situation()), {}, self._producers)
+        self._never_met = [(module, mode) for module, mode in every if not intact.can_hold(mode.needs, 1)]
+
+    def in_situation(self, now: Situation, left: Survivors | None = None) -> Feasible:
+        """Compute what could run in a situation of this phase; `left`: its survivors, where they are known."""
+        left = survivors(self._whole, now) if left is None else left
+        modules = self._spec.modules.values()
+        homeless = [m for m in modules if not left.hosts_among(m, self._homes[m.name])]
+        fallen = [(module, mode) for module in homeless for mode in module.modes.values()]
+        found = Feasible(self._spec, now, left, {}, self._producers)
+        checked, rounds = self._never_met, 0
+        while fallen or not rounds:
+            found.lost.update({(module.name, mode.name): rounds for module, mode in fallen})
+            rounds += 1
+            fallen = [
+                (module, mode)
+                for module, mode in [*checked, *self._reading(fallen)]
+                if (module.name, mode.name) not in found.lost and not found.can_hold(mode.needs, rounds)
+            ]
+            checked = []
+        return found
+
+    def _reading(self, fallen: list[tuple[Module, Mode]]) -> Iterator[tuple[Module, Mode]]:
+        """Give the modes that read a variable which one of the fallen modes gives."""
+        for variable in {variable for _, mode in fallen for variable in mode.gives}:
+            yield from self._readers[variable]
+
+
 def feasible(spec: Spec, now: Situation, left: Survivors | None = None) -> Feasible:
     """Compute what could run in a situation with unlimited resources; `left`: its survivors, where they are known."""
-    left = survivors(spec, now) if left is None else left
-    spec = spec.in_phase(now.phase)
-    every = [(module, mode) for module in spec.modules.values() for mode in module.modes.values()]
-    producers = {variable: list(spec.producers(variable)) for variable in spec.variables}
-    found = Feasible(spec, now, left, {(m.name, mode.name): 0 for m, mode in every if not left.hosts(m)}, producers)
-    rounds = 0
-    while True:
-        rounds += 1
-        kept = [(m, mode) for m, mode in every if (m.name, mode.name) not in found.lost]
-        fallen = [(m.name, mode.name) for m, mode in kept if not found.can_hold(mode.needs, rounds)]
-        if not fallen:
-            return found
-        found.lost.update(dict.fromkeys(fallen, rounds))
+    return Feasibility(spec, now.phase).in_situation(now, left)
 
 
 def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -> str:

@@ -1,12 +1,18 @@
 """Why a function is not served: the sentence names the root cause, on the paper's Figure 3 and on odder cases."""
 
+import random
+from collections.abc import Sequence
+
 import pytest
 
+from heronry_dg.gates import Leaf, could_hold
 from heronry_dg.loader import load, loads
-from heronry_dg.model import Spec
+from heronry_dg.model import Mode, Spec
 from heronry_dg.shipped import shipped_spec_path
-from heronry_dg.situation import situation
-from heronry_dg.why_not import feasible, why_not
+from heronry_dg.situation import Situation, elements, situation, survivors
+from heronry_dg.why_not import Feasibility, Feasible, feasible, why_not
+from lab.benches.check import chain
+from planner.random_specs import random_spec, with_phase_inputs
 
 FIGURE_3 = load(shipped_spec_path("elevator_and_chute"))
 
@@ -136,3 +142,39 @@ def test_a_module_may_be_out_on_each_pe_for_another_reason() -> None:
         "elevator", "module:elevator_control@control_pe", "module:elevator_control@tail_pe", "pe:sensor_pe"
     )
     assert one_is_down.endswith("sensor_pe is down, control_pe is out for it, tail_pe is out for it")
+
+
+def _round_by_round(spec: Spec, now: Situation) -> dict[tuple[str, str], int]:
+    """Remove modes as `Feasible` defines it: every round looks at every mode that is left."""
+    left, planned = survivors(spec, now), spec.in_phase(now.phase)
+    modes = {(module.name, mode.name): mode for module in planned.modules.values() for mode in module.modes.values()}
+    lost = {key: 0 for key in modes if not left.hosts(planned.modules[key[0]])}
+    for number in range(1, len(modes) + 2):
+        up = [mode for key, mode in modes.items() if key not in lost]
+
+        def is_given(leaf: Leaf, up: Sequence[Mode] = up) -> bool:
+            return any(leaf.variable in mode.gives and leaf.accepts(mode.gives[leaf.variable]) for mode in up)
+
+        gone = [k for k, m in modes.items() if k not in lost and m.needs and not could_hold(m.needs, is_given)]
+        lost.update(dict.fromkeys(gone, number))
+    return lost
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_what_a_fault_takes_away_is_what_a_look_at_every_mode_in_every_round_finds(seed: int) -> None:
+    spec = with_phase_inputs(random.Random(seed), random_spec(random.Random(seed), modules=12))
+    for phase in (*spec.phases, None):
+        feasibility = Feasibility(spec, phase)
+        for down in (frozenset[str](), *(frozenset({element}) for element in elements(spec))):
+            now = Situation(down, phase=phase)
+            assert feasibility.in_situation(now).lost == _round_by_round(spec, now)
+
+
+def test_a_fault_is_followed_to_its_readers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    feasibility = Feasibility(loads(chain(1_000), "chain"), None)
+    asked: list[int] = []
+    can_hold = Feasible.can_hold
+    monkeypatch.setattr(Feasible, "can_hold", lambda *given: asked.append(1) or can_hold(*given))
+    found = feasibility.in_situation(Situation(frozenset({"module:m500"})))
+    assert found.lost["m509", "only"] == 9
+    assert len(asked) < 30

@@ -7,7 +7,6 @@ modules are restarted, given up, or replaced by a new plan; and no other process
 """
 
 import argparse
-import re
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -19,13 +18,8 @@ from heronry_tools.console.spec_argument import load_spec, spec_path
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from lab.mishaps import slower
 from lab.partition_kills.campaign import Campaign
-
-
-def _slower(text: str, heartbeat_ms: int) -> str:
-    """Give the spec with another heartbeat period, with which a busy machine does not lose PEs."""
-    text = re.sub(r", heartbeat_ms: \d+", "", text)
-    return re.sub(r"(bitrate: \d+)", rf"\1, heartbeat_ms: {heartbeat_ms}", text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with ExitStack() as stack:
         folder = run_folder()
         file = folder / "slower.dg.yaml"
-        file.write_text(_slower(spec_path(arguments.spec).read_text(), arguments.heartbeat_ms))
+        file.write_text(slower(spec_path(arguments.spec).read_text(), arguments.heartbeat_ms))
         spec = load_spec(str(file))
         fleet = stack.enter_context(Fleet(spec, file, folder))
         fleet.start_buses(choose(spec, fleet.folder, {}, None, prefer_vcan=False))

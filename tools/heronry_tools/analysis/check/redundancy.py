@@ -7,14 +7,14 @@ also stops the module that reads the alternatives, since then no module misses t
 which nothing runs at all.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.findings import listed
-from heronry_dg.gates import Expression, Gate, Leaf, bounds, child_path
+from heronry_dg.gates import Expression, Gate, Leaf, bounds, child_path, leaves
 from heronry_dg.model import Demux, Mode, Module, Spec
 from heronry_dg.situation import Situation, elements
-from heronry_dg.why_not import Feasible, feasible
+from heronry_dg.why_not import Feasibility, Feasible
 
 INDEPENDENT_SOURCES = 3
 _NEVER_LOST = 10**9  # a round of the search for losses that comes after all others
@@ -39,10 +39,16 @@ class Dependence:
 
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
-        self._healthy = feasible(spec, Situation())
         hopeless = f"bus:{spec.manager.bus}"
         named = [one for one in elements(spec) if one != hopeless and not one.startswith("channel:")]
-        self._without = {element: feasible(spec, Situation(frozenset({element}))) for element in named}
+        feasibility = Feasibility(spec, None)
+        self._healthy = feasibility.in_situation(Situation())
+        self._without: dict[str, Feasible] = {}
+        self._lost_with: dict[tuple[str, str], list[str]] = {}  # (module, mode) -> elements without which it cannot run
+        for element in named:
+            found = self._without[element] = feasibility.in_situation(Situation(frozenset({element})))
+            for lost in found.lost:
+                self._lost_with.setdefault(lost, []).append(element)
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
         """Give the elements without which no end of a DEMUX can run, although its variable can be given."""
@@ -50,8 +56,9 @@ class Dependence:
         if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()
         demanded = Leaf(demux.variable, 1, self.spec.variables[demux.variable].versions, ())
-        unserved = self._where(lambda found: not any(found.can_run(end) for end in ends))
-        return unserved - self._where(lambda found: not found.can_hold(demanded, _NEVER_LOST))
+        suspects = self._losing((end.name, mode) for end in ends for mode in end.modes)
+        unserved = self._where(suspects, lambda found: not any(found.can_run(end) for end in ends))
+        return unserved - self._where(unserved, lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
         """Yield every XOR and voter of a mode whose inputs could all hold with everything up."""
@@ -69,11 +76,17 @@ class Dependence:
 
     def _of(self, needs: Expression, reader: Module) -> frozenset[str]:
         """Give the elements without which an expression cannot hold, though a PE can still run its reader."""
-        silent = self._where(lambda found: not found.can_hold(needs, _NEVER_LOST))
-        return silent - self._where(lambda found: not found.left.hosts(reader))
+        givers = (giver for _, leaf in leaves(needs) for giver in self._healthy.givers(leaf))
+        suspects = self._losing((giver.name, mode.name) for giver, mode in givers)
+        silent = self._where(suspects, lambda found: not found.can_hold(needs, _NEVER_LOST))
+        return silent - self._where(silent, lambda found: not found.left.hosts(reader))
 
-    def _where(self, lost: Callable[[Feasible], bool]) -> frozenset[str]:
-        return frozenset(element for element, found in self._without.items() if lost(found))
+    def _losing(self, modes: Iterable[tuple[str, str]]) -> frozenset[str]:
+        """Give the elements without which some of these modes, each a module and a mode, cannot run."""
+        return frozenset(element for mode in modes for element in self._lost_with.get(mode, ()))
+
+    def _where(self, suspects: frozenset[str], lost: Callable[[Feasible], bool]) -> frozenset[str]:
+        return frozenset(element for element in suspects if lost(self._without[element]))
 
 
 def _chooses(gate: Gate) -> bool:
