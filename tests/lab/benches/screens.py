@@ -30,6 +30,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import cycle
 from random import Random
+from threading import Event, Thread
 from typing import Any, Final
 
 from playwright.sync_api import Browser, Page, sync_playwright
@@ -80,7 +81,6 @@ class _Flight:
     """An aircraft whose configuration runs, with a device that fails and is repaired in turn."""
 
     fleet: Fleet
-    events: AwaitedEvents
     device: str
     faults: Iterator[type[FailElement] | type[ClearElement]] = field(
         default_factory=lambda: cycle((FailElement, ClearElement))
@@ -89,7 +89,6 @@ class _Flight:
     def disturb(self) -> None:
         """Fail the device, or clear it."""
         self.fleet.order(next(self.faults)(self.device), "the benchmark")
-        self.events.take()
 
 
 @contextmanager
@@ -98,7 +97,21 @@ def _flight(spec_name: str) -> Iterator[_Flight]:
         events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
         events.wait("reconfigured")
-        yield _Flight(flown.fleet, events, _device(flown))
+        over = Event()
+        reader = Thread(target=_read_all, args=(events, over))
+        reader.start()
+        try:
+            yield _Flight(flown.fleet, _device(flown))
+        finally:
+            over.set()
+            reader.join()
+
+
+def _read_all(events: AwaitedEvents, over: Event) -> None:
+    """Read the manager's events until the end: a manager whose pipe is full stands still."""
+    with suppress(SystemExit):
+        while not over.wait(0.02):
+            events.take()
 
 
 def _device(flown: Aircraft) -> str:
@@ -112,8 +125,6 @@ def _web(flight: _Flight) -> Iterator[tuple[str, int]]:
     process = subprocess.Popen(typed, stdout=subprocess.PIPE)
     assert process.stdout is not None
     try:
-        while not select.select([process.stdout], [], [], 0.1)[0]:
-            flight.events.take()  # a manager whose events nobody reads stands still
         line = process.stdout.readline()
         if not line:
             raise SystemExit("the benchmark ends here: 'heronry web' has ended, for the reason above")
@@ -251,7 +262,7 @@ def _heap_bytes(page: Page) -> int:
     used: dict[str, Any] = session.send("Runtime.getHeapUsage")
     session.send("HeapProfiler.disable")
     session.detach()
-    return round(used["usedSize"])
+    return int(used["usedSize"])
 
 
 def measure(arguments: Namespace, report: Report) -> None:
