@@ -8,7 +8,7 @@ from asammdf import MDF
 from mcap.reader import make_reader
 
 from heronry_tools.cli import main
-from heronry_tools.watch.export.signals import signal_names, signals_of
+from heronry_tools.watch.export.signals import signals_of
 from heronry_wire.frame import Frame
 from watch.flights import DATE_NS, big_blue, big_blue_log
 
@@ -20,6 +20,22 @@ def converted(file: Path) -> Path:
     return file
 
 
+def expect_every_signal(units: dict[str, str]) -> None:
+    """Whatever the spec lets a module give is there with its unit, and so are PEs, buses and functions; no more."""
+    spec = big_blue().spec
+    expected = {f"pe.{pe}.{what}": unit for pe in spec.pes for what, unit in (("load", "%"), ("epoch", ""))}
+    expected |= {f"bus.{bus}.{what}": "%" for bus in spec.buses for what in ("load", "peak")}
+    expected |= {f"function.{function}.served": "" for function in spec.functions}
+    for module in spec.modules.values():
+        for variable in {name for mode in module.modes.values() for name in mode.gives}:
+            name, of = f"{module.name}.{variable}", spec.variables[variable]
+            parts = {"2": 2, "3": 3, "4": 4}.get(of.type[-1], 1)
+            names = [name] if parts == 1 or of.type.startswith("ACHAR") else [f"{name}.{n}" for n in range(parts)]
+            expected |= dict.fromkeys(names, of.unit or "")
+    assert any(expected.values())
+    assert units == expected
+
+
 def test_mcap_has_every_signal_with_its_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = converted(tmp_path / "flight.mcap")
     assert f"{file}: {len(big_blue().frames)} frames" in capsys.readouterr().out
@@ -27,8 +43,11 @@ def test_mcap_has_every_signal_with_its_unit(tmp_path: Path, capsys: pytest.Capt
         reader = make_reader(stream)
         summary = reader.get_summary()
         channels = {channel.topic: channel for channel in summary.channels.values()}
-        for name, unit in signal_names(big_blue().spec):
-            assert channels[f"/signals/{name}"].metadata["unit"] == unit
+        expect_every_signal(
+            {topic[9:]: one.metadata["unit"] for topic, one in channels.items() if topic[:9] == "/signals/"}
+        )
+        schemas = {channel.topic: json.loads(summary.schemas[channel.schema_id].data) for channel in channels.values()}
+        assert schemas["/signals/bus.can0.load"]["properties"]["value"]["description"].endswith(", in %")
         counts = summary.statistics.channel_message_counts
         expected = {series.name: series for series in signals_of(big_blue())}
         for name, series in expected.items():
@@ -49,10 +68,10 @@ def test_mf4_has_every_signal_with_its_unit(tmp_path: Path) -> None:
     file = converted(tmp_path / "flight.mf4")
     with MDF(file) as mdf:
         expected = {series.name: series for series in signals_of(big_blue())}
-        for name, unit in signal_names(big_blue().spec):
-            signal = mdf.get(name)
-            assert signal.unit == unit
-            assert len(signal) == len(expected[name].values), name
+        found = {name: mdf.get(name) for name in mdf.channels_db if name not in ("time", "events", "reconfigurations")}
+        expect_every_signal({name: signal.unit for name, signal in found.items()})
+        for name, series in expected.items():
+            assert len(found[name]) == len(series.values), name
         some = next(series for series in expected.values() if len(series.values) > 20)
         read = mdf.get(some.name)
         assert read.samples.tolist() == some.values

@@ -14,7 +14,7 @@ from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.watch.observations import OBSERVATIONS, observation
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.schema import SCHEMA_FILE, schema_text
-from heronry_tools.watch.snapshot import KEPT_EVENTS, KEPT_RECONFIGURATIONS, Outage, Place, Snapshot, document
+from heronry_tools.watch.snapshot import KEPT_EVENTS, KEPT_RECONFIGURATIONS, Outage, Place, Script, Snapshot, document
 from watch.flights import ALL, END, LOSS, MS, RECOVERY, RUNS, START, TIMES, plan, reconfigured
 
 SPEC: Spec = load_spec("big_blue")
@@ -195,7 +195,6 @@ def test_a_take_over_an_adoption_and_what_runs() -> None:
         event("taken_over", 2, term=3, before=2, silent_ns=5, phase="glide"),
         event("adopted", 3, epoch=9, digest="0000AB"),
         observation("runs", 4, epoch=9, plan=plan("nav", elevator="only")),
-        event("control_paths", 5, epoch=9, plants={"airframe": "open"}),
         event("stood_still", 6, by="nav", for_ns=MS, times=3),
         event("bus_trouble", 7, sentence="the bus is off"),
         observation("lines_lost", 8, lines=4),
@@ -204,10 +203,45 @@ def test_a_take_over_an_adoption_and_what_runs() -> None:
     ]
     view = snapshot(*events)
     assert (view.manager.term, view.phase, view.epoch, view.next_epoch) == (3, "glide", 9, None)
-    assert (view.modules["attitude_filter"].pe, view.plants["airframe"].state) == ("nav", "open")
+    assert view.modules["attitude_filter"].pe == "nav"
     assert (view.pes["nav"].stood_still, view.buses["can0"].trouble, view.lost_lines) == (3, "the bus is off", 4)
     assert snapshot(*events[:2]).manager.state == "reigning"
     assert snapshot(events[0]).manager.state == "standby"
+
+
+def test_what_the_phase_no_longer_wants_is_not_lost() -> None:
+    name, phase, later = next(
+        (one.name, phase, later)
+        for one in SPEC.functions.values()
+        for phase in SPEC.phases
+        for later in SPEC.phases
+        if one.priority_in(phase) > 0 == one.priority_in(later)
+    )
+    begun = [
+        event("phase_changed", 1, phase=phase, before="", by="operator"),
+        observation("runs", 2, epoch=1, plan=plan("nav", **{name: "only"})),
+    ]
+    after = [
+        event("plan_ready", 4, request=2, plan=plan("nav", **{name: None}), decide_ns=1),
+        event("epoch_prepared", 5, epoch=2, digest="", contingency=0, pes=["nav"], bytes=1),
+        reconfigured(6, 2, "x"),
+    ]
+    changed = event("phase_changed", 3, phase=later, before=phase, by="operator")
+    (last,) = snapshot(*begun, changed, *after).reconfigurations
+    assert (last.lost, last.unwanted) == ((), (name,))
+    (last,) = snapshot(*begun, *after).reconfigurations
+    assert (last.lost, last.unwanted) == ((name,), ())
+
+
+def test_the_last_script_is_told() -> None:
+    taken, refused = event("script_taken", 1, reason="not worse"), event("script_refused", 2, reason="worse")
+    ended = event("script_ended", 3, reason="the operator released it")
+    assert snapshot(taken).script == Script("held")
+    assert snapshot(refused).script == Script("refused", "worse")
+    assert snapshot(taken, refused).script == Script("held")  # the one that was held before stays
+    assert snapshot(taken, ended).script == Script("ended", "the operator released it")
+    over = event("taken_over", 4, term=3, before=2, silent_ns=5, phase="glide")
+    assert snapshot(taken, over).script == Script()
 
 
 def test_only_the_last_events_and_reconfigurations_are_kept() -> None:

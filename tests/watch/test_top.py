@@ -7,6 +7,7 @@ import select
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from textual.widgets import Input, Static
 
 from heronry_manager.core.events import to_line
 from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.snapshot import Plant
 from heronry_tools.watch.top import panels
 from heronry_tools.watch.top.app import REPAINT_S, Reading, TopApp
 from heronry_tools.watch.top.panels import Look
@@ -183,6 +185,24 @@ def test_what_is_not_known_is_shown_as_that() -> None:
     assert "none yet" in str(panels.reconfigurations(view, Look())[-1])
     assert "nothing yet" in str(panels.events(view, Look(), 5)[0])
     assert list(panels.details(view, Look()))[-1].endswith("nothing runs yet")
+
+
+def test_a_plant_has_a_line_and_a_letter() -> None:
+    view = Reducer(big_blue().spec).start().snapshot
+    assert panels.plants(view, Look()) == []
+    why = "nothing leads from gyro, which sees it, to servo, which moves it"
+    seen = {"pitch": Plant("open", why), "roll": Plant("on_path"), "yaw": Plant()}
+    head, *lines = map(str, panels.plants(replace(view, plants=seen), Look()))
+    assert head.strip() == "loop through"
+    assert [line.split(None, 2)[::2] for line in lines] == [
+        ["O", f"open <- {why}"],
+        ["C", "closed"],
+        ["?", "not known"],
+    ]
+    assert len(panels.plants(replace(view, plants=seen), Look(words="roll"))) == 2
+    notes = str(panels.head(replace(view, plants=seen))[-1])
+    assert "the loop through pitch is open" in notes
+    assert "yaw" not in notes
 
 
 def test_lines_are_cut_at_the_edge_and_never_wrapped() -> None:

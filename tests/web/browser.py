@@ -15,6 +15,7 @@ import pytest
 import uvicorn
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.app import Site, application
@@ -50,11 +51,21 @@ def browser() -> Iterator[Browser]:
 class Server:
     """The pages of one system on a free port; `stop` ends it before the test does."""
 
-    def __init__(self, shown: Live | Recording, *, operates: bool = False, orders: Orders | None = None) -> None:
+    def __init__(
+        self,
+        shown: Live | Recording,
+        *,
+        operates: bool = False,
+        orders: Orders | None = None,
+        spec: Spec | None = None,
+        file: Path | None = None,
+    ) -> None:
+        """Serve big_blue, or another spec from its file."""
+        spec = spec or big_blue()
         self._listener = listening("127.0.0.1", 0)
         self.access: Access = access(self._listener, operates=operates)
-        questions = Questions(big_blue(), shipped_spec_path("big_blue"))
-        self.site = Site(big_blue(), shown, questions, orders or Orders(None), self.access)
+        questions = Questions(spec, file or shipped_spec_path("big_blue"))
+        self.site = Site(spec, shown, questions, orders or Orders(None), self.access)
         config = uvicorn.Config(application(self.site), log_level="error", timeout_graceful_shutdown=3)
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run, kwargs={"sockets": [self._listener]}, daemon=True)

@@ -4,12 +4,23 @@ import asyncio
 import json
 import socket
 import threading
+from pathlib import Path
 
 import pytest
 from starlette.testclient import TestClient
 
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.core.vocabulary import (
+    ClearElement,
+    EnterPhase,
+    FailElement,
+    ReleaseTarget,
+    SetPriority,
+    UnlockPe,
+)
+from heronry_manager.shell.control_protocol import Answer, FlyScript
 from heronry_tools.watch.reducer import Reducer
+from heronry_tools.web import orders
 from heronry_tools.web.app import Site, application
 from heronry_tools.web.guard import HEADERS, Access
 from heronry_tools.web.live import Live
@@ -162,10 +173,49 @@ def test_an_order_to_a_manager_that_is_not_there_is_answered(tmp_path):
         assert not answer["done"]
         assert "no manager listens" in answer["sentence"]
         unknown = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
-        assert "phase, fail, clear" in unknown["sentence"]
+        assert "phase, fail, clear, priority, unlock, script, release" in unknown["sentence"]
         for body in ("[1]", "{", "null"):
             head = {**ORDER, "content-type": "application/json"}
             assert not asking.post("/api/order", content=body, headers=head).json()["done"]
+
+
+EACH_ORDER = (
+    (EnterPhase("glide"), {"do": "phase", "what": "glide"}),
+    (FailElement("pe:nav"), {"do": "fail", "what": "pe:nav"}),
+    (ClearElement("pe:nav"), {"do": "clear", "what": "pe:nav"}),
+    (SetPriority("imaging", 90), {"do": "priority", "what": "imaging", "to": 90}),
+    (SetPriority("imaging", None), {"do": "priority", "what": "imaging", "to": None}),
+    (UnlockPe("pe:nav"), {"do": "unlock", "what": "pe:nav"}),
+    (FlyScript("G.PruneEdges ();"), {"do": "script", "what": "G.PruneEdges ();"}),
+    (ReleaseTarget(), {"do": "release"}),
+)
+
+
+def test_each_order_reaches_the_manager_as_it_was_given(monkeypatch, tmp_path):
+    got = []
+    monkeypatch.setattr(orders, "call", lambda _, order: got.append(order) or Answer(done=True, sentence="done"))
+    monkeypatch.setattr(orders, "standby_of", lambda path: path)
+    with operated(Orders(tmp_path / "some.sock")) as asking:
+        for _, order in EACH_ORDER:
+            assert asking.post("/api/order", json=order, headers=ORDER).json()["done"]
+        assert got == [order for order, _ in EACH_ORDER]
+        for none in ({"do": "priority", "what": "imaging"}, {"do": "follow"}, {"do": "status"}, {"do": "script"}):
+            assert not asking.post("/api/order", json=none, headers=ORDER).json()["done"]
+        assert len(got) == len(EACH_ORDER)
+
+
+@pytest.mark.parametrize("order", [order for _, order in EACH_ORDER], ids=lambda order: order["do"])
+def test_no_order_is_taken_without_token_or_from_another_site(order):
+    with operated(Orders(Path("none.sock"))) as asking:
+        for wrong, code in (
+            ({"authorization": ""}, 401),
+            ({"authorization": "Bearer another"}, 401),
+            ({"origin": "http://evil.example"}, 403),
+            ({"host": "evil.example:8321"}, 403),
+        ):
+            assert asking.post("/api/order", json=order, headers={**ORDER, **wrong}).status_code == code
+    with client(live_site(orders=Orders(Path("none.sock")))) as asking:
+        assert asking.post("/api/order", json=order, headers=ORDER).status_code == 403
 
 
 def test_a_question_that_is_none_is_refused(reading):

@@ -7,8 +7,11 @@ from random import Random
 import pytest
 
 from heronry_dg.loader import load
+from heronry_dg.plan import configuration_of
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import elements
+from heronry_pcs.plan_script import module_graph
+from heronry_pcs.script_difference import difference
 from heronry_tools.cli import main as heronry
 from heronry_tools.web.desk import Desk
 from heronry_tools.web.questions import Questions
@@ -37,6 +40,21 @@ def test_the_plan_is_that_of_the_command(seed, capsys):
     assert {key for key in running if key.startswith("module:")} == {
         f"module:{name}" for name in told["plan"]["modules"]
     }
+
+
+def test_a_script_gives_the_plan_that_it_makes_of_what_runs():
+    spec = load(shipped_spec_path("elevator_and_chute"))
+    desk = Desk(spec)
+    running, rest = (desk.answer({"ask": "plan", "priorities": changed})["plan"] for changed in ([], ["parachute=0"]))
+    graphs = (module_graph(spec, configuration_of(one)) for one in (running, rest))
+    script = {"ask": "script", "script": difference(*graphs), "modules": running["modules"]}
+    told = desk.answer(script)["plan"]
+    assert told["modules"] == rest["modules"]
+    assert not told["functions"]["parachute"]["served"]
+    wrong = desk.answer({**script, "script": f"{spec.name}.DeleteComponent ( nothing );"})
+    assert wrong["refused"].startswith("the script would be refused: line 1: PCS")
+    assert desk.answer({**script, "down": ["pe:tail_pe"]})["refused"].startswith("the script would be refused: rule ")
+    assert "modules.x" in desk.answer({**script, "modules": {"x": {}}})["refused"]
 
 
 def test_why_is_that_of_the_command(capsys):

@@ -2,21 +2,35 @@
 
 import json
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
+from heronry_dg.loader import load
+from heronry_dg.plan import configuration_of
+from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.core.events import event
 from heronry_manager.shell.control_protocol import Answer
+from heronry_pcs.plan_script import module_graph
+from heronry_pcs.script_difference import difference
+from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.snapshot import document
 from heronry_tools.web.desk import Desk
 from heronry_tools.web.live import Live
 from heronry_tools.web.orders import Orders
 from web.browser import PICTURES, Server, Watched, browser, needs_chromium, recorded
-from web.flight import big_blue, flown
+from web.flight import S, big_blue, flown
 
 pytestmark = needs_chromium
 
+CHANGING = ("plan_ready", "epoch_prepared", "pe_lost", "pe_joined", "phase_changed", "reconfigured")
+PLANTS = """\
+plants:
+  elevator: {moved_by: [elevator_servo_1], seen_by: [elevator_angle_sensor], criticality: A}
+"""
 PANELS = ("graph", "timeline", "buses", "events", "what-if")
 
 
@@ -70,6 +84,19 @@ def expect_panels_to_show(watched, snapshot):
     assert sorted(faults) == sorted(fault["element"] for fault in snapshot["faults"])
 
 
+def move_to(watched, share):
+    """Move the slider to a share of the recording, and wait until that moment is shown."""
+    moved = """(slider, share) => {
+        slider.value = String(Math.round(1000 * share));
+        slider.dispatchEvent(new Event("input"));
+        const { first_ns, last_ns } = heronry.store.recording;
+        return first_ns + ((last_ns - first_ns) * Number(slider.value)) / 1000;
+    }"""
+    at_ns = watched.page.eval_on_selector("#replay input", moved, share)
+    watched.until(f"Math.abs(heronry.store.at_ns - {at_ns}) < 2")
+    watched.page.wait_for_timeout(100)
+
+
 def step(watched):
     """Go to the next reconfiguration, and wait until it is shown."""
     before = watched.page.evaluate("heronry.store.at_ns")
@@ -100,17 +127,18 @@ def test_a_recorded_flight_in_the_browser(chromium):
         watched.open(server.address)
         watched.page.wait_for_selector("#graph .node")
         places = watched.places()
-        for _ in range(3):
-            step(watched)
+        steps = [step] * 4
+        moves = [partial(move_to, share=share) for share in (0.02, 0.2, 0.3, 0.75, 0.9, 1)]
+        for go in (*steps, *moves):
+            go(watched)
             shown = watched.known()
             expect_panels_to_show(watched, shown)
             truth = server.site.shown
             at_ns = watched.page.evaluate("heronry.store.at_ns")
             exact = truth.after(truth.events_until(round(at_ns))).snapshot
-            assert (shown["epoch"], shown["events"]) == (exact.epoch, exact.events)
+            assert shown == json.loads(json.dumps(document(exact)))
         watched.panel("graph")
         assert watched.places() == places
-        step(watched)
         take_picture(watched)
         for panel in PANELS[:4]:
             watched.panel(panel)
@@ -203,7 +231,6 @@ def test_the_graph_is_walked_with_the_keyboard(chromium):
         assert watched.page.evaluate("document.activeElement.dataset.key") == second
 
 
-@pytest.mark.soak
 def test_a_hundred_reconfigurations_move_nothing(chromium):
     live = watched_now([])
     with Server(live) as server:
@@ -211,12 +238,93 @@ def test_a_hundred_reconfigurations_move_nothing(chromium):
         watched.open(server.address)
         watched.page.wait_for_selector("#graph .node")
         places = watched.places()
-        for _ in range(25):
-            live.take_all(flown(), None, is_alive=True)
+        changing = [one for one in flown() if one["event"] in CHANGING]
+        while len(live.snapshot.reconfigurations) < 100 or live.snapshot.reconfigurations[-1].number < 100:
+            live.take_all(changing, None, is_alive=True)
             watched.page.wait_for_timeout(150)
         watched.until(f"heronry.store.snapshot.events === {live.snapshot.events}")
-        assert len(live.snapshot.reconfigurations) == 100
         assert watched.places() == places
+
+
+def expect_order(watched, given, opener, order, words=None):
+    """Press the opener of an order, confirm what it will cost, and see it given; tells what the question said."""
+    watched.page.click(opener)
+    if words is not None:
+        watched.page.fill("#confirm textarea, #confirm input", words)
+        watched.page.click("#confirm button[type=submit]")
+    confirming = "#confirm .bar button:nth-child(2):not([disabled]):not([type=submit])"
+    watched.page.wait_for_selector(confirming, timeout=60_000)
+    said = watched.page.text_content("#confirm") or ""
+    assert given == []
+    expect_axe_to_find_nothing(watched, f"the question before {order}")
+    watched.page.click(confirming)
+    watched.page.wait_for_selector("#note:not([hidden])")
+    assert given == [order]
+    given.clear()
+    return said
+
+
+@pytest.mark.soak
+def test_every_other_order_is_given_from_the_page(chromium):
+    given = []
+    live = watched_now()
+    with Server(live, operates=True, orders=Noted(Path("none.sock"), None, given)) as server:
+        watched = Watched(chromium)
+        watched.open(server.access.url(with_token=True))
+        assert watched.page.is_hidden('[data-order="release"]')
+        name = next(name for name, one in watched.known()["functions"].items() if one["served"])
+        watched.page.click(f'#functions [data-function="{name}"]')
+        priority = f'[data-order="priority {name}"]'
+        said = expect_order(watched, given, priority, {"do": "priority", "what": name, "to": 0}, "0")
+        assert f"{name} will be lost: its priority was changed to 0" in said
+        watched.page.click(priority)
+        watched.page.click("text=As in the spec")
+        watched.page.click("text=Leave it")
+        watched.page.click('#pes [data-pe="air"] header button')
+        said = expect_order(watched, given, '[data-order="unlock pe:air"]', {"do": "unlock", "what": "pe:air"})
+        assert "the planner cannot know that" in said
+        running = {
+            name: {"pe": one["pe"], "mode": one["mode"], "inputs": one["wires"]}
+            for name, one in watched.known()["modules"].items()
+            if one["pe"]
+        }
+        asked = {"ask": "plan", "down": watched.known()["down"], "phase": "glide", "priorities": [f"{name}=0"]}
+        rest = Desk(big_blue()).answer(asked)["plan"]
+        graphs = (module_graph(big_blue(), configuration_of(one)) for one in ({"modules": running}, rest))
+        script = difference(*graphs).strip()
+        order = {"do": "script", "what": script}
+        assert f"{name} will be lost" in expect_order(watched, given, '[data-order="script"]', order, script)
+        watched.page.click('[data-order="script"]')
+        watched.page.fill("#order-script", "G.DeleteComponent ( nothing );")
+        watched.page.click("#confirm button[type=submit]")
+        watched.page.wait_for_selector("#confirm .why", timeout=60_000)
+        assert "the script would be refused: line 1" in (watched.page.text_content("#confirm") or "")
+        assert watched.page.is_disabled("#confirm .bar button:nth-child(2)")
+        watched.page.click("text=Leave it")
+        live.take_all([event("script_taken", live.snapshot.t_ns, reason="it is not worse")], None, is_alive=True)
+        watched.page.wait_for_selector('[data-order="release"]:not([hidden])')
+        assert "No function will be lost" in expect_order(watched, given, '[data-order="release"]', {"do": "release"})
+        assert watched.wrong == []
+
+
+def test_control_loops_have_a_panel_where_the_spec_has_plants(chromium, tmp_path):
+    file = tmp_path / "elevator_and_chute.dg.yaml"
+    file.write_text(shipped_spec_path("elevator_and_chute").read_text() + PLANTS)
+    spec, live = load(file), Live(Reducer(load(file)), "manager")
+    flight = Simulation(spec, 3)
+    flight.run_until(2 * S)
+    live.take_all(flight.events, None, is_alive=True)
+    with Server(live, spec=spec, file=file) as server:
+        watched = Watched(chromium)
+        watched.open(server.address)
+        shown = watched.page.text_content('#plants [data-plant="elevator"][data-loop="open"]') or ""
+        assert "nothing leads from elevator_angle_sensor, which sees it, to elevator_servo_1" in shown
+        flight.fleet.kill("tail_pe")
+        flight.run_for(1 * S)
+        live.take_all(flight.events[live.snapshot.events :], None, is_alive=True)
+        watched.until("document.querySelector('#plants .why').textContent.includes('no module runs on any actuator')")
+        expect_axe_to_find_nothing(watched, "control loops")
+        assert watched.wrong == []
 
 
 @pytest.mark.soak

@@ -8,7 +8,9 @@ possible one of the spec.
 from dataclasses import dataclass
 from typing import Final
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import FlyTarget, OperatorSaid
 from heronry_manager.shell.control_protocol import FlyScript
@@ -33,7 +35,12 @@ def target_of(text: str, spec: Spec, core: ManagerCore) -> FlyTarget:
     """Apply a script to what a manager runs; if that fails, the result gives the first error as its `problem`."""
     if core.plan is None:
         return FlyTarget(None, "no epoch of this manager runs yet")
-    outcome = apply_to_plan(text, spec, core.now, core.plan.configuration, MOST_PLACEMENTS)
+    return target_in(text, spec, core.now, core.plan.configuration)
+
+
+def target_in(text: str, spec: Spec, now: Situation, running: Configuration) -> FlyTarget:
+    """Apply a script to a configuration in a situation, as `target_of` does."""
+    outcome = apply_to_plan(text, spec, now, running, MOST_PLACEMENTS)
     if outcome.errors:
         first, more = outcome.errors[0], len(outcome.errors) - 1
         place = f"line {first.line}: {first.code}: {first.sentence}"

@@ -1,21 +1,27 @@
 """The four times of a reconfiguration, measured with real processes on a software bus.
 
-    python -m lab.benches.reconfiguration [--kills 30] [--spec big_blue] [--contingencies FILE|none]
+    python -m lab.benches.reconfiguration [--kills 30] [--spec big_blue] [--contingencies FILE|none] [--stuck-readers N]
 
 Kills PEs with SIGKILL and waits until the system runs again. With contingencies on board each kill is the first one of
 a fleet of its own: the contingencies are made for what runs without a fault. Without contingencies one PE after the
 other is killed and started again; once it has joined, the manager has three seconds of pre-planning before the next
 kill. *Detect* counts from the kill itself; the manager measures the other three.
+
+With --stuck-readers the same kills are flown twice, in turn: without readers of the manager's events, and with N
+readers that never read.
 """
 
 import sys
 import time
 from argparse import Namespace
 from collections.abc import Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.shell.control_client import follow
 from heronry_tools.analysis.made_ahead import Source, add_contingencies_argument, contingencies_of
+from heronry_tools.console.number_arguments import whole_number
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
@@ -30,17 +36,22 @@ _PAUSE_S = 3.0  # between two kills: time for pre-planning, as in flight
 
 def measure(arguments: Namespace, report: Report) -> None:
     """Kill PEs, and report the times."""
-    report.begin(f"{arguments.spec}, {arguments.kills} kills, software bus")
-    for name, values in times_of(arguments.spec, arguments.kills, arguments.contingencies).items():
-        report.times(name, values)
+    found = times_of(arguments.spec, arguments.kills, arguments.contingencies, arguments.stuck_readers)
+    for readers, times in found.items():
+        also = f", {readers} readers that never read" if readers else ""
+        report.begin(f"{arguments.spec}, {arguments.kills} kills, software bus{also}")
+        for name, values in times.items():
+            report.times(name, values)
 
 
-def times_of(spec_name: str, kills: int, source: Source) -> dict[str, list[float]]:
-    """Give the times in milliseconds, by name, one per kill.
+def times_of(spec_name: str, kills: int, source: Source, stuck_readers: int = 0) -> dict[int, dict[str, list[float]]]:
+    """Give the times in milliseconds, by name, one per kill; by the number of readers that never read.
 
     Every PE dies once in a fleet's life, since its hold-down doubles with each loss.
     """
-    times: dict[str, list[float]] = {name: [] for name in (*_NAMES, _DECIDED, _IN_ALL)}
+    times: dict[int, dict[str, list[float]]] = {
+        readers: {name: [] for name in (*_NAMES, _DECIDED, _IN_ALL)} for readers in (0, stuck_readers)
+    }
     spec = load_spec(spec_name)
     made, pes = contingencies_of(spec, source), tuple(spec.pes)
     each = len(pes) if made is None else 1
@@ -48,17 +59,22 @@ def times_of(spec_name: str, kills: int, source: Source) -> dict[str, list[float
         progress.begin("kills", kills)
         for first in range(0, kills, each):
             victims = pes[: kills - first] if made is None else pes[first % len(pes) :][:1]
-            _fly(spec_name, victims, times, made)
+            for readers, noted in times.items():
+                _fly(spec_name, victims, noted, made, readers)
             progress.step(len(victims))
     return times
 
 
-def _fly(spec_name: str, pes: tuple[str, ...], times: dict[str, list[float]], made: Contingencies | None) -> None:
+def _fly(
+    spec_name: str, pes: tuple[str, ...], times: dict[str, list[float]], made: Contingencies | None, readers: int
+) -> None:
     """Start a fleet, and kill and restore these PEs one after the other."""
-    with aircraft(spec_name, made) as flown:
+    with aircraft(spec_name, made) as flown, ExitStack() as stuck:
         events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
         events.wait(*_SETTLED)
+        for _ in range(readers):
+            stuck.enter_context(follow(flown.fleet.control_socket()))
         for pe in pes:
             time.sleep(_PAUSE_S)
             events.take()  # a busy computer may have lost it before
@@ -87,6 +103,7 @@ main = Benchmark(
     __doc__,
     measure,
     option("--kills", 30, "how many kills"),
+    option("--stuck-readers", 0, "readers of the manager's events that never read; 15 at most", whole_number),
     spec_option("big_blue"),
     lambda parser: add_contingencies_argument(parser, "to fly with and to carry on board"),
 )

@@ -19,7 +19,7 @@ is sent can be read on its way, so let ssh carry it instead: ssh -L 8321:127.0.0
 examples:
   heronry demo --web                            a demo, with its page
 {EXAMPLES.format(command="web")}\
-  heronry web --of big_blue --operate           phase, fail and clear from the page
+  heronry web --of big_blue --operate           orders from the page, each after its cost
   heronry web --log story.scenario              a scenario, flown in the simulator now
 """
 
@@ -36,7 +36,7 @@ def add_parsers(subparsers: Any) -> None:
         "--listen", metavar="ADDRESS", default="127.0.0.1", help="the address to listen on (default 127.0.0.1)"
     )
     parser.add_argument("--port", type=_port, metavar="N", help="the port (default 8321, or a free one; 0: a free one)")
-    parser.add_argument("--operate", action="store_true", help="let the page give orders: phase, fail, clear")
+    parser.add_argument("--operate", action="store_true", help="let the page give orders, each after its cost")
     parser.add_argument("--json", action="store_true", help="print the address as one JSON object")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
     parser.add_argument("--demo-orders", type=int, help=argparse.SUPPRESS)  # a socket pair of `heronry demo --web`

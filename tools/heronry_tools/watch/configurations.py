@@ -13,8 +13,9 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import PlanError, configuration_of
 from heronry_dg.situation import Situation
+from heronry_pcs.control_paths import control_paths
 from heronry_tools.watch.graph_marks import LiveGraphs, is_degraded
-from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Place, Snapshot, Wire
+from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Place, Plant, Snapshot, Wire
 
 _NOTHING = "nothing runs yet"
 _UNAVAILABLE = frozenset({"down", "returning"})
@@ -87,6 +88,7 @@ class Situations:
                 for name, bus in snapshot.buses.items()
             },
             graph=self._graphs.graph(now, running.configuration),
+            plants=self._plants(running),
         )
 
     def _situation(self, snapshot: Snapshot) -> Situation:
@@ -152,6 +154,13 @@ class Situations:
                 modules=tuple(m for m, runs in running.configuration.modules.items() if runs.pe == name),
             )
         return found
+
+    def _plants(self, running: RunningPlan) -> dict[str, Plant]:
+        """Give the plants; their control paths follow from the configuration, whatever feed gives that."""
+        if running is NOTHING_RUNS:
+            return {name: Plant() for name in self._spec.plants}
+        paths = control_paths(self._spec, running.configuration) if self._spec.plants else {}
+        return {name: Plant(path.state.value, path.why) for name, path in paths.items()}
 
 
 def _channels(bus: model.Bus) -> dict[str, tuple[str, ...]]:

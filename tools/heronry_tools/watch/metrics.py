@@ -75,7 +75,9 @@ def _system(view: Snapshot) -> Iterator["Metric"]:
     yield _gauge("element_down", "Elements that the situation lacks.", ("element",), down)
     yield _counter("events", "Events of the feed.", (), [((), view.events)])
     yield _counter("lost_events", "Events that this reader was too slow for.", (), [((), view.lost_lines)])
-    plants = [((name,), plant.state == "on_path") for name, plant in view.plants.items()]
+    plants = [
+        ((name,), None if plant.state is None else plant.state == "on_path") for name, plant in view.plants.items()
+    ]
     yield _gauge("control_loop_closed", "Whether the control loop through a plant is closed.", ("plant",), plants)
 
 

@@ -25,9 +25,9 @@ from heronry_tools.watch.reconfigurations import done, with_outage
 from heronry_tools.watch.sentences import sentence_of
 from heronry_tools.watch.snapshot import (
     KEPT_EVENTS,
-    ControlPath,
     Fault,
     Outage,
+    Script,
     Snapshot,
     Source,
     Stage,
@@ -229,7 +229,8 @@ def _manager_started(_: Spec, state: State, event: Event) -> State:
 
 
 def _taken_over(_: Spec, state: State, event: Event) -> State:
-    return _with_manager(_with(state, phase=event["phase"]), term=event["term"], state="reigning")
+    state = _with(state, phase=event["phase"], script=Script())  # scripts end with the mastership before
+    return _with_manager(state, term=event["term"], state="reigning")
 
 
 def _standing_by(_: Spec, state: State, event: Event) -> State:
@@ -329,8 +330,10 @@ def _unknown_epoch(_: Spec, state: State, event: Event) -> State:
     return replace(_with(state, unknown_epoch=event["epoch"], epoch=None), running=NOTHING_RUNS)
 
 
-def _control_paths(_: Spec, state: State, event: Event) -> State:
-    return _with(state, plants={name: ControlPath(path) for name, path in event["plants"].items()})
+def _script(_: Spec, state: State, event: Event) -> State:
+    now = event["event"].removeprefix("script_")
+    is_held = now == "taken" or (now == "refused" and state.snapshot.script.state == "held")  # the one before stays
+    return _with(state, script=Script("held") if is_held else Script(now, event["reason"]))
 
 
 def _outage(_: Spec, state: State, event: Event) -> State:
@@ -378,7 +381,9 @@ _STEPS: Mapping[str, Callable[[Spec, State, Event], State]] = {
     "reconfigured": _reconfigured,
     "adopted": _adopted,
     "unknown_epoch": _unknown_epoch,
-    "control_paths": _control_paths,
+    "script_taken": _script,
+    "script_refused": _script,
+    "script_ended": _script,
     "outage": _outage,
     "journal_failed": _journal,
     "journal_kept": _journal,

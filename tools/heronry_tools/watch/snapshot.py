@@ -168,7 +168,8 @@ class Reconfiguration:
     """A complete reconfiguration.
 
     `moved`, `started` and `stopped` name modules. `lost`, `gained` and `kept` name functions that were served before,
-    are served now, or both.
+    are served now, or both. `unwanted` names functions that were served before, and that the phase, or a priority of 0,
+    does not want now: they are not lost.
     """
 
     number: int  # from 1, in the order of the feed
@@ -182,7 +183,8 @@ class Reconfiguration:
     moved: tuple[str, ...] = ()
     started: tuple[str, ...] = ()
     stopped: tuple[str, ...] = ()
-    lost: tuple[str, ...] = ()  # functions that were served before
+    lost: tuple[str, ...] = ()
+    unwanted: tuple[str, ...] = ()
     gained: tuple[str, ...] = ()
     kept: tuple[str, ...] = ()
     outages: tuple[Outage, ...] = ()  # silences that began in its time
@@ -191,11 +193,19 @@ class Reconfiguration:
 
 
 @dataclass(frozen=True, slots=True)
-class ControlPath:
-    """Whether the control loop through a plant is closed."""
+class Plant:
+    """Whether the control loop through a plant of the spec is closed."""
 
-    state: str  # on_path, open, unmoved, unseen
+    state: str | None = None  # on_path, open, unmoved, unseen; null: what runs is not known
     why: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """The last script of the operator (docs/operator.md)."""
+
+    state: str = "none"  # none, asked, held, refused, ended
+    why: str | None = None  # it was refused, or ended
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +257,8 @@ class Snapshot:
     buses: Mapping[str, Bus] = field(default_factory=dict)
     functions: Mapping[str, Function] = field(default_factory=dict)
     modules: Mapping[str, Module] = field(default_factory=dict)
-    plants: Mapping[str, ControlPath] = field(default_factory=dict)
+    plants: Mapping[str, Plant] = field(default_factory=dict)
+    script: Script = Script()
     faults: tuple[Fault, ...] = ()
     priorities: Mapping[str, int] = field(default_factory=dict)  # changed ones, by function
     down: tuple[str, ...] = ()  # the elements that the situation lacks

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from heronry_tools.watch.snapshot import Bus, ControlPath, Fault, Manager, Module, Pe, Snapshot
+from heronry_tools.watch.snapshot import Bus, Fault, Manager, Module, Pe, Script, Snapshot
 
 _STAGES: Mapping[str | None, Any] = {None: "starting", "done": "running"}
 
@@ -27,7 +27,7 @@ def from_status(snapshot: Snapshot, event: Mapping[str, Any]) -> Snapshot:
             Fault(one["element"], one["by"], one["code"], one["detail"], t_ns - one["for_ns"])
             for one in status["latched"]
         ),
-        plants={name: ControlPath(one["path"], one["why"]) for name, one in status.get("plants", {}).items()},
+        script=Script(**status["script"]),
         pes={name: _pe(pe, status["pes"][name]) for name, pe in snapshot.pes.items()},
         buses={name: _bus(name, bus, status) for name, bus in snapshot.buses.items()},
         modules=_modules(snapshot.modules, status["failures"]),

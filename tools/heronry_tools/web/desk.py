@@ -8,6 +8,8 @@ of a search.
 
     {"ask": "plan", "down": ["pe:nav"], "limits": [], "phase": "glide", "priorities": []}
     {"plan": {... as 'heronry plan --json'}, "graph": {... as in a snapshot}}
+    {"ask": "script", "script": "Guav.PruneEdges ();", "modules": {... that run, as in a plan}, "down": [], ...}
+    {"plan": {... of the configuration that the script makes}, "graph": {...}}
     {"ask": "why", "function": "imaging", "down": [], "phase": null}
     {"why": {... as 'heronry why --json'}}
     {"refused": "no pe is named 'nap'; did you mean 'nav'?"}
@@ -23,9 +25,13 @@ from typing import Any, BinaryIO
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_dg.situation import checked_function, situation
+from heronry_dg.objective import score
+from heronry_dg.plan import Plan, configuration_of, make_plan
+from heronry_dg.situation import Situation, checked_function, situation
+from heronry_dg.verify import verify
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.explain import explained
+from heronry_manager.shell.script_orders import target_in
 from heronry_tools.analysis.why.document import document as why_document
 from heronry_tools.analysis.why.reasons import explain
 from heronry_tools.watch.graph_marks import LiveGraphs
@@ -45,6 +51,8 @@ class Desk:
             match question:
                 case {"ask": "plan"}:
                     return self._plan(question)
+                case {"ask": "script", "script": str(text), "modules": dict(modules)}:
+                    return self._script(text, modules, question)
                 case {"ask": "why", "function": str(function)}:
                     return self._why(function, question)
                 case _:
@@ -53,10 +61,28 @@ class Desk:
             return {"refused": str(error)}
 
     def _plan(self, question: Mapping[str, Any]) -> dict[str, Any]:
+        return self._told(plan(self._spec, self._situation(question)))
+
+    def _script(self, text: str, modules: dict[str, Any], question: Mapping[str, Any]) -> dict[str, Any]:
+        """Give the plan that a script makes of what runs; the manager may still refuse that, as worse at level 1."""
+        spec, now = self._spec, self._situation(question)
+        running = configuration_of({"modules": modules})
+        ordered = target_in(text, spec, now, running)
+        if ordered.target is None:
+            return {"refused": f"the script would be refused: {ordered.problem}"}
+        if broken := verify(spec, now, ordered.target):
+            return {"refused": f"the script would be refused: {broken[0]}"}
+        return self._told(
+            make_plan(spec, now, ordered.target, score(spec, now, ordered.target, running), optimal=False)
+        )
+
+    def _situation(self, question: Mapping[str, Any]) -> Situation:
         down, limits, priorities = (question.get(key) or () for key in ("down", "limits", "priorities"))
-        now = situation(self._spec, down, limits, question.get("phase"), priorities)
-        found = explained(self._spec, plan(self._spec, now))
-        return {"plan": found.document(), "graph": plain(self._graphs.graph(now, found.configuration))}
+        return situation(self._spec, down, limits, question.get("phase"), priorities)
+
+    def _told(self, found: Plan) -> dict[str, Any]:
+        found = explained(self._spec, found)
+        return {"plan": found.document(), "graph": plain(self._graphs.graph(found.now, found.configuration))}
 
     def _why(self, function: str, question: Mapping[str, Any]) -> dict[str, Any]:
         now = situation(self._spec, question.get("down") or (), (), question.get("phase"))

@@ -37,6 +37,14 @@ def facts(spec: Spec) -> dict[str, Any]:
             demux.name: {"variable": demux.variable, "branches": list(demux.branches)}
             for demux in spec.demuxes.values()
         },
+        "plants": {
+            plant.name: {
+                "moved_by": list(plant.moved_by),
+                "seen_by": list(plant.seen_by),
+                "criticality": plant.criticality,
+            }
+            for plant in spec.plants.values()
+        },
         "modules": {module.name: _module(spec, module) for module in spec.modules.values()},
         "functions": {
             function.name: {

@@ -49,8 +49,9 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
         room.release()
         live.take_all(events, trouble, is_alive=is_alive)
 
+    feed, has_frames = None, False
     try:
-        feed, has_frames = _opened(open_feed, lambda why: loop.call_soon_threadsafe(live.waits, why)), False
+        feed = _opened(open_feed, lambda why: loop.call_soon_threadsafe(live.waits, why))
         while True:
             select.select(feed.readers(), [], [], _LOOK_S)
             events = feed.poll()
@@ -64,6 +65,9 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
         sentence = as_user_error(error) or f"the feed has failed ({type(error).__name__}: {error})"
         with suppress(RuntimeError):  # the loop has ended
             loop.call_soon_threadsafe(live.waits, sentence)
+    finally:
+        if feed is not None:
+            feed.close()
 
 
 def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:

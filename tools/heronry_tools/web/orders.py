@@ -1,10 +1,12 @@
 """Orders from pages: to the manager on its socket, and in a demo to the demo, which kills and restores processes.
 
-A page sends an order, as in the first line, and gets an answer, as in the last one. `do` is phase, fail or clear, and
-in a demo also kill or restore. An order to kill or restore is passed on to the demo as in the second line, on a socket
-pair that the demo has made.
+A page sends an order, as in the first lines, and gets an answer, as in the last one. The orders to a manager are those
+of its socket (`control_protocol`), without their version. An order to kill or restore is passed on to the demo, on a
+socket pair that the demo has made.
 
     {"do": "fail", "what": "pe:nav"}
+    {"do": "priority", "what": "imaging", "to": 90}
+    {"do": "release"}
     {"do": "kill", "what": "nav"}
     {"done": true, "sentence": "..."}
 """
@@ -12,22 +14,16 @@ pair that the demo has made.
 import asyncio
 import json
 import socket
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_place import ControlError
-from heronry_manager.shell.control_protocol import Answer, Spoken
+from heronry_manager.shell.control_protocol import VERSION, Answer, Follow, Spoken, read_order
 from heronry_tools.web.following import standby_of
 
-_OF_A_MANAGER: Final[Mapping[str, type[EnterPhase | FailElement | ClearElement]]] = {
-    "phase": EnterPhase,
-    "fail": FailElement,
-    "clear": ClearElement,
-}
+OF_A_MANAGER: Final = ("phase", "fail", "clear", "priority", "unlock", "script", "release")
 OF_A_DEMO: Final = ("kill", "restore")
 _PATIENCE_S: Final = 10.0
 _LONGEST_ANSWER: Final = 4096
@@ -43,20 +39,23 @@ class Orders:
     def kinds(self) -> list[str]:
         """List the kinds of orders that can be given."""
         return [
-            *(_OF_A_MANAGER if self.manager is not None else ()),
+            *(OF_A_MANAGER if self.manager is not None else ()),
             *(OF_A_DEMO if self.demo is not None else ()),
         ]
 
     async def give(self, order: object) -> Answer:
         """Send an order; returns the answer, which may be a refusal."""
         match order:
-            case {"do": str(do), "what": str(what)} if do in self.kinds():
-                if do in OF_A_DEMO:
-                    return await asyncio.to_thread(self._to_demo, do, what)
-                return await asyncio.to_thread(self._to_manager, _OF_A_MANAGER[do](what))
+            case {"do": str(do), "what": str(what)} if do in OF_A_DEMO and do in self.kinds():
+                return await asyncio.to_thread(self._to_demo, do, what)
+            case {"do": str(do), **fields} if do in OF_A_MANAGER and do in self.kinds():
+                understood = read_order(json.dumps({**fields, "do": do, "v": VERSION}).encode())
+                if not isinstance(understood, str | Follow):
+                    return await asyncio.to_thread(self._to_manager, understood)
             case _:
-                known = ", ".join(self.kinds()) or "none"
-                return Answer(done=False, sentence=f"this is no order that can be given here; there is {known}")
+                pass
+        known = ", ".join(self.kinds()) or "none"
+        return Answer(done=False, sentence=f"this is no order that can be given here; there is {known}")
 
     def _to_manager(self, order: Spoken) -> Answer:
         assert self.manager is not None

@@ -183,7 +183,7 @@ class TopApp(App[None]):
         self._write("head", [*panels.head(view), *self._notes()])
         self._write("buses", panels.buses(view, width))
         self._write("pes", panels.pes(view, look))
-        self._write("functions", panels.functions(view, look))
+        self._write("functions", [*panels.functions(view, look), *panels.plants(view, look)])
         self._write("events", panels.events(view, look, _MOST_EVENTS))
         self._write("reconfigurations", panels.reconfigurations(view, look))
         self._write("modules", panels.modules(view, look))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Reconfiguration, Snapshot, Told
+from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Plant, Reconfiguration, Snapshot, Told
 
 _STANDING = {
     "up": ("U", "green"),
@@ -31,6 +31,7 @@ _LOST_IN_HEAD = 2
 LEGEND = (
     "PEs        U up   ? suspect   R returning   X down   w never heard",
     "functions  S served   d degraded   L lost   - not wanted   ~ served, but not heard on the bus",
+    "loops      C closed   O open   ? not known",
     "modules    r runs   d in a lesser mode   . not needed   x cannot run",
     "events     E error   W warning   N notice   + good",
 )
@@ -64,7 +65,8 @@ def head(view: Snapshot) -> list[Text]:
     lines += [Text(f"lost: {name} <- {one.why_not}", "bold red") for name, one in lost[:_LOST_IN_HEAD] if view.epoch]
     notes = [] if view.knows_why else ["the bus alone: no causes are known"]
     notes += [f"{fault.element} failed ({fault.by})" for fault in view.faults]
-    notes += [f"the loop through {name} is open" for name, plant in view.plants.items() if plant.state != "on_path"]
+    is_open = [name for name, plant in view.plants.items() if plant.state not in ("on_path", None)]
+    notes += [f"the loop through {name} is open" for name in is_open]
     notes += [f"{view.lost_lines} events missed"] if view.lost_lines else []
     notes += [f"journal: {manager.journal}"] if manager.journal else []
     if notes:
@@ -157,6 +159,18 @@ def _function(view: Snapshot, name: str, one: Function) -> Text:
     return line
 
 
+def plants(view: Snapshot, look: Look) -> list[Text]:
+    """Give one line for each plant: whether the control loop through it is closed, and why not."""
+    shown = [(name, one) for name, one in view.plants.items() if _matches(look, name, one.why)]
+    return [Text("  loop through", "bold"), *(_plant(name, one) for name, one in shown)] if shown else []
+
+
+def _plant(name: str, one: Plant) -> Text:
+    letter, colour = ("?", "dim") if one.state is None else ("C", "green") if one.state == "on_path" else ("O", "red")
+    said = {None: "not known", "on_path": "closed"}.get(one.state, f"open <- {one.why}")
+    return Text.assemble((letter, colour), f" {name:<19.19} ", (said, colour if letter == "O" else ""))
+
+
 def modules(view: Snapshot, look: Look) -> list[Text]:
     """Give the lines of the selected PE's modules."""
     pe = view.pes.get(look.selected)
@@ -237,7 +251,12 @@ def details(view: Snapshot, look: Look) -> Iterator[str]:
             for name in names:
                 places = [last.before.get(name), last.after.get(name)]
                 yield f"  {word} {name}: {' -> '.join(f'{p.pe} ({p.mode})' for p in places if p is not None)}"
-        for word, names in (("lost", last.lost), ("back", last.gained), ("kept", last.kept)):
+        for word, names in (
+            ("lost", last.lost),
+            ("no longer wanted", last.unwanted),
+            ("back", last.gained),
+            ("kept", last.kept),
+        ):
             if names:
                 yield f"  {word}: {', '.join(names)}"
         for outage in last.outages:

@@ -52,7 +52,8 @@ export function show() {
       .map(([name, value]) => [h("dt", {}, name), h("dd", {}, String(value))])),
     h("div", { class: "group" }, rows.function ? h("a", { class: "button", href: `#/graph/${rows.function}` }, "Show in the graph") : null,
       rows.function ? h("button", { type: "button", on: { click: (event) => explain(rows.function, event.target) } }, "Why, and what would repair it") : null,
-      (rows.elements ?? []).map((element) => ["fail", "clear", "kill", "restore"].map((order) => operate.button(order, element)))),
+      picked.kind === "function" ? operate.priorityButton(picked.name) : null,
+      (rows.elements ?? []).map((element) => ["fail", "clear", "unlock", "kill", "restore"].map((order) => operate.button(order, element)))),
     why || h("div", { class: "explained", "aria-live": "polite" }));
 }
 

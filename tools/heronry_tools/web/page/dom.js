@@ -59,12 +59,14 @@ export function list(parent, items, keyOf, make) {
 
 export const LETTERS = {
   served: "S", degraded: "D", lost: "L", idle: "–", dead: "×",
+  closed: "C", open: "O", unknown: "?",
   up: "UP", suspect: "?", down: "×", returning: "…", waiting: "–",
   error: "E", warning: "W", notice: "N", good: "G", detail: "·",
 };
 
 export const WORDS = {
   served: "served", degraded: "degraded", lost: "lost", idle: "not chosen", dead: "cannot run",
+  closed: "loop closed", open: "loop open", unknown: "not known",
   up: "up", suspect: "suspect", down: "down", returning: "returning", waiting: "not heard yet",
 };
 

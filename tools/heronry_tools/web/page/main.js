@@ -9,6 +9,7 @@ import * as buses from "./buses.js";
 import * as events from "./events.js";
 import * as whatIf from "./what_if.js";
 import * as pes from "./pes.js";
+import * as plants from "./plants.js";
 import * as functions from "./functions.js";
 import * as details from "./details.js";
 import * as replay from "./replay.js";
@@ -31,6 +32,8 @@ function show() {
     chips();
     functions.show();
     pes.show();
+    plants.show();
+    operate.show();
     PANELS[panel].show();
     details.show();
     replay.show();

@@ -1,50 +1,111 @@
-// Orders: only where the server takes them, and each after a question that names what it will cost.
+// Orders: only where the server takes them, and each after a question that names what it will cost. An order is sent as
+// it stands here: {do, what, to}.
 
 import { byId, h, listed } from "./dom.js";
 import { post } from "./stream.js";
 import { store } from "./store.js";
 
+const MOST_PRIORITY = 32767;
 const ORDERS = {
-  fail: { word: "Fail", says: (what) => `Plan without ${what}, whatever is heard of it?`, grave: true },
-  clear: { word: "Clear", says: (what) => `Count ${what} as working again?` },
-  kill: { word: "Kill", says: (what) => `Kill the process of ${what} (SIGKILL)?`, grave: true },
-  restore: { word: "Restore", says: (what) => `Start the process of ${what} again?` },
-  phase: { word: "Enter", says: (what) => `Enter the phase ${what}?` },
+  fail: { word: ({ what }) => `Fail ${what}`, says: ({ what }) => `Plan without ${what}, whatever is heard of it?`, grave: true },
+  clear: { word: ({ what }) => `Clear ${what}`, says: ({ what }) => `Count ${what} as working again?` },
+  kill: { word: ({ what }) => `Kill ${what}`, says: ({ what }) => `Kill the process of ${what} (SIGKILL)?`, grave: true },
+  restore: { word: ({ what }) => `Restore ${what}`, says: ({ what }) => `Start the process of ${what} again?` },
+  unlock: {
+    word: ({ what }) => `Unlock ${what}`, says: ({ what }) => `Let other tools write on ${what} for a while (NMT, SDO)?`, grave: true,
+    cost: "No plan changes because of this order. Whoever writes on the PE meanwhile can stop what runs there; the planner cannot know that.",
+  },
+  phase: { word: ({ what }) => `Enter ${what}`, says: ({ what }) => `Enter the phase ${what}?` },
+  priority: { word: ({ what }) => `Change ${what}`, says: ({ what, to }) => (to === null ? `Give ${what} the priority of the spec again?` : `Give ${what} the priority ${to}?`) },
+  script: { word: () => "Fly the script", says: () => "Fly what this script makes of the running configuration, and hold it?", grave: true },
+  release: { word: () => "Release", says: () => "Hold the script no longer, and seek the best plan again?" },
 };
-const OF_A_PE = ["kill", "restore"];
+const OF_A_PE = ["kill", "restore", "unlock"];
 
-export function button(order, element) {
-  if (!store.facts.orders.includes(order) || (OF_A_PE.includes(order) && !element.startsWith("pe:"))) return null;
-  const { word, grave } = ORDERS[order];
-  return h("button", { type: "button", class: grave ? "grave" : "", "data-order": `${order} ${element}`, on: { click: () => ask(order, element) } }, `${word} ${element}`);
+const takes = (order) => store.facts.orders.includes(order);
+
+function opener(order, text, act) {
+  return h("button", { type: "button", class: ORDERS[order.do].grave ? "grave" : "", "data-order": [order.do, order.what].filter(Boolean).join(" "), on: { click: act ?? (() => ask(order)) } }, text ?? ORDERS[order.do].word(order));
+}
+
+export function button(name, element) {
+  if (!takes(name) || (OF_A_PE.includes(name) && !element.startsWith("pe:"))) return null;
+  return opener({ do: name, what: element });
+}
+
+export function priorityButton(name) {
+  return takes("priority") ? opener({ do: "priority", what: name }, "Priority …", () => askPriority(name)) : null;
+}
+
+export function begin() {
+  if (takes("script")) byId("orders").append(opener({ do: "script" }, "Script …", askScript), opener({ do: "release" }, "Release the script"));
+}
+
+export function show() {
+  const release = byId("orders").querySelector('[data-order="release"]');
+  if (release) release.hidden = !["held", "asked"].includes(store.snapshot.script.state);
 }
 
 export function phaseChoice(now) {
-  if (!store.facts.orders.includes("phase") || store.facts.phases.length < 2) return now;
+  if (!takes("phase") || store.facts.phases.length < 2) return now;
   return h("select", {
     "aria-label": "Phase",
     on: {
       change: (event) => {
         const to = event.target.value;
         event.target.value = now;
-        ask("phase", to);
+        ask({ do: "phase", what: to });
       },
     },
   }, store.facts.phases.map((name) => h("option", { value: name, selected: name === now }, name)));
 }
 
-function situationAfter(order, what) {
-  const { down, phase } = store.snapshot;
-  if (order === "phase") return { down, phase: what };
-  const without = down.filter((one) => one !== what);
-  return { down: order === "fail" || order === "kill" ? [...without, what] : without, phase };
+function askPriority(name) {
+  const { priority } = store.snapshot.functions[name];
+  const number = h("input", { type: "number", id: "order-priority", min: 0, max: MOST_PRIORITY, step: 1, value: priority, required: true });
+  form(`The priority of ${name}`, [h("label", { htmlFor: "order-priority" }, `From 0 (not wanted) to ${MOST_PRIORITY}; now ${priority}`), number],
+    () => ({ do: "priority", what: name, to: number.valueAsNumber }),
+    h("button", { type: "button", on: { click: () => ask({ do: "priority", what: name, to: null }) } }, "As in the spec"));
 }
 
-async function ask(order, what) {
+function askScript() {
+  const text = h("textarea", { id: "order-script", rows: 8, required: true, spellcheck: false });
+  form("A script", [h("label", { htmlFor: "order-script" }, "Statements on modules and their wires, as of 'heronry pcs apply'"), text], () => ({ do: "script", what: text.value }));
+}
+
+// A dialog in which something is filled in first; what an order costs is asked next.
+function form(title, fields, order, ...more) {
   const dialog = byId("confirm");
-  const { word, says, grave } = ORDERS[order];
-  const cost = h("div", { "aria-live": "polite" }, h("p", { class: "muted" }, "The planner works out what that costs …"));
-  const go = h("button", { type: "button", class: grave ? "grave" : "main", disabled: true }, order === "phase" ? `Enter ${what}` : `${word} ${what}`);
+  const filled = h("form", { method: "dialog", class: "fill", on: { submit: (event) => { event.preventDefault(); ask(order()); } } },
+    fields, h("div", { class: "bar" }, h("button", { type: "button", on: { click: () => dialog.close() } }, "Leave it"), more, h("button", { type: "submit", class: "main" }, "What would follow?")));
+  dialog.replaceChildren(h("h2", { id: "confirm-title" }, title), filled);
+  dialog.oncancel = null;
+  if (!dialog.open) dialog.showModal();
+}
+
+// The question to the planner: what runs after an order. Null: no plan follows from it.
+function question({ do: name, what, to }) {
+  const { down, phase, priorities, buses, modules } = store.snapshot;
+  const asked = { ask: "plan", down: down.filter((one) => one !== what), phase: name === "phase" ? what : phase };
+  if (name === "fail" || name === "kill") asked.down.push(what);
+  const wanted = Object.entries(priorities).filter(([one]) => name !== "priority" || one !== what);
+  if (name === "priority" && to !== null) wanted.push([what, to]);
+  asked.priorities = wanted.map(([one, number]) => `${one}=${number}`);
+  asked.limits = Object.entries(buses).filter(([, bus]) => bus.link).map(([one, bus]) => `bus:${one}=${bus.link === "gone" ? "0%" : bus.link}`);
+  if (name === "script") Object.assign(asked, { ask: "script", script: what, modules: running(modules) });
+  return name === "unlock" ? null : asked;
+}
+
+function running(modules) {
+  const all = Object.entries(modules).filter(([, one]) => one.pe !== null);
+  return Object.fromEntries(all.map(([name, one]) => [name, { pe: one.pe, mode: one.mode, inputs: one.wires }]));
+}
+
+async function ask(order) {
+  const dialog = byId("confirm");
+  const { word, says, grave, cost: known } = ORDERS[order.do];
+  const cost = h("div", { "aria-live": "polite" }, h("p", { class: "muted" }, known ?? "The planner works out what that costs …"));
+  const go = h("button", { type: "button", class: grave ? "grave" : "main", disabled: known === undefined }, word(order));
   const asking = new AbortController();
   const finish = () => {
     asking.abort();
@@ -52,17 +113,18 @@ async function ask(order, what) {
   };
   go.addEventListener("click", async () => {
     finish();
-    const answer = await post("/api/order", { do: order, what }).catch((error) => ({ done: false, sentence: error.message }));
-    note(answer);
+    note(await post("/api/order", order).catch((error) => ({ done: false, sentence: error.message })));
   });
-  dialog.replaceChildren(h("h2", { id: "confirm-title" }, says(what)), cost, h("div", { class: "bar" }, h("button", { type: "button", autofocus: true, on: { click: finish } }, "Leave it"), go));
+  dialog.replaceChildren(h("h2", { id: "confirm-title" }, says(order)), order.do === "script" ? h("pre", { class: "script", tabindex: "0", role: "region", "aria-label": "The script" }, order.what) : "", cost,
+    h("div", { class: "bar" }, h("button", { type: "button", autofocus: true, on: { click: finish } }, "Leave it"), go));
   dialog.oncancel = () => asking.abort();
-  dialog.showModal();
+  if (!dialog.open) dialog.showModal();
+  const asked = question(order);
+  if (asked === null) return;
   try {
-    const priorities = Object.entries(store.snapshot.priorities).map(([name, number]) => `${name}=${number}`);
-    const answer = await post("/api/ask", { ask: "plan", priorities, ...situationAfter(order, what) }, asking.signal);
+    const answer = await post("/api/ask", asked, asking.signal);
     cost.replaceChildren(...consequences(answer));
-    go.disabled = false;
+    go.disabled = order.do === "script" && !answer.plan;
   } catch (error) {
     if (error.name !== "AbortError") cost.replaceChildren(h("p", { class: "why" }, `What it costs is not known: ${error.message}`));
   }

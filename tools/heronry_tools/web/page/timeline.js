@@ -64,9 +64,10 @@ function story(one, began, isAnother) {
     h("h3", {}, "Functions"),
     h("div", { class: "modules" },
       one.lost.map((name) => h("span", { class: "chip lost" }, `no longer served: ${name}`)),
+      one.unwanted.map((name) => h("span", { class: "chip" }, `no longer wanted: ${name}`)),
       one.gained.map((name) => h("span", { class: "chip gained" }, `served from now on: ${name}`)),
       one.kept.map((name) => h("span", { class: "chip" }, `kept: ${name}${gap(one, name)}`)),
-      one.lost.length + one.gained.length + one.kept.length ? null : h("span", { class: "muted" }, "none was served before or is now")),
+      one.lost.length + one.unwanted.length + one.gained.length + one.kept.length ? null : h("span", { class: "muted" }, "none was served before or is now")),
     h("h3", {}, `What moved: ${one.moved.length} moved, ${one.started.length} started, ${one.stopped.length} stopped`),
     beforeAfter(one),
   ].filter(Boolean);
@@ -74,8 +75,9 @@ function story(one, began, isAnother) {
 
 export function sentence(one) {
   if (!one.causes.length) return one.sentence;
-  const lost = one.lost.length ? ` No longer served: ${listed(one.lost)}.` : " Every function that was served is served on.";
-  return `Because of: ${one.causes.join("; ")}.${lost}`;
+  const lost = one.lost.length ? ` No longer served: ${listed(one.lost)}.` : one.unwanted.length ? "" : " Every function that was served is served on.";
+  const unwanted = one.unwanted.length ? ` No longer wanted: ${listed(one.unwanted)}.` : "";
+  return `Because of: ${one.causes.join("; ")}.${lost}${unwanted}`;
 }
 
 function gap(one, name) {

@@ -1,0 +1,313 @@
+"""How soon an event is on the screen, and what the screens cost: a real manager, `heronry web`, and Debian's Chromium.
+
+    python -m lab.benches.screens [--events 100] [--starts 5] [--minutes 0] [--spec big_blue]
+
+    event to screen   from the manager's time of an event until the frame in which the browser has drawn its line. The
+                      operator fails and clears a device meanwhile. The page's clock is compared with the manager's
+                      (CLOCK_MONOTONIC, as in Chromium) twenty times; the closest pair of readings counts
+    demo to graph     from the start of `heronry demo --web` until the graph is in the browser, which runs already; the
+                      first start is not counted
+    --minutes M       two pages and `heronry top` (in a pseudo-terminal of 200x50) at full traffic, with a fault or its
+                      end every ten seconds: the share of a core that each takes, the memory of `heronry web` after a
+                      third of the time and at its end, and the heap of a page after a sixth and at the end, each after
+                      a forced collection
+
+Exit code 1 where the p99 of event to screen is above 250 ms; with --minutes 30 or more also where the memory has grown
+by more than 2 MiB, or the heap by more than a tenth. A busy computer does not meet these.
+"""
+
+import json
+import os
+import pty
+import select
+import shutil
+import subprocess
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from itertools import cycle
+from random import Random
+from threading import Event, Thread
+from typing import Any, Final
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from heronry_manager.core.vocabulary import ClearElement, FailElement
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.number_arguments import whole_number
+from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
+from heronry_tools.runtime.demo.fleet import Fleet
+from lab.benches.fleets import Aircraft, aircraft
+from lab.benches.harness import Benchmark, Report, counted, option, spec_option
+from lab.benches.processes import cpu_s, resident_mib
+
+_HERONRY: Final = [sys.executable, "-m", "heronry_tools"]
+_FLAGS: Final = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+_MOST_MS: Final = 250.0
+_WHOLE_MIN: Final = 30  # minutes, from which on the limits of memory hold
+_MOST_GROWTH_MIB: Final = 2.0
+_MOST_HEAP_GROWTH: Final = 0.1
+_BETWEEN_ORDERS_S: Final = (0.3, 0.9)  # drawn from here, so that events meet every moment of the stream's period
+_FAULT_EVERY_S: Final = 10.0
+_NOTE_ROWS: Final = """() => {
+    globalThis.drawn = [];
+    new MutationObserver((changes) => {
+        const rows = changes.flatMap((change) => [...change.addedNodes]).map((row) => Number(row.dataset?.number));
+        requestAnimationFrame(() => drawn.push(...rows.map((row) => [row, performance.now()])));
+    }).observe(document.getElementById("events"), { childList: true });
+}"""
+_TAKE_ROWS: Final = """() => {
+    const at = Object.fromEntries(heronry.store.snapshot.told.map((one) => [one.number, one.t_ns]));
+    return drawn.splice(0).map(([row, ms]) => [row, at[row] ?? null, ms]);
+}"""
+
+
+@contextmanager
+def _browser() -> Iterator[Browser]:
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise UserError("there is no Chromium here: as root, apt-get install chromium")
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=chromium, args=_FLAGS)
+        yield opened
+        opened.close()
+
+
+@dataclass(slots=True)
+class _Flight:
+    """An aircraft whose configuration runs, with a device that fails and is repaired in turn."""
+
+    fleet: Fleet
+    device: str
+    faults: Iterator[type[FailElement] | type[ClearElement]] = field(
+        default_factory=lambda: cycle((FailElement, ClearElement))
+    )
+
+    def disturb(self) -> None:
+        """Fail the device, or clear it."""
+        self.fleet.order(next(self.faults)(self.device), "the benchmark")
+
+
+@contextmanager
+def _flight(spec_name: str) -> Iterator[_Flight]:
+    with aircraft(spec_name) as flown:
+        events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
+        flown.start_pes()
+        events.wait("reconfigured")
+        over = Event()
+        reader = Thread(target=_read_all, args=(events, over))
+        reader.start()
+        try:
+            yield _Flight(flown.fleet, _device(flown))
+        finally:
+            over.set()
+            reader.join()
+
+
+def _read_all(events: AwaitedEvents, over: Event) -> None:
+    """Read the manager's events until the end: a manager whose pipe is full stands still."""
+    with suppress(SystemExit):
+        while not over.wait(0.02):
+            events.take()
+
+
+def _device(flown: Aircraft) -> str:
+    return f"device:{next(iter(flown.spec.devices))}"
+
+
+@contextmanager
+def _web(flight: _Flight) -> Iterator[tuple[str, int]]:
+    """Run `heronry web` on the manager of a flight; yields its address and its process number."""
+    typed = [*_HERONRY, "web", "--socket", str(flight.fleet.control_socket()), "--json"]
+    process = subprocess.Popen(typed, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        if not line:
+            raise SystemExit("the benchmark ends here: 'heronry web' has ended, for the reason above")
+        yield json.loads(line)["address"], process.pid
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _event_to_screen(spec_name: str, browser: Browser, count: int) -> list[float]:
+    """Give the time from each event until it is drawn, in ms."""
+    with _flight(spec_name) as flight, _web(flight) as (address, _):
+        page = browser.new_page()
+        page.goto(f"{address}#/events")
+        page.wait_for_selector("#events tr")
+        page.evaluate(_NOTE_ROWS)
+        offset_ns, random = _offset_ns(page), Random("moments of orders")
+        found: dict[int, float] = {}
+        until_s = time.monotonic() + 2 * count
+        while len(found) < count and time.monotonic() < until_s:
+            flight.disturb()
+            page.wait_for_timeout(1000 * random.uniform(*_BETWEEN_ORDERS_S))
+            for row, t_ns, ms in page.evaluate(_TAKE_ROWS):
+                if t_ns is not None:
+                    found.setdefault(row, ms - (t_ns - offset_ns) / 1e6)
+        page.close()
+        return list(found.values())[:count]
+
+
+def _offset_ns(page: Page) -> int:
+    """Give CLOCK_MONOTONIC at the moment 0 of the page's clock."""
+    best = (sys.maxsize, 0)
+    for _ in range(20):
+        before_ns = time.monotonic_ns()
+        ms = page.evaluate("performance.now()")
+        after_ns = time.monotonic_ns()
+        best = min(best, (after_ns - before_ns, (before_ns + after_ns) // 2 - round(1e6 * ms)))
+    return best[1]
+
+
+def _demo_to_graph(spec_name: str, browser: Browser) -> float:
+    """Give the time in ms from the start of a demo until its graph is in the browser."""
+    begun_s = time.monotonic()
+    process = subprocess.Popen([*_HERONRY, "demo", spec_name, "--web", "--json"], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    page = browser.new_page()
+    try:
+        told = (json.loads(line) for line in process.stdout)
+        page.goto(next(one["address"] for one in told if one["event"] == "page"))
+        page.wait_for_selector("#graph .node")
+        return 1000 * (time.monotonic() - begun_s)
+    finally:
+        page.close()
+        process.terminate()
+        process.communicate()
+
+
+class _Top:
+    """`heronry top` in a pseudo-terminal, whose output is read and thrown away."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        self._ours, theirs = pty.openpty()
+        environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "200", "LINES": "50"}
+        typed = [*_HERONRY, "top", "--socket", str(fleet.control_socket())]
+        self._process = subprocess.Popen(typed, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
+        os.close(theirs)
+        self.pid = self._process.pid
+
+    def read(self) -> None:
+        """Read what it has written."""
+        with suppress(OSError):
+            while select.select([self._ours], [], [], 0)[0] and os.read(self._ours, 1 << 16):
+                pass
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        self._process.wait()
+        os.close(self._ours)
+
+
+@dataclass(slots=True)
+class _Cost:
+    """What screens cost: shares of a core, memory in MiB, the heap of a page in bytes."""
+
+    web_share: float = 0.0
+    top_share: float = 0.0
+    top_mib: float = 0.0
+    memory_mib: list[float] = field(default_factory=list)
+    heap_bytes: list[int] = field(default_factory=list)
+
+
+def _cost(spec_name: str, browser: Browser, minutes: float) -> _Cost:
+    with _flight(spec_name) as flight, _web(flight) as (address, web):
+        pages = [browser.new_page(), browser.new_page()]
+        for page in pages:
+            page.goto(address)
+            page.wait_for_selector("#graph .node")
+        top = _Top(flight.fleet)
+        try:
+            return _watched(flight, pages, web, top, 60 * minutes)
+        finally:
+            top.close()
+
+
+def _watched(flight: _Flight, pages: list[Page], web: int, top: _Top, long_s: float) -> _Cost:
+    cost, begun_s, next_s = _Cost(), time.monotonic(), 0.0
+    before = cpu_s(web), cpu_s(top.pid)
+    marks = [(long_s / 6, "heap"), (long_s / 3, "memory"), (long_s, "heap"), (long_s, "memory")]
+    while marks:
+        passed_s = time.monotonic() - begun_s
+        if passed_s >= next_s:
+            flight.disturb()
+            next_s += _FAULT_EVERY_S
+        pages[0].wait_for_timeout(200)
+        top.read()
+        while marks and passed_s >= marks[0][0]:
+            if marks.pop(0)[1] == "heap":
+                cost.heap_bytes.append(_heap_bytes(pages[0]))
+            else:
+                cost.memory_mib.append(resident_mib(web))
+    passed_s = time.monotonic() - begun_s
+    cost.web_share, cost.top_share = (
+        (cpu_s(pid) - used_s) / passed_s for pid, used_s in zip((web, top.pid), before, strict=True)
+    )
+    cost.top_mib = resident_mib(top.pid)
+    return cost
+
+
+def _heap_bytes(page: Page) -> int:
+    """Give the heap of a page after a forced collection."""
+    session = page.context.new_cdp_session(page)
+    session.send("HeapProfiler.enable")
+    session.send("HeapProfiler.collectGarbage")
+    used: dict[str, Any] = session.send("Runtime.getHeapUsage")
+    session.send("HeapProfiler.disable")
+    session.detach()
+    return int(used["usedSize"])
+
+
+def measure(arguments: Namespace, report: Report) -> None:
+    """Measure the times, and with --minutes the cost."""
+    report.begin(f"{arguments.spec}, software bus, Chromium")
+    with _browser() as browser:
+        if arguments.events:
+            report.times("event to screen", _event_to_screen(arguments.spec, browser, arguments.events), limit=_MOST_MS)
+        if arguments.starts:
+            _demo_to_graph(arguments.spec, browser)
+            starts = counted("starts", arguments.starts, range(arguments.starts))
+            report.times("demo to graph", [_demo_to_graph(arguments.spec, browser) for _ in starts])
+        if arguments.minutes:
+            _tell(_cost(arguments.spec, browser, arguments.minutes), arguments.minutes, report)
+
+
+def _tell(cost: _Cost, minutes: float, report: Report) -> None:
+    grown_mib = cost.memory_mib[-1] - cost.memory_mib[0]
+    heap = cost.heap_bytes[-1] / cost.heap_bytes[0] - 1
+    report.figures(
+        "  {minutes:g} minutes: web with two pages takes {web_share:.1%} of a core, top {top_share:.1%}\n"
+        "  top: {top_mib:.0f} MiB\n"
+        "  web: {web_mib:.1f} MiB after a third, {grown_mib:+.1f} MiB until the end\n"
+        "  page: heap of {heap_mib:.1f} MiB after a sixth, {heap:+.1%} at the end",
+        minutes=minutes,
+        web_share=cost.web_share,
+        top_share=cost.top_share,
+        top_mib=cost.top_mib,
+        web_mib=cost.memory_mib[0],
+        grown_mib=grown_mib,
+        heap_mib=cost.heap_bytes[0] / 2**20,
+        heap=heap,
+    )
+    if minutes >= _WHOLE_MIN:
+        report.require(grown_mib <= _MOST_GROWTH_MIB and heap <= _MOST_HEAP_GROWTH)
+
+
+main = Benchmark(
+    "screens",
+    __doc__,
+    measure,
+    option("--events", 100, "events that are awaited on the screen", whole_number),
+    option("--starts", 5, "starts of a demo", whole_number),
+    option("--minutes", 0.0, "for which the screens are watched", float, "M"),
+    spec_option("big_blue"),
+)
+if __name__ == "__main__":
+    sys.exit(main())

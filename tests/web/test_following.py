@@ -1,0 +1,44 @@
+"""A page follows the active manager: after a take-over it goes on with the standby manager, by itself."""
+
+import asyncio
+import time
+
+from heronry_manager.core.events import event
+from heronry_tools.watch import live_feeds
+from heronry_tools.watch.live_feeds import FollowedManager
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.web.following import read_in_thread, standby_of
+from heronry_tools.web.live import Live
+from watch.test_live_feeds import PATIENCE_S, SPEC, manager_on, status
+
+
+async def until(holds):
+    until_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < until_s
+        await asyncio.sleep(0.01)
+
+
+def test_after_a_take_over_the_page_follows_the_standby_manager_and_later_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(live_feeds, "_AGAIN_NS", 0)
+    path, live = tmp_path / "big_blue.sock", Live(Reducer(SPEC), "manager")
+    term = {"before": 1, "silent_ns": 5, "phase": "glide"}
+
+    async def follow():
+        with manager_on(standby_of(path), status(t_ns=7)) as standby:
+            with manager_on(path, status()):
+                read_in_thread(lambda: FollowedManager(path), live, path)
+                await until(lambda: live.snapshot.events == 1)
+                standby.followers.tell(event("phase_changed", 8, phase="landing", before="ascent", by="operator"))
+            await until(lambda: live.snapshot.events == 2)
+            assert (live.snapshot.t_ns, live.snapshot.phase) == (7, "ascent")  # its status, and no event of before
+            standby.followers.tell(event("taken_over", 9, term=2, **term))
+            await until(lambda: live.snapshot.manager.term == 2)
+            assert live.trouble is None
+            assert live.snapshot.manager.state == "reigning"
+        await until(lambda: live.trouble is not None)
+        with manager_on(path, status(t_ns=20)):
+            await until(lambda: live.snapshot.t_ns == 20)
+            await until(lambda: live.trouble is None)
+
+    asyncio.run(follow())
