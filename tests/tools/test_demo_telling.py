@@ -13,6 +13,7 @@ from heronry_tools.reports.story import Story
 from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.demo.ordered_telling import OrderedTelling
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
+from heronry_tools.runtime.demo.processor_waits import ProcessorWaits, Wait
 from heronry_tools.runtime.demo.run import GRACE_S, Show
 from heronry_tools.runtime.witness import Outage
 
@@ -64,6 +65,62 @@ def test_a_kill_stands_before_its_consequence_however_long_the_process_takes_to_
     show._follow(event("pe_lost", fleet.killed_ns, pe="tail_pe", cause="", last_heard_ns=1))
     show._telling.tell_until()
     assert names(told) == ["process", "pe_lost"]
+
+
+class _Running:
+    """A fleet whose processes run."""
+
+    def processes(self) -> dict[str, int]:
+        return {"pe:tail_pe": 11, "pe:nav": 12, "manager 126": 13}
+
+    def kill_pe(self, _pe: str) -> int:
+        return 11
+
+
+def test_the_loss_of_a_pe_whose_process_runs_says_in_the_same_breath_what_that_process_waited_for(
+    tmp_path: Path,
+) -> None:
+    told: list[Any] = []
+    show = Show(ELEVATOR, cast("Fleet", _Running()), {}, told.append)
+    show._waits = ProcessorWaits(1000 * MS, tmp_path)
+    lost = event("pe_lost", 5, pe="tail_pe", cause="silent", last_heard_ns=1)
+    for at_ms, waits_ms in ((0, (0, 0, 7)), (500, (1, 0, 7)), (1000, (141, 900, 27))):
+        for number, waited_ms in zip((11, 12, 13), waits_ms, strict=True):
+            (tmp_path / str(number)).mkdir(exist_ok=True)
+            (tmp_path / str(number) / "schedstat").write_text(f"5 {waited_ms * MS} 3\n")
+        show._waits.look(at_ms * MS, _Running().processes())
+    show._waits._samples.pop()  # the last wait has just ended
+    show._follow(lost)
+    show._telling.tell_until()
+    assert [line.text for line in Story(ELEVATOR).tell(told[0])] == [
+        "[ start  ] tail_pe is lost: silent",
+        "             its process runs: it has just waited 141 ms for a processor, which may be the cause",
+    ]
+    show._do("kill", "tail_pe")
+    show._follow(lost)
+    show._telling.tell_until()
+    assert "waited" not in told[-1]
+
+
+@pytest.mark.parametrize(
+    ("who", "for_ns", "words"),
+    [
+        ("manager 126", 20 * MS, "the process of manager 126 has just waited 20 ms for a processor"),
+        ("pe:nav", 4 * MS, "its process runs: this computer may have kept it from working"),
+    ],
+)
+def test_a_lost_pe_whose_process_runs_is_never_told_alone(who: str, for_ns: int, words: str) -> None:
+    waited = {"who": who, "for_ns": for_ns}
+    lost = event("pe_lost", 5, pe="nav", cause="silent", last_heard_ns=1, waited=waited)
+    assert words in Story(ELEVATOR).tell(lost)[1].text
+
+
+def test_waits_of_processes_that_have_ended_count_nothing(tmp_path: Path) -> None:
+    waits = ProcessorWaits(1000 * MS, tmp_path)
+    assert waits.longest("nav", {"pe:nav": 5}) == Wait("pe:nav", 0)
+    waits.look(0, {"pe:nav": 5})
+    waits.look(10 * MS, {"pe:tail_pe": 6})  # too soon
+    assert waits.longest("nav", {"pe:nav": 5, "pe:tail_pe": 6}) == Wait("pe:nav", 0)
 
 
 def test_the_reason_of_a_failure_stands_before_the_epoch_to_which_it_led() -> None:

@@ -82,6 +82,7 @@ _PATHS: Mapping[str, str] = {  # by the state of a plant in control_paths
 RUNS_KEPT = 5  # runs of the demo whose logs stay
 _WHILE_NS = 2_000_000_000
 _MOST_NAMES = 5  # of functions in one line
+_SHORT_WAIT_MS = 5  # for a processor: a quarter of the usual heartbeat period, which makes no node late
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 
 
@@ -198,6 +199,8 @@ class Story:
         if event["event"] == "pe_lost":
             pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
             yield Line(f"{pe} is lost: {pinged}{event['cause']}", "fault")
+            if "waited" in event:
+                yield _living(pe, event["waited"])
             self._standstills.clear()
         self._suspects.discard(pe)
         if event["event"] == "pe_suspected":
@@ -327,6 +330,17 @@ def _standstill(event: Mapping[str, Any]) -> Line:
     times = "once" if event["times"] == 1 else f"{event['times']} times"
     words = f"the computer of {by} stood still for {for_ms} ms ({times} so far)"
     return Line(f"{words}: if {by} was lost, this may be the cause", "bad")
+
+
+def _living(pe: str, waited: Mapping[str, Any]) -> Line:
+    """Give the line for a lost PE of a demo whose process runs: only this computer can have made it silent."""
+    whose = "it" if waited["who"] == f"pe:{pe}" else f"the process of {waited['who']}"
+    for_ms = waited["for_ns"] // 1_000_000
+    if for_ms < _SHORT_WAIT_MS:
+        return Line("  its process runs: this computer may have kept it from working", "bad")
+    return Line(
+        f"  its process runs: {whose} has just waited {for_ms} ms for a processor, which may be the cause", "bad"
+    )
 
 
 def _advice(event: Mapping[str, Any]) -> Line:

@@ -231,6 +231,12 @@ class Fleet:
         process.wait()
         return process.pid
 
+    def processes(self) -> dict[str, int]:
+        """Give the process numbers of what runs: 'pe:NAME', 'manager NODE', 'bus NAME' (a software bus)."""
+        managers = {f"manager {node}": process.pid for node, process in self._managers.items()}
+        hubs = {f"bus {hub.path.stem}": hub.pid for hub in self._hubs}
+        return {**{f"pe:{pe}": process.pid for pe, process in self._pes.items()}, **managers, **hubs}
+
     def ended(self) -> str | None:
         """Give a sentence about a process that has ended by itself; None while all processes run."""
         managers = [("the manager", process) for process in self._managers.values()]

@@ -24,16 +24,19 @@ from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.demo.ordered_telling import HELD_NS, OrderedTelling, Tell
 from heronry_tools.runtime.demo.page import Page
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
+from heronry_tools.runtime.demo.processor_waits import ProcessorWaits
 from heronry_tools.runtime.demo.script import MANAGER, DemoAction, PhaseAction, default_actions
 from heronry_tools.runtime.witness import Outage, Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
+from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.standstill import LatenessMeter, Standstills
 
 LONGEST_START_S = 120.0  # a small computer takes long to load the solver; a process that dies is noticed immediately
 GRACE_S = 15.0  # extra time for actions whose effect is not complete when the time is up
 LONG_SILENCE_NS = 1_000_000_000  # a silence of this length is reported while it lasts
 _LOOK_S = 0.1  # period of the check for outages
+_WAITS_NS = 1_000_000_000  # waits for a processor before the loss of a PE that count as a cause; at least T_lease
 
 _MOST_ALONE = 3  # functions that fall silent, or are heard again, at a time; more are told in one line
 
@@ -59,7 +62,7 @@ class Show:
     ) -> None:
         self._page = page
         self._spec, self._fleet, self._choices, self._behind = spec, fleet, choices, behind
-        self._telling = OrderedTelling(tell)
+        self._tell, self._telling = tell, OrderedTelling(self._pass_on)
         self._is_waiting_told = False  # for what is under way when the time is up
         self._actions: list[DemoAction | PhaseAction] = []
         self._has_default_actions = False
@@ -72,8 +75,11 @@ class Show:
         self._day_offset_ns = time.time_ns() - time.monotonic_ns()  # of the record, which has dates
         self._events: EventStream  # of the manager that is followed
         self._managers: dict[int, EventStream] = {}  # by node
-        self._standstills = Standstills(spec.buses[spec.manager.bus].heartbeat_ns)
+        period_ns = spec.buses[spec.manager.bus].heartbeat_ns
+        self._standstills = Standstills(period_ns)
+        self._waits = ProcessorWaits(max(_WAITS_NS, t_lease_ns(period_ns)))
         self._mute = False
+        self._killed: set[str] = set()
         self._coming_back: set[str] = set()  # restored PEs that have not joined yet
         self.saw_failure = False  # a module has failed
 
@@ -115,6 +121,7 @@ class Show:
             meter.waits(time.monotonic_ns() + round(wait_s * 1e9))
             ready, _, _ = select.select(readers, [], [], wait_s)
             self._measure_lateness(meter)
+            self._waits.look(time.monotonic_ns(), self._fleet.processes())
             self._serve(ready)
             complete_until_ns = time.monotonic_ns() - HELD_NS  # events that come during this turn are read in the next
             for one in self._events.take():
@@ -176,7 +183,7 @@ class Show:
         if self._mute:
             return
         if one["event"] != "bus":  # the demo has reported it
-            self._telling.take(_in_its_place(one))
+            self._telling.take(self._noted(one))
         self.saw_failure |= one["event"] in ("module_restarted", "module_failed")
         match one["event"]:
             case "pe_joined":
@@ -195,6 +202,25 @@ class Show:
                 self._begin(one["t_ns"])
             case _:
                 pass
+
+    def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
+        """Give an event of the manager with what the demo knows better.
+
+        The manager reads the reason of a failure later than the PE reported the failure. A PE that is lost although the
+        demo has not killed it: its process runs; `_pass_on` adds what that process waited for.
+        """
+        if one["event"] == "module_failed":
+            return one | {"t_ns": one["heard_ns"]}
+        if one["event"] == "pe_lost" and one["pe"] not in self._killed | self._coming_back:
+            return one | {"waited": None}
+        return one
+
+    def _pass_on(self, one: Mapping[str, Any]) -> None:
+        """Tell an event; say of a lost PE whose process runs how long it was kept waiting, which is known by now."""
+        if "waited" in one:
+            wait = self._waits.longest(one["pe"], self._fleet.processes())
+            one = {**one, "waited": {"who": wait.who, "for_ns": wait.for_ns}}
+        self._tell(one)
 
     def _begin(self, now_ns: int) -> None:
         """Start the demo's clock with its first configuration, and the process that plans."""
@@ -241,10 +267,12 @@ class Show:
         if what == "kill":
             pid = self._fleet.kill_pe(pe)
             self._coming_back.discard(pe)
+            self._killed.add(pe)
         elif self._fleet.has_pe(pe):
             raise UserError(f"pe:{pe} runs, so it cannot be restored")
         else:
             self._coming_back.add(pe)
+            self._killed.discard(pe)
             pid = self._fleet.start_pe(pe)
         done = "killed" if what == "kill" else "restored"
         self._emit("process", began_ns, pe=pe, pid=pid, what=done)
@@ -314,8 +342,3 @@ class Show:
 
     def _emit(self, kind: str, at_ns: int | None = None, /, **data: Any) -> None:
         self._telling.take(make_event(kind, time.monotonic_ns() if at_ns is None else at_ns, **data))
-
-
-def _in_its_place(one: dict[str, Any]) -> dict[str, Any]:
-    """Give the reason of a failure the time at which the PE reported it: the manager reads it a little later."""
-    return one | {"t_ns": one["heard_ns"]} if one["event"] == "module_failed" else one

@@ -1,0 +1,57 @@
+"""How long the processes of a demo have waited for a processor.
+
+In a demo each process stands for a computer of its own. When other programs keep the processors of this computer busy,
+a process waits for one, and a node that waits too long is lost to the others although it works. The kernel adds up
+these waits for each process (`/proc/PID/schedstat`, second number, in ns), a wait when it has ended. So the demo can
+say with the loss of a PE that its process waited; the agent's own report of the standstill comes later, on the bus.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+_LOOK_AGAIN_NS = 50_000_000
+_PROC = Path("/proc")
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """The process of `who` ('pe:NAME', 'manager NODE', 'bus NAME') has waited for a processor, for `for_ns` in all."""
+
+    who: str
+    for_ns: int
+
+
+class ProcessorWaits:
+    """Samples the waits of some processes; the caller passes in all times, in ns of one clock."""
+
+    def __init__(self, window_ns: int, proc: Path = _PROC) -> None:
+        """window_ns: how far back `longest` looks."""
+        self._window_ns, self._proc = window_ns, proc
+        self._samples: deque[tuple[int, Mapping[int, int]]] = deque()  # time, waits so far by process number
+
+    def look(self, now_ns: int, processes: Mapping[str, int]) -> None:
+        """Sample these processes (names and numbers), unless they were sampled just before."""
+        if self._samples and now_ns - self._samples[-1][0] < _LOOK_AGAIN_NS:
+            return
+        self._samples.append((now_ns, {number: self._waited_ns(number) for number in processes.values()}))
+        while len(self._samples) > 1 and self._samples[1][0] <= now_ns - self._window_ns:
+            self._samples.popleft()
+
+    def longest(self, pe: str, processes: Mapping[str, int]) -> Wait:
+        """Give the longest wait in the window that may have made the PE silent: of its process, a manager or a bus."""
+        before = self._samples[0][1] if self._samples else {}
+        waits = [
+            Wait(who, self._waited_ns(number) - before[number])
+            for who, number in processes.items()
+            if number in before and (who == f"pe:{pe}" or not who.startswith("pe:"))
+        ]
+        return max(waits, key=lambda wait: wait.for_ns, default=Wait(f"pe:{pe}", 0))
+
+    def _waited_ns(self, number: int) -> int:
+        """Give the waits of a process since its start; 0 for one that has ended, or where the kernel has no count."""
+        try:
+            return int((self._proc / str(number) / "schedstat").read_text().split()[1])
+        except (OSError, ValueError, IndexError):
+            return 0
