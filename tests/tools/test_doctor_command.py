@@ -20,6 +20,7 @@ from heronry_tools.runtime.doctor.finding import Finding
 from heronry_tools.runtime.doctor.interface import assess_interface
 from heronry_tools.runtime.doctor.listening import (
     CLOCK_STEP_NS,
+    BusNamed,
     Expected,
     Hearing,
     assess_channels,
@@ -223,6 +224,25 @@ def test_on_an_empty_bus_it_says_what_to_start_and_ends_with_1(hub: str, capsys:
     assert told["ok"] is False
     assert {one["check"] for one in told["findings"] if not one["ok"]} == {"bus", "manager", "nodes"}
     assert all((one["type"] is None) == one["ok"] for one in told["findings"])
+    told_bus = {one["check"]: one["type"] for one in told["findings"] if one["check"] in ("bus", "manager", "nodes")}
+    agents = f"pe-agent --table PE.table -i softbus -c {hub}   (for each PE)"  # no systemctl: there is no such unit
+    assert told_bus == {"bus": agents, "manager": f"heronry manager SPEC -i softbus -c {hub}", "nodes": agents}
+
+
+def test_two_managers_on_a_bus_of_this_desk_are_two_processes() -> None:
+    found = wrong(assess_hearing(heard(lease(126), lease(127)), None, 3, BusNamed("softbus", "can0")))
+    assert found["manager"] == "kill PID   (of one of the processes 'heronry manager')"
+
+
+def test_a_software_bus_of_another_bit_rate_is_told_as_that(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with start_hub(tmp_path / "can0.sock", 500_000) as hub:
+        words = ["doctor", "elevator_and_chute", "-i", "softbus", "-c", str(hub.path), "--seconds", "0.1"]
+        assert main(words) == 1
+        out = capsys.readouterr().out
+        assert "the bus runs at 500000 bit/s, not at 1000000; serve it with -b 1000000" in out
+        assert "nothing was heard" not in out
+        main([*words, "-b", "500000"])
+        assert "nothing was heard" in capsys.readouterr().out
 
 
 def test_a_node_that_has_its_table_alone_compares_with_that(

@@ -84,7 +84,12 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     from heronry_tools.runtime.doctor.computer import assess_computer, assess_wake_ups, knows_can  # noqa: PLC0415
     from heronry_tools.runtime.doctor.finding import Finding  # noqa: PLC0415
     from heronry_tools.runtime.doctor.interface import assess_interface  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.listening import assess_channels, assess_digests, assess_hearing  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.listening import (  # noqa: PLC0415
+        BusNamed,
+        assess_channels,
+        assess_digests,
+        assess_hearing,
+    )
     from heronry_tools.runtime.wake_ups import latest_wake_up_ns  # noqa: PLC0415
     from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus  # noqa: PLC0415
     from heronry_wire.bus_opening import LinkError, open_bus  # noqa: PLC0415
@@ -92,7 +97,8 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
 
     expected = None if arguments.spec is None else _expected(arguments.spec)
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
-    is_socketcan = flags.get("interface") == "socketcan"
+    bus = BusNamed(str(flags.get("interface")), str(flags.get("channel")))
+    is_socketcan = bus.interface == "socketcan"
     yield from assess_computer(needs_can=is_socketcan)
     late_ns = latest_wake_up_ns(1, min(_REHEARSAL_S, arguments.seconds))
     yield assess_wake_ups(late_ns, USUAL_HEARTBEAT_NS if expected is None else expected.heartbeat_ns)
@@ -107,8 +113,11 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
                 yield from found
                 if not found[0].is_right:
                     continue
+            rate = {}  # the nodes ask a software bus for the bit rate of their spec
+            if bus.interface == "softbus" and expected is not None and not expected.is_radio:
+                rate = {"bitrate": expected.bitrate}
             try:
-                buses[name] = open_bus(config)
+                buses[name] = open_bus({**rate, **config})
             except LinkError as error:
                 if not (is_socketcan and not knows_can()):
                     yield Finding("bus", str(error), "heronry doctor --help   (shows how to name a bus)")
@@ -118,7 +127,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
             return
         heard = _listen(buses, arguments.seconds, None if expected is None else expected.heartbeat_ns)
         digests = _digests(next(iter(buses.values())).bus, sorted(heard.incarnations))
-    yield from assess_hearing(heard, expected, arguments.seconds)
+    yield from assess_hearing(heard, expected, arguments.seconds, bus)
     if len(buses) > 1:
         yield assess_channels(heard, expected)
     if digests is None:
@@ -142,6 +151,7 @@ def _expected(text: str) -> "Expected":
             {n: f"node {n}" for n in (*port.nodes, table.node_id)},
             port.channels,
             port.heartbeat_ns,
+            port.wireless,
         )
     spec = load_spec(text)
     bus = spec.buses[spec.manager.bus]

@@ -29,6 +29,35 @@ class Expected:
     pes: dict[int, str]  # node-ID -> name, on this bus
     channels: int = 1
     heartbeat_ns: int = 20_000_000
+    is_radio: bool = False  # its bit rate is that of the radio link, not of the adapter
+
+
+@dataclass(frozen=True, slots=True)
+class BusNamed:
+    """The bus as the user named it, so that a remedy can name it in the same way."""
+
+    interface: str = "socketcan"
+    channel: str = "can0"
+
+    @property
+    def flags(self) -> str:
+        """Give the flags that name the bus."""
+        return f"-i {self.interface} -c {self.channel}"
+
+    def start_agents(self, where: str) -> str:
+        """Give the command that starts a node; where: on which nodes."""
+        if self.interface == "socketcan":
+            return f"systemctl start heronry-agent@PE   ({where})"
+        return f"pe-agent --table PE.table {self.flags}   (for each PE)"
+
+    def stop_manager(self) -> str:
+        """Give the command that ends one of two managers."""
+        if self.interface == "socketcan":
+            return "systemctl stop heronry-manager@SPEC   (on one of them)"
+        return "kill PID   (of one of the processes 'heronry manager')"
+
+
+_CAN0 = BusNamed()
 
 
 @dataclass(slots=True)
@@ -81,11 +110,13 @@ class Hearing:
         self._offset_ns = offset_ns
 
 
-def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> Iterator[Finding]:
-    """Give findings about the frames that were heard in `seconds`."""
-    yield _assess_traffic(heard, seconds)
-    yield _assess_managers(heard)
-    yield from _assess_nodes(heard, expected)
+def assess_hearing(
+    heard: Hearing, expected: Expected | None, seconds: float, bus: BusNamed = _CAN0
+) -> Iterator[Finding]:
+    """Give findings about the frames that were heard in `seconds` on this bus."""
+    yield _assess_traffic(heard, seconds, bus)
+    yield _assess_managers(heard, bus)
+    yield from _assess_nodes(heard, expected, bus)
     if heard.clock_step_ns > CLOCK_STEP_NS:
         says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: dates in logs jump"
         yield Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
@@ -108,30 +139,26 @@ def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
     return Finding("channels", f"every node is heard on {' and on '.join(heard.on_channel)}")
 
 
-def _assess_traffic(heard: Hearing, seconds: float) -> Finding:
+def _assess_traffic(heard: Hearing, seconds: float, bus: BusNamed) -> Finding:
     told = "".join(f", {kind} {times}" for kind, times in sorted(heard.errors.items()))
     if heard.is_bus_off or heard.errors:
         remedy = "check termination (120 ohm at both ends), wiring, and the bit rate of every node"
         return Finding("bus", f"{heard.frames} frames in {seconds:g} s, and errors{told}", remedy)
     if not heard.frames:
-        return Finding(
-            "bus", f"nothing was heard in {seconds:g} s", "systemctl start heronry-agent@PE   (on the nodes)"
-        )
+        return Finding("bus", f"nothing was heard in {seconds:g} s", bus.start_agents("on the nodes"))
     return Finding("bus", f"{heard.frames} frames in {seconds:g} s, without errors")
 
 
-def _assess_managers(heard: Hearing) -> Finding:
+def _assess_managers(heard: Hearing, bus: BusNamed) -> Finding:
     is_active = ", ".join(f"{node} (term {term})" for node, term in sorted(heard.terms.items()))
     if not heard.terms:
-        return Finding("manager", "no manager is heard", "heronry manager SPEC -i socketcan -c can0")
+        return Finding("manager", "no manager is heard", f"heronry manager SPEC {bus.flags}")
     if len(heard.terms) > 1:
-        return Finding(
-            "manager", f"two managers are active: {is_active}", "systemctl stop heronry-manager@SPEC   (on one of them)"
-        )
+        return Finding("manager", f"two managers are active: {is_active}", bus.stop_manager())
     return Finding("manager", f"one manager is active: {is_active}")
 
 
-def _assess_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding]:
+def _assess_nodes(heard: Hearing, expected: Expected | None, bus: BusNamed) -> Iterator[Finding]:
     names = {} if expected is None else expected.pes
     for node, seen in sorted(heard.incarnations.items()):
         if len(seen) > len(set(seen)):  # one, another, and the first again: no single computer sends that
@@ -139,9 +166,7 @@ def _assess_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding
             yield Finding("node-ID", says, "give one of them another node_id in the spec, and its new table")
     missing = [f"{name} ({node})" for node, name in names.items() if node not in heard.incarnations]
     if missing:
-        yield Finding(
-            "nodes", f"not heard: {', '.join(missing)}", "systemctl start heronry-agent@PE   (on each of them)"
-        )
+        yield Finding("nodes", f"not heard: {', '.join(missing)}", bus.start_agents("on each of them"))
     strangers = [str(node) for node in heard.incarnations if expected is not None and node not in names]
     if strangers:
         says = f"not in {expected.spec if expected else 'the spec'}: node {', '.join(strangers)}"
