@@ -8,6 +8,7 @@ option begins alike.
 
 import argparse
 import re
+import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any, NoReturn
@@ -15,11 +16,14 @@ from typing import Any, NoReturn
 from heronry_wire.spelling import close, meant
 
 _NOT_READ = re.compile(r"invalid (\w+) value: (.*)")
+_LACKS = re.compile(r"\b(is|are) required\b")
 _MISSING = re.compile(r"the following arguments are required: (.*)")
 
 
 class CommandParser(argparse.ArgumentParser):
     """A parser that reports a mistake in one sentence and exit code 2, and keeps the line breaks of its epilog."""
+
+    _given: Sequence[str] = ()  # the words of the command line that are being read
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
@@ -29,13 +33,19 @@ class CommandParser(argparse.ArgumentParser):
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
         """Parse as argparse does, but end the program with an error at an unknown argument."""
+        self._given = sys.argv[1:] if args is None else args
         known, left = super().parse_known_args(args, namespace)
         if left:
             self.error(self._unknown(left))
         return known, left
 
     def error(self, message: str) -> NoReturn:
-        """End the program with exit code 2 and one sentence."""
+        """End the program with exit code 2 and one sentence.
+
+        An argument may be missing because an option is misspelt; then the sentence names that option.
+        """
+        if _LACKS.search(message):
+            message = self._misspelt() or message
         said = _NOT_READ.sub(lambda found: f"{found[2]} is not a {_kind(found[1])}", message)
         said = _MISSING.sub(lambda found: f"{found[1]} {'are' if ',' in found[1] else 'is'} missing", said)
         see = "" if "; " in said else f"; see '{self.prog} --help'"  # what follows a semicolon is a remedy
@@ -45,6 +55,12 @@ class CommandParser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             known = [str(choice) for choice in action.choices]
             raise argparse.ArgumentError(action, f"there is no '{value}'; {meant(str(value), known)}")
+
+    def _misspelt(self) -> str | None:
+        """Give the sentence about the first option that does not exist and is like one that does; None without one."""
+        names = (word.partition("=")[0] for word in self._given if word.startswith("--") and word != "--")
+        said = (self._unknown([name]) for name in names if name not in self._option_string_actions)
+        return next((sentence for sentence in said if "; did you mean" in sentence), None)
 
     def _unknown(self, left: Sequence[str]) -> str:
         option = next((word.partition("=")[0] for word in left if word.startswith("-") and word != "-"), None)

@@ -180,6 +180,8 @@ def test_a_command_is_in_the_file_that_the_table_says(name: str) -> None:
             "heronry plan: there is no option --js; did you mean --json?",
         ),
         (["plan", "a", "b"], "heronry plan: 'b' is one argument too many; see 'heronry plan --help'"),
+        (["plan", "--hlep"], "heronry plan: there is no option --hlep; did you mean --help?"),
+        (["why", "--zzz"], "heronry why: SPEC, FUNCTION are missing; see 'heronry why --help'"),
         (["why", "a"], "heronry why: FUNCTION is missing; see 'heronry why --help'"),
         (["why"], "heronry why: SPEC, FUNCTION are missing; see 'heronry why --help'"),
         (
@@ -210,9 +212,15 @@ def test_a_slip_is_one_sentence_with_what_may_have_been_meant(
     assert refused(capsys, *words) == f"{sentence}\n"
 
 
-def test_the_agent_says_what_may_have_been_meant_as_well(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_misspelt_spec_is_compared_with_all_shipped_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fly", "eavv"]) == 2
+    assert capsys.readouterr().err.endswith("(big_blue, elevator_and_chute, eav); did you mean 'eav'?\n")
+
+
+@pytest.mark.parametrize("more", [["--node", "92"], []])
+def test_the_agent_says_what_may_have_been_meant_as_well(more: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
-        pe_agent(["--tabel", "nav.table", "--node", "92"])
+        pe_agent(["--tabel", "nav.table", *more])
     assert capsys.readouterr().err == "pe-agent: there is no option --tabel; did you mean --table?\n"
 
 

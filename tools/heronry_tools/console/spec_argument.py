@@ -96,9 +96,8 @@ def spec_path(text: str) -> Path:
         return shipped_spec_path(text)
     if Path(text).exists():
         raise UserError(f"{text}: the name of a spec ends in .dg.yaml; write a path to a *.dg.yaml")
-    raise UserError(
-        f"'{text}' is neither a file nor a shipped spec ({', '.join(SHIPPED)}); write a path to a *.dg.yaml"
-    )
+    remedy = meant(text, (*SHIPPED, *FLOWN), "write a path to a *.dg.yaml")
+    raise UserError(f"'{text}' is neither a file nor a shipped spec ({', '.join((*SHIPPED, *FLOWN))}); {remedy}")
 
 
 def _is_pipe(text: str) -> bool:
