@@ -11,6 +11,7 @@ from heronry_manager.core.events import event
 from heronry_tools.cli import main
 from heronry_tools.reports.story import Story
 from heronry_tools.runtime.demo.fleet import Fleet
+from heronry_tools.runtime.demo.held_outages import TELL_AGAIN_NS, HeldOutages
 from heronry_tools.runtime.demo.ordered_telling import OrderedTelling
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.processor_waits import ProcessorWaits, Wait
@@ -161,9 +162,39 @@ def test_many_outages_that_end_together_are_one_line_and_each_is_an_event(count:
     show._look()
     show._telling.tell_until()
     assert names(told).count("outage") == count
+    story = story_of_elevator()
+    assert len([line for one in told for line in story.tell(one)]) == lines
+
+
+def test_after_the_first_outages_what_follows_within_a_second_is_one_line_with_a_count() -> None:
+    held = HeldOutages(are_over=True)
+    told = []
+    for at_ms in range(0, 1900, 100):  # a function that the busy computer makes silent ten times in a second
+        held.take([Outage("elevator", at_ms * MS, (at_ms + 90) * MS), Outage("mission", at_ms * MS, None)])
+        told.append(len(held.due(at_ms * MS)))
+    assert told == [1, *[0] * 9, 10, *[0] * 8]
+    assert len(held.all()) == 8
+    events: list[Any] = []
+    show = show_with(events, *(Outage("elevator", n * MS, 500 * MS) for n in range(5)))
+    show._look()
+    show._telling.tell_until()
+    lines = [line.text for one in events for line in story_of_elevator().tell(one)]
+    assert lines == ["[ start  ] elevator is heard again on the bus (5 times), after 496 to 500 ms of silence"]
+
+
+def test_a_silence_that_has_ended_while_it_was_held_is_not_told_as_one_that_lasts() -> None:
+    held = HeldOutages(are_over=False)
+    held.take([Outage("elevator", 0, None)])
+    assert len(held.due(0)) == 1
+    held.take([Outage("elevator", 10, None), Outage("parachute", 10, None)])
+    held.take([Outage("elevator", 10, 20)])
+    assert [one.function for one in held.due(TELL_AGAIN_NS)] == ["parachute"]
+
+
+def story_of_elevator() -> Story:
     story = Story(ELEVATOR)
     story._plan = {"functions": {"elevator": {"served": True}}}
-    assert len([line for one in told for line in story.tell(one)]) == lines
+    return story
 
 
 def test_the_demo_says_once_what_it_waits_for_when_its_time_is_up() -> None:

@@ -234,12 +234,17 @@ def test_standstills_in_a_row_are_one_line_until_a_pe_is_lost() -> None:
     assert [stood(410, 22), stood(500, 22), stood(2410, 22)] == [1, 0, 1]
 
 
-def test_an_epoch_that_was_abandoned_has_a_line() -> None:
+def test_an_epoch_that_was_given_up_is_told_with_the_one_that_runs_as_none_was_announced() -> None:
     given_up = reconfiguration(10, 1, plan_after(None), "start")
     story = Story(ELEVATOR)
-    (line,) = told(story, [*given_up[:2], event("epoch_abandoned", 11, epoch=1, reason="a PE was lost")])
-    assert line.text == "[ start  ] epoch 1 is given up before it runs: a PE was lost"
-    assert "epoch 2" in told(story, reconfiguration(20, 2, plan_after(None), "start"))[0].text
+    assert told(story, [*given_up[:2], event("epoch_abandoned", 11, epoch=1, reason="a PE was lost")]) == []
+    lines = [line.text.strip() for line in told(story, reconfiguration(20, 2, plan_after(None), "start"))]
+    assert lines[0].startswith("[  0.00 s] epoch 2 runs")
+    assert lines[2] == "given up before it ran: epoch 1 (a PE was lost)"
+    for epoch in range(3, 9):
+        told(story, [event("epoch_abandoned", 21, epoch=epoch, reason="x")])
+    lines = [line.text.strip() for line in told(story, reconfiguration(30, 9, plan_after(None), "start"))]
+    assert lines[2] == "given up before it ran: epochs 3 (x), 4 (x), 5 (x), 6 (x), 7 (x) and 1 more"
 
 
 def test_waiting_silence_and_failures_are_shown() -> None:
@@ -353,11 +358,11 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str
             "the time is up; the demo waits, at most 15 s, for tail_pe to join; elevator to be heard",
         ),
         (
-            event("outages", 0, functions=[*"abcdefg"], over=True, shortest_ns=180 * MS, longest_ns=640 * MS),
+            event("outages", 0, functions=[*"abcdefg"], times=7, over=True, shortest_ns=180 * MS, longest_ns=640 * MS),
             "7 functions are heard again on the bus, after 180 to 640 ms of silence: a, b, c, d, e and 2 more",
         ),
         (
-            event("outages", 0, functions=[*"abcd"], over=False, shortest_ns=1000 * MS, longest_ns=1200 * MS),
+            event("outages", 0, functions=[*"abcd"], times=4, over=False, shortest_ns=1000 * MS, longest_ns=1200 * MS),
             "4 functions have not been heard for up to 1200 ms: a, b, c, d",
         ),
         (

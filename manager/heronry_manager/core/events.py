@@ -88,7 +88,7 @@ KINDS: Mapping[str, str] = {
     "logs": "folder, kept: where the demo's processes write their logs, and whether they stay there",
     "outage": "function, from_ns, to_ns (null: not back yet), gathered (true: `outages` sums this outage up): "
     "the outputs of this function were not heard on the bus",
-    "outages": "functions, over (false: not back yet), shortest_ns, longest_ns: "
+    "outages": "functions, times (how many outages), over (false: not back yet), shortest_ns, longest_ns: "
     "a summary of the gathered `outage` events just before",
     "overtime": "awaited, at_most_s: the time of the demo is up, but it still awaits these effects",
     "summary": "served, unserved (planned, but not heard on the bus), "

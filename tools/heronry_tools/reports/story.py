@@ -70,7 +70,6 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
         "a manager gives up its mastership: manager {node} is active with the higher term {term}",
         "plain",
     ),
-    "epoch_abandoned": ("epoch {epoch} is given up before it runs: {reason}", "quiet"),
     "adopted": ("epoch {epoch} runs already: the manager adopts it as it is", "good"),
     "unknown_epoch": ("this manager does not know the running epoch {epoch}, and gives no advice", "bad"),
 }
@@ -119,6 +118,8 @@ class Story:
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
     _prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict)  # epoch -> its plan: a newer one may be ready
+
+    _given_up: list[str] = field(default_factory=list)  # epochs since the last one that ran, with the reasons
 
     def tell(self, event: Mapping[str, Any]) -> list[Line]:
         """Give the lines for one event; none for an event that does not concern the reader."""
@@ -169,6 +170,7 @@ class Story:
                 self._prepared[event["epoch"]] = self._next
             case "epoch_abandoned":
                 self._prepared.pop(event["epoch"], None)
+                self._given_up.append(f"{event['epoch']} ({event['reason']})")
             case _:
                 pass
 
@@ -229,6 +231,9 @@ class Story:
         counts = f"{len(self._plan['modules'])} modules, {served} of {len(wanted)} wanted functions served"
         yield Line(f"epoch {event['epoch']} runs: {counts} ({_why(event['causes'])})", "good")
         yield Line(four)
+        if self._given_up:
+            yield _given_up(self._given_up)
+            self._given_up.clear()
         if before:
             yield from _moves(before, self._plan)
             yield from _consequences(self.spec, before, self._plan)
@@ -290,15 +295,19 @@ class Story:
 
 
 def _outages(event: Mapping[str, Any]) -> Line:
-    """Give one line for many outages that have begun, or ended, together."""
+    """Give one line for many outages that have begun, or ended, within a second."""
     functions = event["functions"]
-    shown = ", ".join(functions[:_MOST_NAMES])
     more = f" and {len(functions) - _MOST_NAMES} more" if len(functions) > _MOST_NAMES else ""
+    which = f": {', '.join(functions[:_MOST_NAMES])}{more}" if len(functions) > 1 else ""
+    who, be, have = f"{len(functions)} functions", "are", "have"
+    if len(functions) == 1:
+        who, be, have = functions[0], "is", "has"
+    again = "" if event["times"] == len(functions) else f" ({event['times']} times)"
     shortest_ms, longest_ms = event["shortest_ns"] / 1e6, event["longest_ns"] / 1e6
     if event["over"]:
         after = f"after {shortest_ms:.0f} to {longest_ms:.0f} ms of silence"
-        return Line(f"{len(functions)} functions are heard again on the bus, {after}: {shown}{more}")
-    return Line(f"{len(functions)} functions have not been heard for up to {longest_ms:.0f} ms: {shown}{more}", "bad")
+        return Line(f"{who} {be} heard again on the bus{again}, {after}{which}")
+    return Line(f"{who} {have} not been heard for up to {longest_ms:.0f} ms{which}", "bad")
 
 
 def _overtime(event: Mapping[str, Any]) -> Line:
@@ -347,6 +356,12 @@ def _advice(event: Mapping[str, Any]) -> Line:
     moves = (("start", event["started"]), ("stop", event["stopped"]), ("move", event["moved"]))
     named = [f"{verb} {', '.join(modules)}" for verb, modules in moves if modules]
     return Line(f"it would {'; '.join(named) or 'only change modes and wires'}")
+
+
+def _given_up(epochs: list[str]) -> Line:
+    more = f" and {len(epochs) - _MOST_NAMES} more" if len(epochs) > _MOST_NAMES else ""
+    shown = ", ".join(epochs[:_MOST_NAMES])
+    return Line(f"given up before it ran: {'epoch' if len(epochs) == 1 else 'epochs'} {shown}{more}", "quiet")
 
 
 def _why(causes: list[str]) -> str:

@@ -21,6 +21,7 @@ from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
+from heronry_tools.runtime.demo.held_outages import HeldOutages
 from heronry_tools.runtime.demo.ordered_telling import HELD_NS, OrderedTelling, Tell
 from heronry_tools.runtime.demo.page import Page
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
@@ -69,6 +70,7 @@ class Show:
         self._seconds = 0.0
         self._witness = Witness(spec)
         self._told: set[tuple[str, int, bool]] = set()
+        self._held_outages = (HeldOutages(are_over=False), HeldOutages(are_over=True))
         self._start_ns: int | None = None  # the first configuration runs
         self._pending: str | None = "the first configuration"  # what is under way
         self._plan: Mapping[str, Any] = {}
@@ -291,11 +293,12 @@ class Show:
         if self._start_ns is None:
             return
         outages = [one for one in self._witness.outages(now_ns) if self._is_new(one, now_ns)]
-        for over in (False, True):
-            self._tell_outages([one for one in outages if (one.to_ns is not None) == over], now_ns)
+        for held in self._held_outages:
+            held.take(outages)
+            self._tell_outages(held.due(now_ns), now_ns)
 
     def _is_new(self, outage: Outage, now_ns: int) -> bool:
-        """Tell whether an outage is to be reported now: once if it lasts long, and once when it is over."""
+        """Tell whether an outage is to be reported: once if it lasts long, and once when it is over."""
         over = outage.to_ns is not None
         key = (outage.function, outage.from_ns, over)
         if key in self._told or not (over or now_ns - outage.from_ns >= LONG_SILENCE_NS):
@@ -304,7 +307,7 @@ class Show:
         return True
 
     def _tell_outages(self, outages: Sequence[Outage], now_ns: int) -> None:
-        """Report outages that have begun, or ended, at one time: one by one, or many in one event."""
+        """Report outages that have begun, or ended: one by one, or many in one event."""
         gathered = len(outages) > _MOST_ALONE
         for one in outages:
             self._emit("outage", function=one.function, from_ns=one.from_ns, to_ns=one.to_ns, gathered=gathered)
@@ -312,7 +315,8 @@ class Show:
             lengths = [(now_ns if one.to_ns is None else one.to_ns) - one.from_ns for one in outages]
             self._emit(
                 "outages",
-                functions=[one.function for one in outages],
+                functions=[*dict.fromkeys(one.function for one in outages)],
+                times=len(outages),
                 over=outages[0].to_ns is not None,
                 shortest_ns=min(lengths),
                 longest_ns=max(lengths),
@@ -330,6 +334,8 @@ class Show:
 
     def _summary(self) -> int:
         unserved = self._unserved()
+        for held in self._held_outages:
+            self._tell_outages(held.all(), time.monotonic_ns())
         self._tell_plans(None if self._behind is None else self._behind.close())
         self._emit(
             "summary",

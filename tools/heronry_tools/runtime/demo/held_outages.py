@@ -1,0 +1,38 @@
+"""Gathers outages, so that the functions of a busy computer do not fill the story of a demo.
+
+The first outages after a quiet second are told at once, what comes within a second after them together at its end.
+"""
+
+from collections.abc import Sequence
+
+from heronry_tools.runtime.witness import Outage
+
+TELL_AGAIN_NS = 1_000_000_000
+
+
+class HeldOutages:
+    """Holds outages of one kind: those that are over, or those that last; the caller passes in all times, in ns."""
+
+    def __init__(self, *, are_over: bool) -> None:
+        self._are_over = are_over
+        self._held: list[Outage] = []
+        self._told_ns: int | None = None
+
+    def take(self, outages: Sequence[Outage]) -> None:
+        """Hold those of `outages` that are of this kind; a held outage that has ended lasts no longer."""
+        if not self._are_over:
+            ended = {(one.function, one.from_ns) for one in outages if one.to_ns is not None}
+            self._held = [one for one in self._held if (one.function, one.from_ns) not in ended]
+        self._held += [one for one in outages if (one.to_ns is not None) == self._are_over]
+
+    def due(self, now_ns: int) -> list[Outage]:
+        """Give what is to be told now; nothing within a second after the last time."""
+        if not self._held or (self._told_ns is not None and now_ns - self._told_ns < TELL_AGAIN_NS):
+            return []
+        self._told_ns = now_ns
+        return self.all()
+
+    def all(self) -> list[Outage]:
+        """Give all held outages, and hold them no longer."""
+        held, self._held = self._held, []
+        return held
