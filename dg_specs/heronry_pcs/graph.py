@@ -34,15 +34,14 @@ class PcsError(HeronryError, ValueError):
     def __init__(self, error: str, known: Iterable[str] = ()) -> None:
         self.error = error
         self.is_unknown = error.startswith("unknown:")
-        explained = _explained(error, known)
-        super().__init__(explained if self.is_unknown else f"{error}: {explained}")
+        super().__init__(_explained(error, known))
 
 
 def _explained(error: str, known: Iterable[str]) -> str:
     kind, _, name = error.partition(":")
     match kind:
         case "needs":
-            return f"the graph is not {name}, which this needs"
+            return f"{_NEEDS[name]}; 'heronry pcs check' shows what holds of a graph"
         case "unknown":
             return f"there is no '{name}' here; {meant(name, sorted(known))}"
         case "clash":
@@ -51,6 +50,18 @@ def _explained(error: str, known: Iterable[str]) -> str:
             return _SENTENCES[kind]
 
 
+_NEEDS: Mapping[str, str] = {  # a predicate (predicates.py) -> what is wrong where it does not hold
+    "component_graph": "a member of the graph is no component",
+    "edge_contained": "an edge of the graph ends in a vertex that the graph does not have",
+    "whole": "the graph, or a member, has some ports of a leaf and lacks others",
+    "nested": "two members of the graph share a vertex, and neither is among the components of the other",
+    "disjoint": "a vertex of the graph is in no member, or in more than one",
+    "pruned": "an edge of the graph does not lead from one member to another",
+    "component_connected": "no path joins all members of the graph",
+    "configuration": "the graph is not a configuration, and this operation works on configurations alone",
+    "vertex": "the graph has no vertex to which the other graph could be joined",
+    "leaves": "the vertices of the graph are not exactly the ports of its leaves",
+}
 _SENTENCES: Mapping[str, str] = {
     "view": "these members are no view: they share a vertex, or do not have all vertices together",
     "contracted": "the view has no members inside this component that have all of its vertices",

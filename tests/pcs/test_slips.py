@@ -10,7 +10,7 @@ from heronry_pcs.graph import Edge, Graph, Leaf, Part, PcsError
 from heronry_pcs.loops import loops
 from heronry_pcs.neighborhood import controllable, observable
 from heronry_pcs.operations import add_edge, addition, combine, cprune, removal
-from heronry_pcs.predicates import broken, is_component_connected, is_configuration, is_disjoint
+from heronry_pcs.predicates import PREDICATES, broken, is_component_connected, is_configuration, is_disjoint
 from heronry_pcs.views import contract, view_graph
 from heronry_tools.analysis.control.longest_cycle import longest_cycle
 
@@ -118,10 +118,19 @@ def test_combining_without_an_edge_gives_no_configuration() -> None:
     joined = combine(graph_of("AB"), graph_of("CD"))
     assert not is_configuration(joined)
     for operation in (addition, add_edge):
-        with pytest.raises(PcsError, match="needs:configuration"):
+        with pytest.raises(PcsError, match="is not a configuration, and this operation works on configurations alone"):
             operation(joined, edge("AC"))
-    with pytest.raises(PcsError, match="needs:configuration"):
+    with pytest.raises(PcsError, match="is not a configuration, and this operation works on configurations alone"):
         removal(joined, [edge("AB")])
+
+
+def test_what_an_operation_lacks_is_a_sentence_and_its_name_stays_for_programs() -> None:
+    joined = combine(graph_of("AB"), graph_of("CD"))
+    with pytest.raises(PcsError) as refused:
+        removal(joined, [edge("AB")])
+    assert refused.value.error == "needs:configuration"
+    assert str(refused.value).startswith("the graph is not a configuration, and")
+    assert all(str(PcsError(f"needs:{name}")) for name in (*PREDICATES, "vertex", "leaves"))
 
 
 def test_removal_need_not_give_a_configuration() -> None:
@@ -132,9 +141,9 @@ def test_removal_need_not_give_a_configuration() -> None:
 
 
 def test_addition_needs_its_ends_in_two_members() -> None:
-    with pytest.raises(PcsError, match="edge_inside"):
+    with pytest.raises(PcsError, match="one member holds both ends"):
         addition(graph_of("A"), edge("AA"))
-    with pytest.raises(PcsError, match="edge_outside"):
+    with pytest.raises(PcsError, match="an end of the edge is not in the graph"):
         addition(graph_of("A", "B"), edge("AB"))
 
 

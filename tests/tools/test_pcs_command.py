@@ -209,7 +209,7 @@ def test_a_script_with_errors_does_nothing(flat: str, tmp_path: Path, capsys: py
     ]
     assert not (tmp_path / "x.pcs.json").exists()
     text = Said(capsys, "apply", str(file), flat).out
-    assert f"{file}:2: PCS207: component 'A' was deleted on line 1\n" in text
+    assert f"{file}:2: PCS207 error: component 'A' was deleted on line 1\n" in text
     assert text.endswith("2 statements read, 2 errors: nothing is done\n")
 
 

@@ -75,13 +75,12 @@ def cut_text(mbit_per_s: int, sides: Mapping[str, Sequence[str]]) -> str:
 
 
 def errors_text(file: str, errors: Sequence[ScriptError]) -> str:
-    """Write the errors of a script, each in the form FILE:LINE:COLUMN as a compiler does."""
-    return "".join(
-        f"{file}:{error.line}:{error.column}: {error.code}: {error.sentence}\n"
-        if error.column
-        else f"{file}:{error.line}: {error.code}: {error.sentence}\n"
-        for error in errors
-    )
+    """Write the errors of a script in the form FILE:LINE:COLUMN: CODE error: SENTENCE, as those of a spec."""
+    return "".join(f"{file}:{_place(error)}: {error.code} error: {error.sentence}\n" for error in errors)
+
+
+def _place(error: ScriptError) -> str:
+    return f"{error.line}:{error.column}" if error.column else str(error.line)
 
 
 def trial_text(statements: int, errors: int, violations: Sequence[str]) -> str:
