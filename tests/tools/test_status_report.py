@@ -85,6 +85,22 @@ def test_failures_of_modules_and_standstills_of_computers_are_shown() -> None:
     )
 
 
+def test_a_latched_fault_is_told_in_words_with_the_reason_that_its_pe_gives() -> None:
+    manager = Reading()
+    manager.start()
+    manager.objects[LEFT, MODULE_FAILURES, 1] = b"cannot import nomod: no module of that name"
+    manager.emcy(FaultCode.MODULE_MISSING, 0)
+    lines = [line for line in told(manager) if line.startswith("! module:")]
+    why = "its code cannot be run there: cannot import nomod: no module of that name"
+    assert lines == [f"! module:control@left counts as failed, reported by left, 0 s ago: {why}"]
+    del manager.objects[LEFT, MODULE_FAILURES, 1]
+    other = Reading()
+    other.start()
+    other.emcy(FaultCode.REPORTED, 0, 7)
+    (line,) = (line for line in told(other) if line.startswith("! module:"))
+    assert line.endswith("reported by left, 0 s ago: a module there reports that it has failed, detail 7")
+
+
 def test_what_a_pe_holds_back_is_shown_with_its_cause(manager: OneManager) -> None:
     page = manager.running["left"]
     manager.running["left"] = replace(page, flags=PeFlags.HEARS_LEASE | PeFlags.OUTPUT_HELD)

@@ -3,11 +3,22 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from heronry_manager.core.latched_faults import OPERATOR_CODE
+from heronry_dg.situation import module_of
+from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE
 from heronry_manager.core.mastership import Mastership
+from heronry_wire.management import FaultCode
 
 _NS_PER_S = 1_000_000_000
 _WORDS = {Mastership.ACTIVE.value: "active"}  # of a state whose value is an older word
+
+_FAULTS = {  # in words, by the name of the code
+    FaultCode.MODULE_EXCEPTION.name: "its code raised an exception",
+    FaultCode.MODULE_OVERRUN.name: "it does not end in its time",
+    FaultCode.REPORTED.name: "a module there reports that it has failed",
+    FaultCode.PARTITION_ENDED.name: "its process ended",
+    FaultCode.MODULE_MISSING.name: "its code cannot be run there",
+    HELD_CODE: "another manager announces it",
+}
 
 
 def report(status: Mapping[str, Any]) -> Iterator[str]:
@@ -43,13 +54,11 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     own = _standstills(status["manager"]["standstills"])
     if own:
         yield f"! the computer of this manager{own}"
+    reasons = {(failure["element"], failure["by"]): failure for failure in status["failures"]}
     for fault in status["latched"]:
-        told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != OPERATOR_CODE else ""
-        yield (
-            f"! {fault['element']} counts as failed, reported by {fault['by']} "
-            f"({told}{fault['for_ns'] // _NS_PER_S} s ago)"
-        )
-    for failure in status["failures"]:
+        reason = reasons.pop((module_of(fault["element"]), fault["by"]), None)
+        yield _latched(fault, None if reason is None else reason["text"])
+    for failure in reasons.values():
         ago = failure["for_ns"] // _NS_PER_S
         yield f"! {failure['element']} failed on {failure['by']}, {ago} s ago: {failure['text']}"
     for bus, link in status["links"].items():
@@ -63,6 +72,17 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     yield from _told_without_a_fault(status)
     for phase in status["unwatched"]:
         yield f"! no running module gives the variable that requests phase {phase}"
+
+
+def _latched(fault: Mapping[str, Any], reason: str | None) -> str:
+    """Write a latched fault; reason: why the module failed, as its PE gives it."""
+    ago = f"{fault['for_ns'] // _NS_PER_S} s ago"
+    if fault["code"] == OPERATOR_CODE:
+        return f"! {fault['element']} counts as failed, reported by {fault['by']} ({ago})"
+    what = _FAULTS.get(fault["code"], fault["code"])
+    detail = f", detail {fault['detail']}" if fault["detail"] else ""
+    why = "" if reason is None else f": {reason}"
+    return f"! {fault['element']} counts as failed, reported by {fault['by']}, {ago}: {what}{detail}{why}"
 
 
 def _told_without_a_fault(status: Mapping[str, Any]) -> Iterator[str]:
