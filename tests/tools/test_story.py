@@ -87,7 +87,7 @@ def flight() -> Iterator[dict[str, Any]]:
     yield event("pe_joined", 5300 * MS, pe="tail_pe", cause="steady for 100 ms")
     yield from reconfiguration(5400, 3, plan_after(without), "pe:tail_pe joined")
     yield event("outage", 5450 * MS, function="elevator", from_ns=2990 * MS, to_ns=5440 * MS)
-    yield event("summary", 6000 * MS, served=list(ELEVATOR.functions), unserved=[], rivals=[], pending=None)
+    yield event("summary", 6000 * MS, served=list(ELEVATOR.functions), unserved=[], never=[], rivals=[], pending=None)
 
 
 STORY = """\
@@ -260,6 +260,7 @@ def test_waiting_silence_and_failures_are_shown() -> None:
             2000 * MS,
             served=[],
             unserved=["parachute"],
+            never=["parachute"],
             rivals=["servo_driver_1 and servo_driver_2"],
             pending="epoch 3",
         ),
@@ -271,8 +272,12 @@ def test_waiting_silence_and_failures_are_shown() -> None:
         "[  1.60 s] KILL tail_pe (SIGKILL, process 9); it ran nothing",
     ]
     assert texts[3:5] == ["[  2.00 s] heard on the bus at the end: nothing", "planned, but not heard: parachute"]
-    assert texts[5] == "still under way: epoch 3"
-    assert texts[6].startswith("not served: elevator: servo_driver_1 needs device elevator_servo_1")
+    assert texts[5] == (
+        "parachute was never heard: chute_driver on control_pe drove nothing; a step of such a module has to command "
+        "its device: ctx.write(value)"
+    )
+    assert texts[6] == "still under way: epoch 3"
+    assert texts[7].startswith("not served: elevator: servo_driver_1 needs device elevator_servo_1")
     assert texts[-1] == "two drivers at once: servo_driver_1 and servo_driver_2"
 
 
@@ -524,7 +529,7 @@ def test_a_manager_that_is_killed_and_what_follows_is_a_story() -> None:
     story = Story(BIG_BLUE)
     killed = event("process", 2_000 * MS, pe="manager", pid=7, what="killed")
     taken = event("taken_over", 2_107 * MS, term=2, before=1, silent_ns=112 * MS, phase=None)
-    over = event("summary", 3_000 * MS, served=["parachute"], unserved=[], rivals=[], pending=None)
+    over = event("summary", 3_000 * MS, served=["parachute"], unserved=[], never=[], rivals=[], pending=None)
     told = [line.text for one in (killed, taken, over) for line in story.tell(one)]
     assert "KILL the manager (SIGKILL, process 7)" in told[0]
     assert "THE STANDBY MANAGER TAKES OVER, 107 ms after the kill: term 2, after 112 ms of silence" in told[1]

@@ -91,7 +91,7 @@ KINDS: Mapping[str, str] = {
     "outages": "functions, times (how many outages), over (false: not back yet), shortest_ns, longest_ns: "
     "a summary of the gathered `outage` events just before",
     "overtime": "awaited, at_most_s: the time of the demo is up, but it still awaits these effects",
-    "summary": "served, unserved (planned, but not heard on the bus), "
+    "summary": "served, unserved (planned, but not heard on the bus), never (of these, those never heard at all), "
     "rivals (modules that drove one DEMUX in turn), pending (what the manager had not finished; null: nothing): "
     "the end of the demo: what the plan serves, and what was heard of it",
 }

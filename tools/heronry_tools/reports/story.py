@@ -285,6 +285,7 @@ class Story:
         yield Line(f"heard on the bus at the end: {', '.join(event['served']) or 'nothing'}", "title")
         if event["unserved"]:
             yield Line(f"planned, but not heard: {', '.join(event['unserved'])}", "bad")
+        yield from (_never_driven(self.spec.functions[name], self._plan) for name in event["never"])
         if event["pending"] is not None:
             yield Line(f"still under way: {event['pending']}", "bad")
         for name, function in self._plan.get("functions", {}).items():
@@ -350,6 +351,13 @@ def _living(pe: str, waited: Mapping[str, Any]) -> Line:
     return Line(
         f"  its process runs: {whose} has just waited {for_ms} ms for a processor, which may be the cause", "bad"
     )
+
+
+def _never_driven(function: Function, plan: Mapping[str, Any]) -> Line:
+    """Give the line for a planned function that was not heard at all: what its modules have to do."""
+    ran = [f"{name} on {plan['modules'][name]['pe']}" for name in function.outputs if name in plan["modules"]]
+    remedy = "a step of such a module has to command its device: ctx.write(value)"
+    return Line(f"  {function.name} was never heard: {' and '.join(ran)} drove nothing; {remedy}", "bad")
 
 
 def _advice(event: Mapping[str, Any]) -> Line:

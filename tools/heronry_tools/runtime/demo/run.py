@@ -341,6 +341,7 @@ class Show:
             "summary",
             served=[n for n, f in self._plan.get("functions", {}).items() if f["served"] and n not in unserved],
             unserved=unserved,
+            never=[name for name in unserved if self._witness.last_output(name) is None],
             rivals=[f"{a.module} and {b.module}" for a, b in self._witness.rivals],
             pending=self._pending,
         )
