@@ -4,10 +4,13 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.core.events import event
 from heronry_tools.cli import main
 from heronry_tools.commands.record import size
 from heronry_tools.console.errors import UserError
@@ -16,11 +19,13 @@ from heronry_tools.sim.replay.recording import read_recording
 from heronry_tools.watch.recorder import Recorder
 from heronry_tools.watch.recordings import open_recording
 from heronry_tools.watch.snapshot import Snapshot
+from heronry_wire.frame import Frame, LoggedFrame
 from watch.flights import big_blue
 
 pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
 
-TEXT = shipped_spec_path("big_blue").read_bytes()
+FILE = shipped_spec_path("big_blue")
+TEXT = FILE.read_bytes()
 
 
 def recorded(folder: Path, limit_bytes: int = 100_000_000, times: int = 1) -> Path:
@@ -118,3 +123,42 @@ def test_sizes() -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="not a size"):
         size("much")
     assert main(["record", "-o", "/tmp/x", "--limit", "1M"]) == 2
+
+
+class _Quiet:
+    """A feed of a bus on which two frames and an event come, and then nothing more."""
+
+    spec, spec_file, source = load(FILE), FILE, "bus"
+
+    def __init__(self) -> None:
+        self.frames = [LoggedFrame(n, "can0", Frame(0x123, b"")) for n in range(2)]
+        self._events = [event("hears_nobody", 1, term=1)]
+
+    def readers(self) -> list[int]:
+        return []
+
+    def poll(self) -> list[Any]:
+        come, self._events = self._events, []
+        if not come:
+            self.frames = []
+        return come
+
+    def close(self) -> None:
+        pass
+
+
+def test_it_says_where_it_records_and_how_that_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "flight"
+    handlers: dict[int, Any] = {}
+    monkeypatch.setattr("heronry_tools.watch.source_arguments.opened_source", lambda _arguments: _Quiet())
+    monkeypatch.setattr("signal.signal", handlers.__setitem__)
+    assert main(["record", "big_blue", "-o", str(folder), "--for", "0.3"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        f"recording big_blue into {folder}; Ctrl-C ends it",
+        f"the time is up: {folder} has the frames (2) and events (1) of 0 s",
+    ]
+    monkeypatch.setattr("signal.signal", lambda number, handler: handler(number, None))
+    assert main(["record", "big_blue", "-o", str(tmp_path / "next")]) == 0
+    assert "\nended by a signal: " in capsys.readouterr().out

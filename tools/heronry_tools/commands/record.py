@@ -67,13 +67,19 @@ def run(arguments: argparse.Namespace) -> int:
     text = (feed.spec_file or spec_path(arguments.spec)).read_bytes()
     try:
         recorder = Recorder(arguments.folder, feed.spec, feed.source, text, arguments.limit)
+        print(f"recording {feed.spec.name} into {arguments.folder}; Ctrl-C ends it", flush=True)
+        begun_s, frames, count = time.monotonic(), 0, 0
         try:
             while not stopped and (end_s is None or time.monotonic() < end_s):
                 select.select(feed.readers(), [], [], 0.1)
                 events = feed.poll()
                 recorder.write(feed.frames, events)
+                frames, count = frames + len(feed.frames), count + len(events)
         finally:
             recorder.close()
+        ended = "ended by a signal" if stopped else "the time is up"
+        spent_s = time.monotonic() - begun_s
+        print(f"{ended}: {arguments.folder} has the frames ({frames}) and events ({count}) of {spent_s:.0f} s")
     finally:
         feed.close()
     return 0
