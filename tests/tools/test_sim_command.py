@@ -54,6 +54,24 @@ def test_a_flight_is_told_with_its_four_times(capsys: pytest.CaptureFixture[str]
     assert reconfigurations[1].endswith("pe:tail_pe: silent for 3 heartbeat periods")
 
 
+def test_a_long_flight_shows_on_a_terminal_how_far_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["sim", "elevator_and_chute", "--kill", "pe:tail_pe@0.5", "--seconds", "3.5"]
+    monkeypatch.setattr("heronry_tools.console.progress._EVERY_S", 0.0)
+    assert main(words) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert main(words) == 0
+    seen = capsys.readouterr()
+    assert seen.out == told.out  # the same frames
+    assert "elevator_and_chute, seed 0: seconds flown: 2 of 3, " in seen.err
+    assert seen.err.endswith("\r\x1b[K")
+    assert main([*words, "--json"]) == 0
+    assert "seconds flown" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "seconds"),
     [

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import flights, processors, whole_number
 from heronry_tools.console.output import add_output
-from heronry_tools.console.progress import show_line
+from heronry_tools.console.progress import Progress, show_line
 from heronry_tools.console.spec_argument import add_spec_argument, load_spec_file, spec_path
 from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
 from heronry_tools.sim.faults.bounds import LONGEST_S, read_share, written_share
@@ -131,7 +131,8 @@ def run(arguments: argparse.Namespace) -> int:
     scenarios = list(_scenarios(spec, arguments))
     coverage, failed = Coverage(spec, of_two=arguments.standby), 0
     show_line(f"flying {spec.name}: {len(scenarios)} flights" if len(scenarios) > 1 else f"flying {spec.name}")
-    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
+    fly = _play_with_progress if len(scenarios) == 1 and not arguments.json else play
+    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, fly), start=1):
         show_line("")
         coverage.add(outcome)
         failed += bool(outcome.violations)
@@ -147,6 +148,15 @@ def run(arguments: argparse.Namespace) -> int:
     elif not arguments.json:
         print("the flight FAILED" if failed else "the flight passed: no oracle was violated")
     return 1 if failed else 0
+
+
+def _play_with_progress(spec: "Spec", scenario: "Scenario") -> "Outcome":
+    """Simulate a flight, and show on a terminal how many of its seconds are flown."""
+    from heronry_tools.sim.flight.outcome import play  # noqa: PLC0415 - the solver is slow to import
+
+    with Progress() as progress:
+        progress.begin(f"{spec.name}, seed {scenario.seed}: seconds flown", int(scenario.seconds))
+        return play(spec, scenario, second_passed=progress.step)
 
 
 def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenario"]:

@@ -79,10 +79,20 @@ def _nothing(_simulation: Simulation, _start_ns: int) -> None:
     """Do nothing."""
 
 
-def play(spec: Spec, scenario: Scenario, begun: Callable[[Simulation, int], None] = _nothing) -> Outcome:
+def _no_one() -> None:
+    """Show nothing."""
+
+
+def play(
+    spec: Spec,
+    scenario: Scenario,
+    begun: Callable[[Simulation, int], None] = _nothing,
+    second_passed: Callable[[], None] = _no_one,
+) -> Outcome:
     """Simulate a flight to its end, and return its outcome.
 
     begun: is called when the first configuration runs, with that time.
+    second_passed: is called for each second of virtual time in which faults are injected.
     """
     has_key = scenario.keyed or need_key(scenario.faults)
     simulation = Simulation(
@@ -95,7 +105,7 @@ def play(spec: Spec, scenario: Scenario, begun: Callable[[Simulation, int], None
     )
     hits: Counter[tuple[str, str]] = Counter()
     try:
-        violations = _fly(simulation, scenario, hits, begun)
+        violations = _fly(simulation, scenario, hits, begun, second_passed)
     except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
         violations = ended_by(simulation, error)
     return Outcome(
@@ -116,6 +126,7 @@ def _fly(
     scenario: Scenario,
     hits: Counter[tuple[str, str]],
     begun: Callable[[Simulation, int], None],
+    second_passed: Callable[[], None],
 ) -> list[Violation]:
     while not simulation.events_of("reconfigured"):
         simulation.run_for(_MS)
@@ -125,7 +136,11 @@ def _fly(
     injections = Injections(simulation, scenario.faults, start_ns)
     injections.hits = hits
     begun(simulation, start_ns)
-    simulation.run_until(start_ns + round(scenario.seconds * _NS_PER_S))
+    end_ns = start_ns + round(scenario.seconds * _NS_PER_S)
+    for second_ns in range(start_ns + _NS_PER_S, end_ns + 1, _NS_PER_S):
+        simulation.run_until(second_ns)
+        second_passed()
+    simulation.run_until(end_ns)
     violations = end_flight(simulation, injections, (fault.target for fault in scenario.faults))
     named = () if scenario.drawn else scenario.faults
     missed = (story for fault in named if (story := not_injected(fault, str(fault), injections)) is not None)
