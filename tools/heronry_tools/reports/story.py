@@ -348,9 +348,8 @@ def _living(pe: str, waited: Mapping[str, Any]) -> Line:
     for_ms = waited["for_ns"] // 1_000_000
     if for_ms < _SHORT_WAIT_MS:
         return Line("  its process runs: this computer may have kept it from working", "bad")
-    return Line(
-        f"  its process runs: {whose} has just waited {for_ms} ms for a processor, which may be the cause", "bad"
-    )
+    waits = f"{whose} has waited {for_ms} of the last {waited['of_ns'] // 1_000_000} ms for a processor"
+    return Line(f"  its process runs: {waits}, which may be the cause", "bad")
 
 
 def _never_driven(function: Function, plan: Mapping[str, Any]) -> Line:

@@ -17,10 +17,14 @@ _PROC = Path("/proc")
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """The process of `who` ('pe:NAME', 'manager NODE', 'bus NAME') has waited for a processor, for `for_ns` in all."""
+    """For `for_ns` of the last `of_ns`, a process has waited for a processor.
+
+    who: whose process: 'pe:NAME', 'manager NODE', or 'bus NAME'.
+    """
 
     who: str
     for_ns: int
+    of_ns: int
 
 
 class ProcessorWaits:
@@ -39,15 +43,19 @@ class ProcessorWaits:
         while len(self._samples) > 1 and self._samples[1][0] <= now_ns - self._window_ns:
             self._samples.popleft()
 
-    def longest(self, pe: str, processes: Mapping[str, int]) -> Wait:
-        """Give the longest wait in the window that may have made the PE silent: of its process, a manager or a bus."""
-        before = self._samples[0][1] if self._samples else {}
+    def longest(self, now_ns: int, pe: str, processes: Mapping[str, int]) -> Wait:
+        """Give the longest wait that may have made the PE silent: of its process, a manager or a bus.
+
+        The time that it looks back is the window, or more if this process was kept waiting, too.
+        """
+        began_ns, before = self._samples[0] if self._samples else (now_ns, {})
+        of_ns = now_ns - began_ns
         waits = [
-            Wait(who, self._waited_ns(number) - before[number])
+            Wait(who, self._waited_ns(number) - before[number], of_ns)
             for who, number in processes.items()
             if number in before and (who == f"pe:{pe}" or not who.startswith("pe:"))
         ]
-        return max(waits, key=lambda wait: wait.for_ns, default=Wait(f"pe:{pe}", 0))
+        return max(waits, key=lambda wait: wait.for_ns, default=Wait(f"pe:{pe}", 0, of_ns))
 
     def _waited_ns(self, number: int) -> int:
         """Give the waits of a process since its start; 0 for one that has ended, or where the kernel has no count."""

@@ -156,6 +156,8 @@ class Show:
         """
         if self._start_ns is None or self._show_s() < self._seconds:
             return False
+        if self._seconds == 0:
+            return True  # the first configuration runs, and no more was requested
         awaited = self._awaited()
         if awaited and not self._is_waiting_told:
             self._is_waiting_told = True
@@ -220,8 +222,8 @@ class Show:
     def _pass_on(self, one: Mapping[str, Any]) -> None:
         """Tell an event; say of a lost PE whose process runs how long it was kept waiting, which is known by now."""
         if "waited" in one:
-            wait = self._waits.longest(one["pe"], self._fleet.processes())
-            one = {**one, "waited": {"who": wait.who, "for_ns": wait.for_ns}}
+            wait = self._waits.longest(time.monotonic_ns(), one["pe"], self._fleet.processes())
+            one = {**one, "waited": {"who": wait.who, "for_ns": wait.for_ns, "of_ns": wait.of_ns}}
         self._tell(one)
 
     def _begin(self, now_ns: int) -> None:
@@ -334,18 +336,19 @@ class Show:
 
     def _summary(self) -> int:
         unserved = self._unserved()
+        silent = unserved if self._seconds > 0 else []  # else no output could be heard yet
         for held in self._held_outages:
             self._tell_outages(held.all(), time.monotonic_ns())
         self._tell_plans(None if self._behind is None else self._behind.close())
         self._emit(
             "summary",
             served=[n for n, f in self._plan.get("functions", {}).items() if f["served"] and n not in unserved],
-            unserved=unserved,
-            never=[name for name in unserved if self._witness.last_output(name) is None],
+            unserved=silent,
+            never=[name for name in silent if self._witness.last_output(name) is None],
             rivals=[f"{a.module} and {b.module}" for a, b in self._witness.rivals],
             pending=self._pending,
         )
-        return 1 if unserved or self._witness.rivals or self._pending is not None else 0
+        return 1 if silent or self._witness.rivals or self._pending is not None else 0
 
     def _emit(self, kind: str, at_ns: int | None = None, /, **data: Any) -> None:
         self._telling.take(make_event(kind, time.monotonic_ns() if at_ns is None else at_ns, **data))
