@@ -94,10 +94,22 @@ def test_the_loss_of_a_pe_whose_process_runs_says_in_the_same_breath_what_that_p
     show._follow(lost)
     show._telling.tell_until()
     assert (told[0]["waited"]["who"], told[0]["waited"]["for_ns"]) == ("pe:tail_pe", 141 * MS)
+
+
+def test_a_loss_after_a_kill_is_its_consequence_and_one_before_it_is_not_however_late_the_demo_reads_it() -> None:
+    told: list[Any] = []
+    show = Show(ELEVATOR, cast("Fleet", _Running()), {}, told.append)
+    before_ns = time.monotonic_ns()
     show._do("kill", "tail_pe")
-    show._follow(lost)
+    after_ns = time.monotonic_ns()
+    show._follow(event("pe_joined", before_ns, pe="tail_pe", cause=""))  # read late: it does not end the kill
+    for at_ns in (before_ns, after_ns):
+        show._follow(event("pe_lost", at_ns, pe="tail_pe", cause="silent", last_heard_ns=1))
+    show._coming_back.add("tail_pe")  # it is restored
+    show._follow(event("pe_joined", after_ns + 1, pe="tail_pe", cause=""))
+    show._follow(event("pe_lost", after_ns + 2, pe="tail_pe", cause="silent", last_heard_ns=1))
     show._telling.tell_until()
-    assert "waited" not in told[-1]
+    assert ["waited" in one for one in told if one["event"] == "pe_lost"] == [True, False, True]
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ class Show:
         self._standstills = Standstills(period_ns)
         self._waits = ProcessorWaits(max(_WAITS_NS, t_lease_ns(period_ns)))
         self._mute = False
-        self._killed: set[str] = set()
+        self._down_since_ns: dict[str, int] = {}  # by PE that the demo has killed, until it joins again
         self._coming_back: set[str] = set()  # restored PEs that have not joined yet
         self.saw_failure = False  # a module has failed
 
@@ -190,8 +190,10 @@ class Show:
             self._telling.take(self._noted(one))
         self.saw_failure |= one["event"] in ("module_restarted", "module_failed")
         match one["event"]:
-            case "pe_joined":
-                self._coming_back.discard(one["pe"])
+            case "pe_joined" if one["t_ns"] >= self._down_since_ns.get(one["pe"], 0):  # else it is an old event
+                if one["pe"] in self._coming_back:  # else the manager has not noticed the kill yet
+                    self._coming_back.discard(one["pe"])
+                    del self._down_since_ns[one["pe"]]
             case "plan_requested":
                 self._pending = "a plan"
             case "plan_ready":
@@ -215,7 +217,7 @@ class Show:
         """
         if one["event"] == "module_failed":
             return one | {"t_ns": one["heard_ns"]}
-        if one["event"] == "pe_lost" and one["pe"] not in self._killed | self._coming_back:
+        if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
             return one | {"waited": None}
         return one
 
@@ -271,12 +273,11 @@ class Show:
         if what == "kill":
             pid = self._fleet.kill_pe(pe)
             self._coming_back.discard(pe)
-            self._killed.add(pe)
+            self._down_since_ns[pe] = began_ns
         elif self._fleet.has_pe(pe):
             raise UserError(f"pe:{pe} runs, so it cannot be restored")
         else:
             self._coming_back.add(pe)
-            self._killed.discard(pe)
             pid = self._fleet.start_pe(pe)
         done = "killed" if what == "kill" else "restored"
         self._emit("process", began_ns, pe=pe, pid=pid, what=done)
