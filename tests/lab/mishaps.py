@@ -8,7 +8,7 @@ manager, stops its planner's process, or lets every disk refuse every write (RLI
 Each mishap lasts for a drawn time; then what was killed is started again, and what was stopped goes on. All of it is
 drawn from the seed before the flight; the times at which processes react are not the same in each flight.
 
-Judged, from the frames on the manager's bus (`heronry_tools.runtime.witness`): every function that was heard at the
+Verified, from the frames on the manager's bus (`heronry_tools.runtime.witness`): every function that was heard at the
 start is heard again within PATIENCE_S of the end of a mishap; no two branches of a DEMUX are driven in turn; and after
 the flight no process, socket or folder of it is left. Exit code 1 otherwise.
 """
@@ -243,7 +243,7 @@ def _tell(number: int, mishap: Mishap, after_s: float, sentence: str | None, *, 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fly; gives the exit code."""
-    parser = argparse.ArgumentParser(description="Let mishaps happen to real processes, and judge what comes of each.")
+    parser = argparse.ArgumentParser(description="Let mishaps happen to real processes, and verify what comes of each.")
     parser.add_argument("spec", nargs="?", default="elevator_and_chute", metavar="SPEC", help="default: %(default)s")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="the same one draws the same mishaps")
     parser.add_argument("--count", type=int, default=60, metavar="N", help="mishaps (default 60)")
