@@ -203,7 +203,7 @@ def test_a_report_is_worked_out_when_it_is_read_and_once(monkeypatch: pytest.Mon
     assert asked == []
     plan.report.work_out()
     assert plan.document() == plan.document()
-    assert asked == [now]
+    assert asked.count(now) == 1
     assert plan.report.with_reasons({"elevator": "why."}).functions["elevator"].why_not == "why."
 
 

@@ -43,7 +43,7 @@ START = [
         "manager_started",
         0,
         spec="big_blue",
-        spec_digest="ab" * 32,
+        spec_digest=load_spec("big_blue").digest,
         node=126,
         term=3,
         bus="can0",

@@ -78,6 +78,8 @@ def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[in
 
     Returns, for each deed of the script, the number of events before it and its line of the trace.
     """
+    for module in script.reported_modules():
+        flight.truth.excuse(module)
     _begin(flight, script)
     start_ns = _start_ns(flight)
     injections, deeds = Injections(flight, script.faults, start_ns), []

@@ -151,6 +151,11 @@ class Script:
         """Return the faults that the simulator injects, in the order of the script."""
         return tuple(deed.fault for deed in self.deeds if deed.fault is not None)
 
+    def reported_modules(self) -> frozenset[str]:
+        """Return the modules whose failure the script expects to be reported; their own code may fail."""
+        expected = (one.subject for one in self.expectations if one.state == "reported")
+        return frozenset(name.removeprefix("module:").partition("@")[0] for name in expected if "module:" in name)
+
 
 def read_script(file: Path) -> Script:
     """Read a scenario file; raises UserError with the place and the remedy."""

@@ -107,8 +107,6 @@ class ModuleSteps:
         if how is not None:
             return self._fail(action, how)
         answer = self._host.carry_out(action, self._time.now_ns())
-        if isinstance(answer, StepFailed):
-            self._broke(self.names[action.module])
         if self.slow is not None:
             self._processor.pause(self.slow.randrange(_SLOWEST_NS))
         return answer
