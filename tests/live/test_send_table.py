@@ -51,7 +51,7 @@ class WaitingPe:
 
 
 def send(hub: HubProcess, spec: str, pe: str = PE) -> int:
-    return main(["send-table", spec, pe, "-i", "softbus", "-c", str(hub.path)])
+    return main(["send-table", spec, pe, "-i", "softbus", "-c", str(hub.path), "--contingencies", "none"])
 
 
 def test_a_pe_waits_gets_its_table_and_starts(hub: HubProcess, capsys: pytest.CaptureFixture[str]) -> None:
