@@ -14,7 +14,7 @@ from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.timing]  # a busy PE answers the reading of its objects too late
 STOPPED_S, PATIENCE_S = 0.5, 30.0
 SICK = """
 from heronry_agent.module import Module

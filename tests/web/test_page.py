@@ -241,7 +241,7 @@ def test_a_hundred_reconfigurations_move_nothing(chromium):
         changing = [one for one in flown() if one["event"] in CHANGING]
         while len(live.snapshot.reconfigurations) < 100 or live.snapshot.reconfigurations[-1].number < 100:
             live.take_all(changing, None, is_alive=True)
-            watched.page.wait_for_timeout(150)
+            watched.page.wait_for_timeout(40)
         watched.until(f"heronry.store.snapshot.events === {live.snapshot.events}")
         assert watched.places() == places
 
