@@ -50,7 +50,6 @@ def test_two_computers_die_and_one_comes_back() -> None:
             "modules_act_by_the_clock",
         ],
         [
-            "modules_act_by_the_clock",
             "a_keyed_takeover_in_another_phase",
             "a_pause_longer_than_the_lease",
             "the_operator_fails_a_pe",
