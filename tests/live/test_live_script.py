@@ -1,21 +1,18 @@
 """A script of component graphs, flown by a running manager with real processes on the software bus."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from heronry_dg.configuration import Configuration
 from heronry_dg.loader import load
-from heronry_dg.model import Spec
 from heronry_dg.plan import read_plan
 from heronry_dg.shipped import shipped_spec_path
-from heronry_dg.situation import hosts_when_all_is_up, situation
-from heronry_dg.verify import verify
+from heronry_dg.situation import situation
 from heronry_manager.planner.exact import plan
 from heronry_pcs.plan_script import module_graph
 from heronry_pcs.script_difference import difference
+from lab.benches.live_scripts import moved
 from live.test_operator import Demo
 
 pytestmark = pytest.mark.live
@@ -33,23 +30,12 @@ def spec_file(tmp_path: Path) -> Path:
     return file
 
 
-def moved(spec: Spec, before: Configuration, phase: str | None = None) -> tuple[str, Configuration]:
-    """The first module that may run elsewhere while all else stays, and the configuration with it there."""
-    now = situation(spec, phase=phase)
-    for name, one in before.modules.items():
-        for pe in hosts_when_all_is_up(spec, spec.modules[name]):
-            after = Configuration({**before.modules, name: replace(one, pe=pe)})
-            if pe != one.pe and not verify(spec, now, after):
-                return name, after
-    raise AssertionError("no module may run elsewhere")
-
-
 def test_a_script_moves_a_running_system_and_back_and_a_bad_one_changes_nothing(
     spec_file: Path, tmp_path: Path
 ) -> None:
     spec = load(spec_file)
     before = plan(spec, situation(spec)).configuration
-    name, after = moved(spec, before)
+    name, after = moved(spec, situation(spec), before)
     there, back, bad = (tmp_path / f"{script}.pcs.script" for script in ("there", "back", "bad"))
     graphs = module_graph(spec, before), module_graph(spec, after)
     there.write_text(difference(*graphs))
@@ -94,7 +80,7 @@ def test_big_blue_is_moved_and_back_and_then_loses_a_computer(tmp_path: Path) ->
         planned = demo.until("plan_ready")["plan"]
         demo.until("reconfigured")
         before = read_plan(json.dumps(planned), spec).configuration
-        name, after = moved(spec, before, planned["phase"])
+        name, after = moved(spec, situation(spec, phase=planned["phase"]), before)
         graphs = module_graph(spec, before), module_graph(spec, after)
         for script, pair in (("there", graphs), ("back", graphs[::-1])):
             file_of = tmp_path / f"{script}.pcs.script"

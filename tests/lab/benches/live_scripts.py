@@ -19,7 +19,7 @@ from typing import Any
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan, read_plan
-from heronry_dg.situation import hosts_when_all_is_up
+from heronry_dg.situation import Situation, hosts_when_all_is_up
 from heronry_dg.verify import verify
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_protocol import FlyScript
@@ -73,13 +73,18 @@ def _running(told: Sequence[Mapping[str, Any]], spec: Spec) -> Plan:
 
 def scripts_of(spec: Spec, planned: Plan) -> tuple[str, str]:
     """Give a script that moves the first module that can move, and the script that moves it back."""
-    running = planned.configuration
+    _, there = moved(spec, planned.now, planned.configuration)
+    graphs = module_graph(spec, planned.configuration), module_graph(spec, there)
+    return difference(*graphs), difference(*graphs[::-1])
+
+
+def moved(spec: Spec, now: Situation, running: Configuration) -> tuple[str, Configuration]:
+    """Give the first module that may run on another PE while all else stays, and the configuration with it there."""
     for name, one in running.modules.items():
         for pe in hosts_when_all_is_up(spec, spec.modules[name]):
-            moved = Configuration({**running.modules, name: replace(one, pe=pe)})
-            if pe != one.pe and not verify(spec, planned.now, moved):
-                graphs = module_graph(spec, running), module_graph(spec, moved)
-                return difference(*graphs), difference(*graphs[::-1])
+            there = Configuration({**running.modules, name: replace(one, pe=pe)})
+            if pe != one.pe and not verify(spec, now, there):
+                return name, there
     raise UserError(f"no module of {spec.name} can run on another PE while all else stays")
 
 
