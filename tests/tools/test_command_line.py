@@ -278,6 +278,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "scenario": ["scenario", "nosuch.scenario"],
     "key": ["key", "--check", "nosuch.key"],
     "explain": ["explain", "nosuch"],
+    "rules": ["rules", "nosuch"],
     "status": ["status", "--of", "nosuch"],
     "top": ["top", "--json", "--of", "nosuch"],
     "record": ["record", "-o", "flight", "--of", "nosuch"],
@@ -290,7 +291,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "priority": ["priority", "--of", "nosuch", "imaging", "7"],
     "unlock": ["unlock", "--of", "nosuch", "pe:nav"],
 }
-NAMES_NOTHING = ("rules", "schema", "eds")
+NAMES_NOTHING = ("schema", "eds")
 
 
 @pytest.mark.parametrize("name", TEACHING)
