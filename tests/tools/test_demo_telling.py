@@ -8,11 +8,11 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_manager.core.events import event
+from heronry_manager.shell.ordered_telling import OrderedTelling
 from heronry_tools.cli import main
 from heronry_tools.reports.story import Story
 from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.demo.held_outages import TELL_AGAIN_NS, HeldOutages
-from heronry_tools.runtime.demo.ordered_telling import OrderedTelling
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.processor_waits import ProcessorWaits, Wait
 from heronry_tools.runtime.demo.run import GRACE_S, Show
