@@ -56,20 +56,23 @@ def digest_in_another_process():
     code = (
         "from heronry_dg.loader import load; from heronry_dg.shipped import shipped_spec_path;"
         "from heronry_tools.fly.flight import EavFlight; from heronry_tools.fly.mission import Mission;"
-        "print(EavFlight(load(shipped_spec_path('eav')), Mission(seed=7, longest_s=4.0)).fly()[0].digest)"
+        "print(EavFlight(load(shipped_spec_path('eav')), Mission(seed=7, longest_s=2.5)).fly()[0].digest)"
     )
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
 
 
 def test_one_seed_is_one_flight():
     """Twice in this process, whose planner has met the situations before, and in another one."""
-    digests = {flown(seed=7, longest_s=4.0)[0].digest for _ in range(2)} | {digest_in_another_process()}
+    digests = {flown(seed=7, longest_s=2.5)[0].digest for _ in range(2)} | {digest_in_another_process()}
     assert len(digests) == 1
     assert flown(seed=8, longest_s=1.0)[0].digest not in digests
 
 
-def test_the_command_tells_how_it_ended(capsys):
-    assert main(["fly", "eav", "--without-rover", "--corrections-lost", "6", "--json"]) == 0
+def test_the_command_tells_how_it_ended_and_draws_it(capsys, tmp_path):
+    page = tmp_path / "flight.html"
+    words = ["--without-rover", "--corrections-lost", "6", "--report", str(page), "--json"]
+    assert main(["fly", "eav", *words]) == 0
+    assert "<svg" in page.read_text()
     flight, figures = map(json.loads, capsys.readouterr().out.splitlines())
     assert flight["went_around"]
     assert flight["causes"] == ["not landed"]
