@@ -188,6 +188,8 @@ def test_a_command_is_in_the_file_that_the_table_says(name: str) -> None:
         (["plan", "a", "b"], "heronry plan: 'b' is one argument too many; see 'heronry plan --help'"),
         (["plan", "--hlep"], "heronry plan: there is no option --hlep; did you mean --help?"),
         (["why", "--zzz"], "heronry why: SPEC, FUNCTION are missing; see 'heronry why --help'"),
+        (["pcs", "cutt"], "heronry pcs: there is no command 'cutt'; did you mean 'cut'?"),
+        (["log", "flight.log"], "heronry log: there is no command 'flight.log'; there is convert"),
         (["why", "a"], "heronry why: FUNCTION is missing; see 'heronry why --help'"),
         (["why"], "heronry why: SPEC, FUNCTION are missing; see 'heronry why --help'"),
         (

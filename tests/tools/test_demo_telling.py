@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -225,6 +226,10 @@ def test_the_demo_says_once_what_it_waits_for_when_its_time_is_up() -> None:
     assert one["awaited"] == ["tail_pe to join", "epoch 4 to be complete", "elevator to be heard"]
     show._seconds = show._show_s() - GRACE_S - 1.0
     assert show._over()
+    show._page = cast("Any", SimpleNamespace(is_served=False))
+    assert show._awaited()[3:] == ["the page to be served"]
+    show._page.is_served = True
+    assert show._awaited()[3:] == []
 
 
 def test_a_demo_for_no_time_ends_with_its_first_configuration_and_misses_no_output() -> None:

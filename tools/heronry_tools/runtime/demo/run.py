@@ -165,14 +165,15 @@ class Show:
         return not awaited or self._show_s() >= self._seconds + GRACE_S
 
     def _awaited(self) -> list[str]:
-        """Name the joins, deployments and functions that are not complete.
+        """Name the joins, deployments, functions and the page that are not complete.
 
         An end of the demo before that would look like a fault.
         """
         joining = [f"{pe} to join" for pe in sorted(self._coming_back)]
         deploying = [] if self._pending is None else [f"{self._pending} to be complete"]
         unserved = self._unserved()
-        return [*joining, *deploying, *([f"{', '.join(unserved)} to be heard"] if unserved else [])]
+        page = [] if self._page is None or self._page.is_served else ["the page to be served"]
+        return [*joining, *deploying, *([f"{', '.join(unserved)} to be heard"] if unserved else []), *page]
 
     def _show_s(self) -> float:
         return 0.0 if self._start_ns is None else (time.monotonic_ns() - self._start_ns) / 1e9
