@@ -164,7 +164,7 @@ def _run_live(arguments: argparse.Namespace) -> int:
     from heronry_tools.fly.kinds import aircraft_of  # noqa: PLC0415
     from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
 
-    unfit = ("compiled", "judged", "must_land", "phase", "report", "act")
+    unfit = ("compiled", "judged", "must_land", "phase", "report")
     for name in unfit:
         if getattr(arguments, name):
             raise UserError(f"--{name.replace('_', '-')} is for flights in virtual time; leave --live out")
