@@ -272,10 +272,14 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
     for demux in case.spec.demuxes.values():
         running = [branch for branch in demux.branches if branch in case.known.modules]
         if len(running) > 1:
-            yield Violation("4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one may")
+            yield Violation(
+                "4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one of them may"
+            )
         ended = [end for end in demux.to if end in case.known.modules]
         if len(ended) > 1 and len(running) < 2:  # else it is a consequence
-            yield Violation("4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one end may")
+            yield Violation(
+                "4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one of these ends may"
+            )
         for branch in running:
             paths = [path for path, leaf in case.mode(branch).leaves() if leaf.demux == demux.name]
             if not any(path in case.known.modules[branch].inputs for path in paths):

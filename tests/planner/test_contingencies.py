@@ -106,7 +106,7 @@ def forged(body: bytes, length: int | None = None) -> bytes:
         (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 2])), "names configuration 2, and has only 1"),
         (
             forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 2, 0, 0])),
-            "one plan for each fault set",
+            "exactly one plan for each fault set",
         ),
         (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 1, 1])), "one plan for each fault set"),
         (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 1, 0, 0, 7])), "more bytes"),

@@ -411,7 +411,7 @@ def test_acts_are_played_in_order_of_time() -> None:
         ([], ["pe:nva@3"], "--restore pe:nva@3: no pe is named 'nva'; did you mean 'nav'?"),
         (["pe:@3"], [], "--kill pe:@3: write it as"),
         (["pe:nav@٣"], [], "write it as"),
-        (["pe:nav@1", "pe:nav@2"], [], "--kill pe:nav@2: nav does not run then; kill and restore in turn"),
+        (["pe:nav@1", "pe:nav@2"], [], "--kill pe:nav@2: nav does not run at that time; kill and restore in turn"),
         ([], ["pe:nav@2"], "--restore pe:nav@2: nav runs then"),
         (["pe:nav@1"], ["pe:nav@2", "pe:nav@3"], "--restore pe:nav@3: nav runs then"),
     ],

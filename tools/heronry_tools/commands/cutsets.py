@@ -35,7 +35,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry cutsets`."""
     parser = subparsers.add_parser(
         "cutsets",
-        description="Find the smallest sets of faults that lose a function: by logic, and by resources.",
+        description="Find the smallest sets of faults that lose a function: since its inputs are lost (logic), or "
+        "since what is left of PEs and buses has no room for it (resources).",
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")

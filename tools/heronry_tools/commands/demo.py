@@ -43,14 +43,14 @@ def add_parsers(subparsers: Any) -> None:
         metavar="pe:NAME@SECONDS",
         action="append",
         default=[],
-        help="SIGKILL a PE, or the manager: manager@SECONDS",
+        help="kill a PE at this time, or the active manager (manager@SECONDS), by SIGKILL",
     )
     parser.add_argument("--no-kill", action="store_true", help="kill nothing: the aircraft flies as it is")
     parser.add_argument(
-        "--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start a killed PE again"
+        "--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start a killed PE again at this time"
     )
     parser.add_argument(
-        "--phase", metavar="NAME@SECONDS", action="append", default=[], help="the operator enters a mission phase"
+        "--phase", metavar="NAME@SECONDS", action="append", default=[], help="order a mission phase at this time"
     )
     parser.add_argument(
         "--for",

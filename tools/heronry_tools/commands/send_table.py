@@ -43,13 +43,13 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("pe", metavar="PE", help="name of the PE")
     add_contingencies_argument(parser, CARRIED)
     parser.add_argument(
-        "--key", type=Path, metavar="FILE", help="the key file from 'heronry key', where the PE has that key, too"
+        "--key", type=Path, metavar="FILE", help="the key file from 'heronry key', if the PE was started with a key"
     )
     parser.add_argument(
         "--socket",
         type=Path,
         metavar="PATH",
-        help="with --key: the manager's socket, where it was started with --socket",
+        help="with --key: the manager's socket, if the manager was started with --socket",
     )
     add_json(parser, "write what was sent as JSON")
     add_bus_arguments(parser, "the bus that is the uplink of the PE; either channel of a replicated one")
