@@ -230,13 +230,11 @@ class ServiceCheck(Oracle):
         absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
         planned_ns = min(epoch.prepared_ns, t_ns) - _UNDER_WAY_NS
         failed = self._held_at(planned_ns, t_ns)
-        known = dict.fromkeys((phase, *self._phases_in(planned_ns, t_ns)))
-        nows = (
-            Situation(frozenset(absent | failed), self._limits(t_ns), one, priorities)
-            for one in known
-            for priorities in self._priorities_in(planned_ns, t_ns)
-        )
-        stories = [self._falls_short(epoch, now) for now in nows]
+        limits = self._limits(t_ns)
+        stories = [
+            self._falls_short(epoch, Situation(frozenset(absent | failed), limits, now.phase, now.priorities))
+            for now in self._in_force(planned_ns, t_ns, phase)
+        ]
         if None not in stories:
             yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
@@ -248,6 +246,17 @@ class ServiceCheck(Oracle):
         if served >= possible:
             return None
         return f"epoch {epoch.number} serves {served} by criticality, but a plan serves {possible}"
+
+    def in_force(self, prepared_ns: int, to_ns: int) -> list[Situation]:
+        """Return, with nothing down, the situations that an epoch prepared at `prepared_ns` may be planned for.
+
+        There is one for each phase and each set of priorities in force from shortly before that time to `to_ns`.
+        """
+        return self._in_force(prepared_ns - _UNDER_WAY_NS, to_ns)
+
+    def _in_force(self, from_ns: int, to_ns: int, *phases: str | None) -> list[Situation]:
+        known = dict.fromkeys((*phases, *self._phases_in(from_ns, to_ns)))
+        return [Situation(phase=one, priorities=p) for one in known for p in self._priorities_in(from_ns, to_ns)]
 
     def _phases_in(self, from_ns: int, to_ns: int) -> list[str | None]:
         """Return the phases that were in effect at any moment from `from_ns` to `to_ns`."""
