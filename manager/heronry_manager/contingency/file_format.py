@@ -87,7 +87,7 @@ def from_bytes(data: bytes, spec: Spec) -> Contingencies:
 def _unpacked(content: bytes) -> bytes:
     length = int.from_bytes(content[_HEAD_BYTES - 4 : _HEAD_BYTES], "big")
     if length > _MOST_BYTES:
-        raise PackingError(f"its content would have {length} bytes, more than the file of any spec")
+        raise PackingError(f"the content would have {length} bytes, more than any contingency file has")
     return zlib.decompressobj().decompress(content[_HEAD_BYTES:], length)
 
 

@@ -242,7 +242,7 @@ def _glider_missions(spec: "Spec", arguments: argparse.Namespace) -> Sequence[An
     from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
 
     if arguments.without_rover or arguments.must_land or arguments.height_bias:
-        raise UserError("--without-rover, --must-land and --height-bias are for the EAV; big_blue lands on a field")
+        raise UserError("--without-rover, --must-land and --height-bias are for the EAV: leave them out for big_blue")
     first = GliderMission(
         seed=arguments.seed,
         start=arguments.phase or "ascent",

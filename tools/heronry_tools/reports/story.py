@@ -370,7 +370,7 @@ def _never_driven(function: Function, plan: Mapping[str, Any]) -> Line:
 def _advice(event: Mapping[str, Any]) -> Line:
     moves = (("start", event["started"]), ("stop", event["stopped"]), ("move", event["moved"]))
     named = [f"{verb} {', '.join(modules)}" for verb, modules in moves if modules]
-    return Line(f"it would {'; '.join(named) or 'only change modes and wires'}")
+    return Line(f"this manager would {'; '.join(named) or 'only change modes and wires'}")
 
 
 def _given_up(epochs: list[str]) -> Line:

@@ -25,7 +25,7 @@ class Entry:
     what: the fault set and the phase, or the safe mode, for which the plan is.
     now: that situation.
     configuration: the planned one.
-    objective: its worth by the file; None for a safe mode, which has no worth.
+    objective: its value according to the file; None for a safe mode, for which the file has no value.
     running: the modules and their PEs before the faults; None for a plan with nothing down.
     """
 
