@@ -63,7 +63,7 @@ def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
 def _wrong(spec: Spec, entry: Entry) -> Iterator[str]:
     yield from map(str, verify(spec, entry.now, entry.configuration))
     if entry.objective is not None and score(spec, entry.now, entry.configuration, entry.running) != entry.objective:
-        yield "its worth is not the one in the file"
+        yield "its value is not the one in the file"
 
 
 def _entries(made: Contingencies) -> Iterator[Entry]:
