@@ -211,7 +211,7 @@ def test_the_traceback_comes_when_the_operator_asks(manager: Reading) -> None:
     manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
     assert "left does not give the traceback" in manager.ask(AskTraceback("module:control@left")).sentence
     assert manager.ask(AskTraceback("module:drive_left")).sentence == (
-        "no failure of module:drive_left is known to this manager: it knows one of module:control"
+        "no failure of module:drive_left is known to this manager: the known failures are those of module:control"
     )
     unknown = manager.ask(element)
     assert (unknown.done, unknown.sentence) == (

@@ -88,7 +88,7 @@ class PeDetails:
         known = self._failures.get(element)
         if known is None:
             others = ", ".join(self._failures)
-            known_ones = f"it knows one of {others}" if others else "no module has failed"
+            known_ones = f"the known failures are those of {others}" if others else "no module has failed"
             answer(None, f"no failure of {element} is known to this manager: {known_ones}")
             return
         pe = known["by"]

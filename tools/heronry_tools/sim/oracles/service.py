@@ -88,7 +88,7 @@ class ServiceCheck(Oracle):
     def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
         """Begin; the order of elements in `spec` gives the indices in CONTROL and EMCY.
 
-        missed_ns: returns when a PE last heard a node again after it may have missed a command; 0 if never
+        missed_ns: for a PE, returns the end of its last silence in which it may have missed a command; 0 if none
         """
         super().__init__()
         self._spec = spec
@@ -173,7 +173,7 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """Record that a mastership begins, whose manager may not know every fault that PEs have reported."""
+        """Record that a mastership begins; its manager may not know every fault that PEs have reported."""
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
