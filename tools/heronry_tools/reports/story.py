@@ -183,7 +183,7 @@ class Story:
         after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
-    def _is_news(self, event: Mapping[str, Any]) -> bool:
+    def _has_line(self, event: Mapping[str, Any]) -> bool:
         """Tell whether a standstill needs a line of its own.
 
         A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
@@ -198,7 +198,7 @@ class Story:
 
     def _standstill(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give the line for a standstill; that of a PE is read when the PE is heard again, so it names the loss."""
-        if not self._is_news(event):
+        if not self._has_line(event):
             return
         by, for_ms = event["by"], event["for_ns"] // 1_000_000
         if by == "the demo" or by.startswith("manager "):
