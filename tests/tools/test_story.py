@@ -314,8 +314,8 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_shown()
         "epoch 7 runs already: the manager adopts it as it is",
         "PHASE land (was climb), requested by tail_pe",
         "device:gps counts as working again, cleared by the operator",
-        "it would start b, c; move a",
-        "it would only change modes and wires",
+        "this manager would start b, c; move a",
+        "this manager would only change modes and wires",
         "this manager does not know the running epoch 8, and gives no advice",
     ]
     assert lines[-1].startswith("[  0.01 s] KILL tail_pe")
@@ -426,9 +426,9 @@ def test_acts_are_played_in_order_of_time() -> None:
         ([], ["pe:nva@3"], "--restore pe:nva@3: no pe is named 'nva'; did you mean 'nav'?"),
         (["pe:@3"], [], "--kill pe:@3: write it as"),
         (["pe:nav@٣"], [], "write it as"),
-        (["pe:nav@1", "pe:nav@2"], [], "--kill pe:nav@2: nav does not run then; kill and restore in turn"),
-        ([], ["pe:nav@2"], "--restore pe:nav@2: nav runs then"),
-        (["pe:nav@1"], ["pe:nav@2", "pe:nav@3"], "--restore pe:nav@3: nav runs then"),
+        (["pe:nav@1", "pe:nav@2"], [], "--kill pe:nav@2: nav does not run at that time; kill and restore in turn"),
+        ([], ["pe:nav@2"], "--restore pe:nav@2: nav runs at that time"),
+        (["pe:nav@1"], ["pe:nav@2", "pe:nav@3"], "--restore pe:nav@3: nav runs at that time"),
     ],
 )
 def test_a_bad_script_is_one_clear_sentence(
@@ -561,7 +561,7 @@ def test_a_killed_manager_is_not_restored() -> None:
     assert read_script(BIG_BLUE, ["manager@3"], [])[0].pe == "manager"
     with pytest.raises(UserError, match="the standby manager stays active"):
         read_script(BIG_BLUE, ["manager@3"], ["manager@4"])
-    with pytest.raises(UserError, match="--kill manager@4: manager does not run then"):
+    with pytest.raises(UserError, match="--kill manager@4: manager does not run at that time"):
         read_script(BIG_BLUE, ["manager@3", "manager@4"], [])
 
 

@@ -83,39 +83,47 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
-    parser.add_argument("--without-rover", action="store_true", help="no rover stands beside the runway")
+    parser.add_argument("--without-rover", action="store_true", help="eav: no rover stands beside the runway")
     parser.add_argument(
         "--must-land",
         action="store_true",
-        help="as soon as the flight begins, the operator orders the phase must_land",
+        help="eav: order the phase must_land as soon as the flight begins",
     )
     parser.add_argument(
         "--corrections-lost",
         default="2",
         metavar="S",
-        help=f"when the differential receiver becomes inaccurate (default: 2; {_NEVER})",
+        help=f"eav: seconds after which the differential receiver becomes inaccurate, or {_NEVER} (default: 2)",
     )
     parser.add_argument(
         "--height-bias",
         type=float,
         default=0.0,
         metavar="M",
-        help="eav: each seed draws a constant error of its receiver's height up to M that nothing finds",
+        help="eav: add a constant error to the receiver's height, drawn from -M to M metres; no monitor finds it",
     )
     parser.add_argument(
-        "--wind", type=float, metavar="M/S", help="strongest wind drawn (default: 7.7 for the EAV, 5 for BIG BLUE)"
+        "--wind", type=float, metavar="M/S", help="strongest wind that is drawn (default: EAV 7.7, BIG BLUE 5)"
     )
     parser.add_argument("--phase", choices=_PHASES, help="big_blue: begin in this phase (default: on the ground)")
     parser.add_argument(
-        "--kill", action="append", default=[], metavar="ELEMENT@WHEN", help="a fault: see below; may be given again"
+        "--kill",
+        action="append",
+        default=[],
+        metavar="ELEMENT@WHEN",
+        help="inject this fault (see below); may be repeated",
     )
     parser.add_argument(
-        "--act", action="append", default=[], metavar="ACT", help="a fault of 'heronry sim', by the time of the flight"
+        "--act",
+        action="append",
+        default=[],
+        metavar="ACT",
+        help="inject this fault, written as for 'heronry sim --act'; seconds count from the start; may be repeated",
     )
-    parser.add_argument("--one-fault", action="store_true", help="each seed draws one fault at a time on final")
+    parser.add_argument("--one-fault", action="store_true", help="inject one fault, drawn with its time by the seed")
     parser.add_argument("--judged", action="store_true", help="check each flight by the oracles of 'heronry sim'")
-    parser.add_argument("--latency", action="store_true", help="measure from sensor to servo, in still air")
-    parser.add_argument("--live", action="store_true", help="in real time, with processes on software buses")
+    parser.add_argument("--latency", action="store_true", help="measure the delay from sensor to servo, in still air")
+    parser.add_argument("--live", action="store_true", help="eav: fly in real time, with processes on software buses")
     parser.add_argument("--record", type=Path, metavar="FILE", help="write the record of the one flight as JSON")
     parser.add_argument(
         "--report", type=Path, metavar="FILE", help="write an HTML page with pictures: of one flight, or of all"
@@ -164,7 +172,7 @@ def _run_live(arguments: argparse.Namespace) -> int:
     from heronry_tools.fly.kinds import aircraft_of  # noqa: PLC0415
     from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
 
-    unfit = ("compiled", "judged", "must_land", "phase", "report", "act")
+    unfit = ("compiled", "judged", "must_land", "phase", "report")
     for name in unfit:
         if getattr(arguments, name):
             raise UserError(f"--{name.replace('_', '-')} is for flights in virtual time; leave --live out")
@@ -240,7 +248,7 @@ def _glider_missions(spec: "Spec", arguments: argparse.Namespace) -> Sequence[An
     from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
 
     if arguments.without_rover or arguments.must_land or arguments.height_bias:
-        raise UserError("--without-rover, --must-land and --height-bias are for the EAV; big_blue lands on a field")
+        raise UserError("--without-rover, --must-land and --height-bias are for the EAV: leave them out for big_blue")
     first = GliderMission(
         seed=arguments.seed,
         start=arguments.phase or "ascent",

@@ -79,12 +79,12 @@ def add_parsers(subparsers: Any) -> None:
         "--seconds",
         type=seconds,
         metavar="S",
-        help="time for faults (default: 5, or a second more than the given faults need; never less than they need)",
+        help="seconds in which faults occur, at least what the given ones need (default: 5, or one more than that)",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
-    parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw faults of this kind alone")
+    parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw only faults of this kind")
     parser.add_argument(
         "--act", action="append", default=[], metavar="ACT", help="inject this fault instead of drawn ones"
     )
@@ -99,16 +99,18 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--restore", action="append", default=[], metavar="pe:NAME@S", help="start a killed node again at second S"
     )
-    parser.add_argument("--standby", action="store_true", help="two managers, and their faults: see below")
-    parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
+    parser.add_argument("--standby", action="store_true", help="fly with two managers, and draw their faults, too")
+    parser.add_argument(
+        "--loss", type=share, default=0.0, metavar="P", help="share of frames that are lost, 0 to 0.5 (default: 0)"
+    )
     parser.add_argument(
         "--foreseen",
         choices=(0, 1, 2),
         type=int,
         metavar="N",
-        help="plans for up to N faults are made ahead, and on board",
+        help="make plans for up to N faults ahead, and put them on board (default: no plans are made ahead)",
     )
-    parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
+    parser.add_argument("--keyed", action="store_true", help="give managers and PEs a key")
     parser.add_argument(
         "--shrink",
         action="store_true",

@@ -70,7 +70,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def cut_text(mbit_per_s: int, sides: Mapping[str, Sequence[str]]) -> str:
-    """Write a cut in words: the bandwidth that crosses it, and the leaves on each side."""
+    """Write a cut in words: the bandwidth that crosses it (given in thousandths of a bit/s), and each side's leaves."""
     whole, thousandths = divmod(mbit_per_s, 1000)
     lines = [f"at least {f'{whole}.{thousandths:03}'.rstrip('0').rstrip('.')} bit/s cross"]
     lines += [f"  {side}: {', '.join(leaves)}" for side, leaves in sides.items()]

@@ -183,7 +183,7 @@ class Story:
         after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
-    def _has_line(self, event: Mapping[str, Any]) -> bool:
+    def _needs_a_line(self, event: Mapping[str, Any]) -> bool:
         """Tell whether a standstill needs a line of its own.
 
         A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
@@ -191,14 +191,14 @@ class Story:
         last case the standstill may be the cause of the loss.
         """
         told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
-        is_news = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
-        if is_news:
+        needs_one = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
+        if needs_one:
             self._standstills[event["by"]] = event["t_ns"], event["for_ns"]
-        return bool(is_news)
+        return bool(needs_one)
 
     def _standstill(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give the line for a standstill; that of a PE is read when the PE is heard again, so it names the loss."""
-        if not self._has_line(event):
+        if not self._needs_a_line(event):
             return
         by, for_ms = event["by"], event["for_ns"] // 1_000_000
         if by == "the demo" or by.startswith("manager "):
@@ -370,7 +370,7 @@ def _never_driven(function: Function, plan: Mapping[str, Any]) -> Line:
 def _advice(event: Mapping[str, Any]) -> Line:
     moves = (("start", event["started"]), ("stop", event["stopped"]), ("move", event["moved"]))
     named = [f"{verb} {', '.join(modules)}" for verb, modules in moves if modules]
-    return Line(f"it would {'; '.join(named) or 'only change modes and wires'}")
+    return Line(f"this manager would {'; '.join(named) or 'only change modes and wires'}")
 
 
 def _given_up(epochs: list[str]) -> Line:
