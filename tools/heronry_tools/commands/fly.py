@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import flights, processors, whole_number
-from heronry_tools.console.output import add_output
+from heronry_tools.console.output import add_output, expect_ending
 from heronry_tools.console.progress import show_line
 from heronry_tools.console.spec_argument import FLOWN, load_spec_file, spec_path
-from heronry_tools.console.whole_file import write_whole
+from heronry_tools.console.whole_file import expect_writable, write_whole
 from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
+from heronry_wire.spelling import meant
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from heronry_tools.fly.report.dispersion_page import Landing as Dispersed
 
 _NEVER = "never"
+_MOST = 100_000  # seconds, or metres of height: more than any flight has
 _PHASES = ("ascent", "deployment", "glide", "landing")
 _HOW = ("dead", "stuck", "bias", "loose")
 _EPILOG = """\
@@ -125,6 +127,10 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
+    for file, ending in ((arguments.record, ".json"), (arguments.report, ".html")):
+        if file is not None:  # else a wrong name is found after the flight
+            expect_ending(file, {ending[1:]: (ending,)})
+            expect_writable(file)
     if arguments.live:
         return _run_live(arguments)
     go_on_compiled_if_asked(arguments)
@@ -158,7 +164,7 @@ def _run_live(arguments: argparse.Namespace) -> int:
     from heronry_tools.fly.kinds import aircraft_of  # noqa: PLC0415
     from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
 
-    unfit = ("compiled", "judged", "must_land", "phase", "report", "act")
+    unfit = ("compiled", "judged", "must_land", "phase", "report")
     for name in unfit:
         if getattr(arguments, name):
             raise UserError(f"--{name.replace('_', '-')} is for flights in virtual time; leave --live out")
@@ -258,7 +264,7 @@ def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
     from heronry_tools.fly.mission import STRONGEST_WIND_M_PER_S, Mission  # noqa: PLC0415
     from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
 
-    lost = None if arguments.corrections_lost == _NEVER else _seconds(arguments.corrections_lost, "--corrections-lost")
+    lost = None if arguments.corrections_lost == _NEVER else _number(arguments.corrections_lost, "--corrections-lost")
     mission = Mission(
         seed=arguments.seed,
         strongest_wind_m_per_s=_wind(arguments, STRONGEST_WIND_M_PER_S),
@@ -281,22 +287,24 @@ def _blow(spec: "Spec", text: str) -> "Blow":
     element, _, how = what.partition("=")
     kind, _, name = element.partition(":")
     known = {"pe": spec.pes, "bus": spec.buses, "device": spec.devices}.get(kind)
-    if known is None or name not in known:
-        raise UserError(
-            f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, with a name of the spec"
-        )
-    if how and (kind != "device" or how not in _HOW):
-        raise UserError(f"--kill {text}: a device may be {', '.join(_HOW)}; nothing else has a way to fail")
+    if known is None:
+        raise UserError(f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, as pe:nav_a@20")
+    if name not in known:
+        raise UserError(f"--kill {text}: no {kind} is named '{name}'; {meant(name, known)}")
+    if how and kind != "device":
+        raise UserError(f"--kill {text}: a {kind} is killed without '={how}'; only a device may be {', '.join(_HOW)}")
+    if how and how not in _HOW:
+        raise UserError(f"--kill {text}: a device may be {', '.join(_HOW)}")
     if when.endswith("m"):
-        return Blow(element, below_m=_seconds(when[:-1], f"--kill {text}"), how=how or "dead")
-    return Blow(element, at_s=_seconds(when, f"--kill {text}"), how=how or "dead")
+        return Blow(element, below_m=_number(when[:-1], f"--kill {text}"), how=how or "dead")
+    return Blow(element, at_s=_number(when, f"--kill {text}"), how=how or "dead")
 
 
-def _seconds(text: str, option: str) -> float:
+def _number(text: str, option: str) -> float:
     try:
         value = float(text)
     except ValueError:
         raise UserError(f"{option}: '{text}' is not a number") from None
-    if not 0.0 <= value <= 1000.0:
-        raise UserError(f"{option}: {value:g} is not between 0 and 1000")
+    if not 0.0 <= value <= _MOST:
+        raise UserError(f"{option}: {value:g} is not between 0 and {_MOST}")
     return value

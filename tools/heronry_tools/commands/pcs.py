@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_argument import add_manager_argument, manager_socket, say_answer
 from heronry_tools.console.output import TEXT_OR_JSON, Forms, add_output
+from heronry_wire.spelling import meant
 
 if TYPE_CHECKING:
     from heronry_pcs.assessment import Assessment
@@ -211,7 +212,7 @@ def _required(arguments: argparse.Namespace, subject: "Subject") -> Sequence[str
     known = (*PREDICATES, "cycle_bound", "control_path", "on_path")
     for name in arguments.require:
         if name not in known:
-            raise UserError(f"--require: there is no '{name}'; there is {', '.join(known)}")
+            raise UserError(f"--require: there is no '{name}'; {meant(name, known)}")
     if "control_path" in arguments.require and arguments.path is None:
         raise UserError("--require control_path needs --path with the members through which one loop must run")
     required: list[str] = arguments.require
@@ -325,7 +326,7 @@ def run_apply(arguments: argparse.Namespace) -> int:
         "after": document(trial.after),
         **({"violations": list(trial.violations)} if trial.violations is not None else {}),
     }
-    said = errors_text(arguments.script, trial.errors) if trial.errors else graph_text(trial.after)
+    said = errors_text(arguments.script, trial.errors, trial.statements) if trial.errors else graph_text(trial.after)
     _say(arguments, result, said + trial_text(trial.statements, len(trial.errors), trial.violations or ()))
     return int(bool(trial.errors))
 

@@ -56,6 +56,10 @@ class Checks:
         self._of_planning = listeners(self._oracles, "planning")
         self._inspections: list[Violation] = []
 
+    def rest(self) -> None:
+        """Give the oracles no further frames and steps; what they find from then on means nothing."""
+        self._of_copies = self._of_channels = self._of_driving = self._of_looks = self._of_moves = ()
+
     # What is seen
 
     def see(self, sent: Sent) -> None:

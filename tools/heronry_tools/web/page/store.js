@@ -46,6 +46,14 @@ export function stateOf(one) {
   return one.degraded ? "degraded" : "served";
 }
 
+// What a question to the planner says of changed priorities and limited links.
+export const asPriorities = (priorities) => Object.entries(priorities).map(([name, to]) => `${name}=${to}`);
+
+export function limitsNow(snapshot) {
+  const limited = Object.entries(snapshot.buses).filter(([, bus]) => bus.link);
+  return limited.map(([name, bus]) => `bus:${name}=${bus.link === "gone" ? "0%" : bus.link}`);
+}
+
 // The modules that have moved lately, with the PE that they came from: moves are shown as moves.
 const LATELY_NS = 20e9;
 
