@@ -108,6 +108,11 @@ def test_a_channel_of_another_name_is_the_managers_bus_and_other_channels_are_le
     assert open_recording(file, "big_blue").timeline().last().buses["can0"].load > 0
 
 
+def test_a_log_of_another_spec_is_refused_as_a_replay_refuses_it() -> None:
+    with pytest.raises(UserError, match="is no configuration of elevator_and_chute: give the spec of the recording"):
+        open_recording(big_blue_log(), "elevator_and_chute")
+
+
 def test_events_of_a_manager_and_a_scenario_are_feeds_too(tmp_path: Path) -> None:
     file = tmp_path / "events.jsonl"
     file.write_text("words\n[]\n" + "".join(to_line(one) + "\n" for one in ALL))

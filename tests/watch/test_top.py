@@ -20,6 +20,7 @@ from heronry_tools.watch.top import panels
 from heronry_tools.watch.top.app import REPAINT_S, Reading, TopApp
 from heronry_tools.watch.top.panels import Look
 from heronry_tools.watch.top.sources import LiveSource, RecordedSource
+from thoroughness import sample
 from watch.flights import ALL, MS, PICTURES, big_blue
 
 pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
@@ -51,7 +52,7 @@ def fly(size: tuple[int, int], play) -> None:
 @pytest.mark.parametrize("size", [SMALL, LARGE])
 def test_every_panel_says_what_the_snapshot_says(size: tuple[int, int]) -> None:
     async def play(app: TopApp, pilot) -> None:
-        for at_s in (0.1, 0.5, 1.04, 1.2, 2.0, 2.6, 3.0):
+        for at_s in sample((0.1, 0.5, 1.2, 1.04, 2.0, 2.6, 3.0), 1 if size == SMALL else 3):
             app.source.move_to(app.source.timeline.begins_ns + round(at_s * 1e9))
             app.paint()
             await pilot.pause()

@@ -33,8 +33,12 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "-o", "--output", dest="folder", metavar="FOLDER", type=Path, required=True, help="a new folder"
     )
-    parser.add_argument("--limit", metavar="SIZE", type=size, default=10**9, help="of the folder, as 500M (default 1G)")
-    parser.add_argument("--for", dest="seconds", metavar="SECONDS", type=float, help="end after this time")
+    parser.add_argument(
+        "--limit", metavar="SIZE", type=size, default=10**9, help="largest size of the folder, as 500M (default 1G)"
+    )
+    parser.add_argument(
+        "--for", dest="seconds", metavar="SECONDS", type=float, help="end after this time (default: at Ctrl-C)"
+    )
     add_source_arguments(parser)
     parser.set_defaults(run=run)
 
