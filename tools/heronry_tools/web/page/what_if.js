@@ -110,7 +110,7 @@ function functionRow(name, then, asked) {
   const now = store.snapshot.functions[name];
   const wanted = isWanted(name, asked);
   const isBest = !wanted || (then.served && then.value >= 100);
-  const state = !wanted ? "idle" : then.served ? (then.value < (now.value ?? 0) ? "degraded" : "served") : "lost";
+  const state = !wanted ? "idle" : then.served ? (isBest ? "served" : "degraded") : "lost";
   const into = h("div", { "aria-live": "polite" });
   const why = h("button", { type: "button", on: { click: async () => {
     why.disabled = true;
