@@ -19,18 +19,21 @@ from contextlib import ExitStack
 from typing import Any
 
 from heronry_manager.contingency.contingencies import Contingencies
-from heronry_manager.shell.control_client import follow
+from heronry_manager.core.vocabulary import AskStatus
+from heronry_manager.shell.control_client import call, follow
 from heronry_tools.analysis.made_ahead import Source, add_contingencies_argument, contingencies_of
 from heronry_tools.console.number_arguments import whole_number
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import load_spec
-from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
+from heronry_tools.runtime.demo.awaited_events import LONGEST_S, AwaitedEvents
+from heronry_tools.runtime.demo.fleet import Fleet
 from lab.benches.fleets import aircraft
 from lab.benches.harness import Benchmark, Report, option, spec_option
 
 _NAMES = ("detect", "decide", "distribute", "activate")
 _DECIDED, _IN_ALL = "decision to active", "fault to active"
 _SETTLED = ("reconfigured", "plan_unchanged")
+_LOOK_S = 0.2
 _PAUSE_S = 3.0  # between two kills: time for pre-planning, as in flight
 
 
@@ -76,8 +79,9 @@ def _fly(
         for _ in range(readers):
             stuck.enter_context(follow(flown.fleet.control_socket()))
         for pe in pes:
+            _wait_until_up(flown.fleet, pe)
             time.sleep(_PAUSE_S)
-            events.take()  # a busy computer may have lost it before
+            events.take()
             killed_ns = time.monotonic_ns()
             flown.fleet.kill_pe(pe)
             lost = events.wait("pe_lost", pe=pe)
@@ -88,6 +92,17 @@ def _fly(
                 flown.fleet.start_pe(pe)
                 events.wait("pe_joined", pe=pe)
                 events.wait(*_SETTLED)
+
+
+def _wait_until_up(fleet: Fleet, pe: str) -> None:
+    """Wait until the manager counts a PE as up: a busy computer may have lost it, and a lost PE is not lost again."""
+    until_s = time.monotonic() + LONGEST_S
+    while time.monotonic() < until_s:
+        status = call(fleet.control_socket(), AskStatus()).status
+        if status is not None and status["pes"][pe]["state"] == "up":
+            return
+        time.sleep(_LOOK_S)
+    raise SystemExit(f"the benchmark ends here: pe:{pe} is not up within {LONGEST_S:g} s")
 
 
 def _note(times: dict[str, list[float]], killed_ns: int, lost_ns: int, done: Mapping[str, Any]) -> None:
