@@ -251,7 +251,7 @@ def test_reconfigurations_move_nothing_and_after_a_hundred_of_them_a_page_needs_
         watched.page.wait_for_selector("#graph .node")
         places, heaps = watched.places(), []
         changing = [one for one in flown() if one["event"] in CHANGING]
-        for reconfigurations in (50, 100):
+        for reconfigurations in (100, 140):
             while not live.snapshot.reconfigurations or live.snapshot.reconfigurations[-1].number < reconfigurations:
                 live.take_all(changing, None, is_alive=True)
                 watched.page.wait_for_timeout(40)

@@ -33,8 +33,8 @@ _EPILOG = """\
 Each seed draws its own faults (crashes, pauses, broken wires, noise, foreign nodes on the bus, a manager that dies, an
 operator who errs, ...), of kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds
 are virtual and count from the moment at which the first configuration runs. A seed replays a flight bit for bit. Where
-a seed draws the faults and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
-(--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then an attacker forges commands.
+a seed draws the faults and is odd, plans for every single fault are on board (--foreseen 1). Where seeds draw the
+faults, one pair of seeds in four flies with a key (--keyed); then an attacker forges commands.
 
 Oracles check every flight, without access to a core: nothing exclusive ever has two drivers, one epoch is one legal
 configuration, no healthy element is reported as failed, no old datum is taken for a new one, and no PE stops because
@@ -108,9 +108,13 @@ def add_parsers(subparsers: Any) -> None:
         choices=(0, 1, 2),
         type=int,
         metavar="N",
-        help="make plans for up to N faults ahead, and put them on board (default: no plans are made ahead)",
+        help="make plans for up to N faults ahead, and put them on board (default: by the seed, see below)",
     )
-    parser.add_argument("--keyed", action="store_true", help="give managers and PEs a key")
+    parser.add_argument(
+        "--keyed",
+        action="store_true",
+        help="give managers and PEs a key in every flight (default: by the seed, see below)",
+    )
     parser.add_argument(
         "--shrink",
         action="store_true",

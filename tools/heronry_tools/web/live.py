@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
+from zlib import compress, decompress
 
 from heronry_tools.watch.reducer import Reducer, State
 from heronry_tools.watch.snapshot import Snapshot, Source
@@ -54,7 +55,7 @@ class Live:
         self._state: State = reducer.start(source)
         self._loads: deque[Load] = deque(maxlen=KEPT_LOADS * max(1, len(reducer.spec.buses)))
         self._drawn = DrawnLoads()
-        self._lines: deque[str] = deque(maxlen=KEPT_LINES)
+        self._lines: deque[bytes] = deque(maxlen=KEPT_LINES)  # compressed: plans are long
         self._last_came_s = time.monotonic()
         self._waiting: set[asyncio.Event] = set()
         self.trouble: str | None = None  # why nothing comes at present
@@ -89,7 +90,7 @@ class Live:
         if kind == "bus_seen" and self._drawn.takes(event):
             self._loads.append(load_of(self._state.snapshot.events, event))
         if kind not in NOT_LISTED:
-            self._lines.append(json.dumps(event, separators=(",", ":")))
+            self._lines.append(compress(json.dumps(event, separators=(",", ":")).encode(), 1))
         self._wake()
 
     def waits(self, sentence: str) -> None:
@@ -103,7 +104,7 @@ class Live:
 
     def lines(self) -> Iterable[str]:
         """Give the last events, a line of JSON each."""
-        return tuple(self._lines)
+        return tuple(decompress(line).decode() for line in self._lines)
 
     async def changed(self, longest_s: float) -> bool:
         """Wait until something comes; returns False where nothing came in that time."""

@@ -19,6 +19,7 @@ from heronry_tools.sim.oracles.service import Injected
 from heronry_tools.sim.oracles.silence import stopped_by_silence
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Clash, Sent
+from heronry_tools.sim.world.planning_seen import PlanningSeen
 from heronry_tools.sim.world.replicated_port import Copy
 from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_tools.sim.world.stranger import STRANGER
@@ -52,6 +53,7 @@ class Checks:
         self._of_driving = listeners(self._oracles, "driven")
         self._of_looks = listeners(self._oracles, "looked")
         self._of_moves = listeners(self._oracles, "moved")
+        self._of_planning = listeners(self._oracles, "planning")
         self._inspections: list[Violation] = []
 
     def rest(self) -> None:
@@ -90,6 +92,11 @@ class Checks:
         """Report to the oracles a step, with its inputs, of a module that drives no output."""
         for oracle in self._of_looks:
             oracle.looked(stepped)
+
+    def planning(self, seen: PlanningSeen) -> None:
+        """Report to the oracles that a manager has requested a plan, or is given the answer to a request."""
+        for oracle in self._of_planning:
+            oracle.planning(seen)
 
     # What is done to the aircraft
 
