@@ -84,6 +84,15 @@ def test_a_filter_with_gravity_starts_at_the_true_attitude(pitch_deg: float, rol
     assert outputs == pytest.approx({"pitch_angle": pitch_deg, "roll_angle": roll_deg}, abs=1e-6)
 
 
+def test_a_filter_that_loses_its_accelerations_in_a_turn_keeps_the_bank() -> None:
+    rig = Rig("attitude_filter", mode="fused")
+    turn = {"longitudinal_acceleration": 0.0, "lateral_acceleration": -math.sin(math.radians(20.0))}
+    rig.run(1, pitch_rate=0.0, roll_rate=0.0, **turn)
+    rig.host.mode = "gyro_only"
+    assert rig.module.mode_changed()
+    assert rig.step(pitch_rate=0.0, roll_rate=0.0)["roll_angle"] == pytest.approx(20.0, abs=0.1)
+
+
 def test_a_gyro_with_a_bias_pulls_the_fused_attitude_little_and_the_other_one_much() -> None:
     still = {"pitch_rate": 0.5, "roll_rate": 0.0}
     gravity = {"longitudinal_acceleration": 0.0, "lateral_acceleration": 0.0}

@@ -1,10 +1,13 @@
 """The logic of the flight: parachute, balloon line, wings, mission stage, steering, and what is sent to the ground."""
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.rig import Rig
+from heronry_agent.module import Datum
 from heronry_tools.aircraft.images.guidance import (
     HOME_LATITUDE_DEG,
     HOME_LONGITUDE_DEG,
@@ -252,6 +255,22 @@ def test_guidance_banks_towards_home(track: float, bank: float) -> None:
     assert outputs == pytest.approx({"pitch_command": -4.0, "roll_command": bank})
 
 
+@pytest.mark.parametrize(
+    ("turns_deg_per_s", "least", "most"), [(5.0, 20.0, 20.0), (11.2, 19.0, 20.0), (20.0, 0.0, 5.0)]
+)
+def test_guidance_commands_less_bank_while_the_track_turns_tighter_than_it_wants(
+    turns_deg_per_s: float, least: float, most: float
+) -> None:
+    """Around home at 18 m/s; 11.2 degrees per second are a bank of 20 degrees."""
+    rig, outputs = Rig("guidance", mode="route", rate_hz=10), {}
+    for step in range(300):
+        track = 0.1 * step * turns_deg_per_s
+        north, east = math.cos(math.radians(track + 90.0)), math.sin(math.radians(track + 90.0))
+        place = {"gps_latitude": HOME_LATITUDE_DEG - 0.001 * north, "gps_longitude": HOME_LONGITUDE_DEG - 0.001 * east}
+        outputs = rig.step(gps_track=track % 360.0, true_airspeed=18.0, mission_stage=Stage.GLIDE, **place)
+    assert least <= outputs["roll_command"] <= most
+
+
 def test_guidance_flares_with_level_wings_wherever_home_is() -> None:
     rig = Rig("guidance", "route")
     east = {"gps_latitude": 38.03, "gps_longitude": -84.6, "gps_track": 0.0, "mission_stage": 3}
@@ -310,6 +329,17 @@ def test_a_demand_is_within_the_surface_s_reach_whatever_is_commanded(
 def test_a_nose_too_high_asks_the_elevator_down_and_a_right_wing_too_low_the_rudder_left() -> None:
     assert Rig("pitch_control", mode="basic").step(pitch_angle=1.0)["elevator_demand"] > 0
     assert Rig("rudder_control", mode="basic").step(roll_angle=5.0)["rudder_demand"] < 0
+
+
+def test_a_glide_too_fast_for_its_pitch_shows_that_gyros_alone_have_the_nose_too_high() -> None:
+    demands = []
+    for version in (1, 2):
+        rig = Rig("pitch_control", mode="scheduled")
+        for _ in range(200):
+            demand = rig.feed({"pitch_angle": Datum(-4.0, version, 0), "indicated_airspeed": Datum(24.0, 1, 0)})
+        demands.append(demand["elevator_demand"])
+    assert demands[0] == 0.0
+    assert demands[1] < -1.0  # up
 
 
 def test_without_an_attitude_nothing_is_demanded() -> None:

@@ -14,6 +14,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -456,6 +457,12 @@ def test_no_document_installs_heronry_from_where_it_is_not() -> None:
     ]
     assert commands
     assert [one for one in commands if not re.search(r"heronry\[\w+\] @ git\+|^--no-index -f ", one[1])] == []
+
+
+def test_the_table_of_extras_has_every_extra_that_a_user_may_add() -> None:
+    extras = tomllib.loads(Path("pyproject.toml").read_text())["project"]["optional-dependencies"]
+    rows = re.findall(r"^\| `(\w+)` \| ", Path("docs/command_line.md").read_text(), re.MULTILINE)
+    assert set(rows) == extras.keys() - {"dev", "fuzz"}
 
 
 def test_the_revision_of_the_hook_exists() -> None:

@@ -21,7 +21,7 @@ from heronry_tools.watch.top.app import REPAINT_S, Reading, TopApp
 from heronry_tools.watch.top.panels import Look
 from heronry_tools.watch.top.sources import LiveSource, RecordedSource
 from thoroughness import sample
-from watch.flights import ALL, MS, big_blue
+from watch.flights import ALL, MS, PICTURES, big_blue
 
 pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
 
@@ -75,6 +75,8 @@ def test_every_panel_says_what_the_snapshot_says(size: tuple[int, int]) -> None:
             assert view.told[-1].sentence in shown(app, "events")
         for name in ("head", "buses", "pes", "functions-scroll", "events-box"):
             assert inside(app, name), name
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        (PICTURES / f"top-{size[0]}x{size[1]}.svg").write_text(app.export_screenshot())
 
     fly(size, play)
 
@@ -204,6 +206,15 @@ def test_a_plant_has_a_line_and_a_letter() -> None:
     notes = str(panels.head(replace(view, plants=seen))[-1])
     assert "the loop through pitch is open" in notes
     assert "yaw" not in notes
+
+
+def test_the_heads_of_columns_stand_above_them() -> None:
+    view = big_blue().timeline().last()
+    head, first = (str(line) for line in panels.pes(view, Look())[:2])
+    assert len(head) == len(first)
+    head, last = (str(line) for line in panels.reconfigurations(view, Look())[:2])
+    assert head.index("lost <-") == last.index("lost ")
+    assert head.index("m/s/s") == last.index("1/1/3")
 
 
 def test_lines_are_cut_at_the_edge_and_never_wrapped() -> None:

@@ -12,7 +12,6 @@ from heronry_tools.cli import main
 from heronry_tools.fly.campaign import Drawn, drawn_blow, summary
 from heronry_tools.fly.flight import EavFlight
 from heronry_tools.fly.mission import Blow, Mission
-from heronry_tools.sim.faults.fault import read_fault
 
 SPEC = load(shipped_spec_path("eav"))
 
@@ -83,10 +82,21 @@ def test_the_command_tells_how_it_ended_and_draws_it(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--kill", "pe:nobody@3", "with a name of the spec"),
-        ("--kill", "pe:nav_a=stuck@3", "nothing else has a way to fail"),
+        ("--kill", "pe:nobody@3", "--kill pe:nobody@3: no pe is named 'nobody'; there is nav_a, "),
+        (
+            "--kill",
+            "pe:nav_a=stuck@3",
+            "a pe is killed without '=stuck'; only a device may be dead, stuck, bias, loose",
+        ),
         ("--kill", "pe:nav_a@soon", "is not a number"),
         ("--kill", "pe:nav_a@-2m", "is not between"),
+        ("--kill", "nav_a@3", "write pe:NAME@WHEN"),
+        ("--kill", "pe:flght@3", "no pe is named 'flght'; did you mean 'flight'?"),
+        ("--kill", "device:elevator_1=stuk@3", "a device may be dead, stuck, bias, loose"),
+        ("--kill", "pe:nav_a@100001", "is not between 0 and 100000"),  # a flight of big_blue has 5 400 s and 20 000 m
+        ("--report", "landing.pdf", "landing.pdf: this command writes no PDF; what it writes ends in .html"),
+        ("--report", "my.dg.yaml", "no command writes specs"),
+        ("--record", "nosuch/landing.json", "nosuch is not a folder"),
         ("--wind", "99", "the model is made for"),
         ("--corrections-lost", "early", "is not a number"),
     ],
@@ -111,24 +121,3 @@ def test_each_seed_draws_one_fault_and_the_same_one_again():
 
 def test_the_figures_of_nothing():
     assert summary([])["interval"] == [0.0, 1.0]
-
-
-def place_of_the_filter(*acts):
-    given = tuple(read_fault(SPEC, act) for act in acts)
-    landing, record = flown(seed=1, longest_s=7.0, acts=given)
-    places = [stretch.label for stretch in record.stretches if stretch.subject == "tracked_position"]
-    return places[0], landing.mode
-
-
-ABOARD = [f"0 missing module:tracked_position@{pe}" for pe in ("nav_a", "nav_b", "flight")]
-A_TENTH = "4 collapse bus:radio for 60 level 10"
-
-
-def test_the_filter_aboard_outlives_a_radio_of_a_tenth():
-    assert place_of_the_filter(A_TENTH) == ("nav_b (tracking)", "precise")
-
-
-@pytest.mark.soak  # the plan without it is tried in every run
-def test_forced_to_the_rover_it_is_lost():
-    assert place_of_the_filter(*ABOARD) == ("rover (tracking)", "precise")
-    assert place_of_the_filter(*ABOARD, A_TENTH) == ("rover (tracking)", "waiting")

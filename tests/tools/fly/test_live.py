@@ -138,8 +138,14 @@ def test_a_bus_cannot_be_killed_in_real_time(capsys):
     assert "a PE or a device can fail, and no bus" in capsys.readouterr().err
 
 
+def test_in_real_time_only_a_bus_can_be_disturbed(capsys):
+    assert main(["fly", "eav", "--live", "--act", "3 pause pe:nav_a for 0.3"]) == 2
+    assert "with --live these are possible" in capsys.readouterr().err
+
+
 @pytest.mark.live
 def test_a_fleet_of_processes_flies():
     path = shipped_spec_path("eav")
     end = fly_live(load(path), path, Mission(seed=1, longest_s=2.0))
     assert end["causes"] == ["not landed"]
+    assert end["places"]["flight_management"].endswith("(precise)")

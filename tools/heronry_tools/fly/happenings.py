@@ -9,7 +9,7 @@ from heronry_dg.model import Spec
 from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.mission import Blow
 from heronry_tools.fly.plant import NS_PER_S
-from heronry_tools.fly.record import Recorder
+from heronry_tools.fly.record import Recorder, place_labels
 from heronry_tools.sim.flight.simulation import Simulation
 
 
@@ -77,7 +77,7 @@ class Happenings:
     def _note(self, event: dict[str, Any], time_s: float) -> None:
         match event["event"]:
             case "plan_ready":
-                self.places = {name: f"{one['pe']} ({one['mode']})" for name, one in event["plan"]["modules"].items()}
+                self.places = place_labels(event["plan"])
             case "phase_changed":
                 self.phases.append((event["phase"], time_s))
                 self._recorder.state(time_s, "phase", "phase", event["phase"])

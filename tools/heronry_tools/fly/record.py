@@ -182,6 +182,11 @@ class Recorder:
         self._stretches.append(Stretch(kind, subject, label, start_s, end_s))
 
 
+def place_labels(plan: Mapping[str, Any]) -> dict[str, str]:
+    """Return the label of each module's place, its PE and mode, in a plan as JSON data."""
+    return {name: f"{one['pe']} ({one['mode']})" for name, one in plan["modules"].items()}
+
+
 def is_wheel(contact: str) -> bool:
     """Tell from its name whether a contact is a wheel or a skid; every other contact is a part of the structure."""
     return contact.endswith(("wheel", "skid"))

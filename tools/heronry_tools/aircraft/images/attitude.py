@@ -2,14 +2,16 @@
 
 Gyros react at once, but drift. Accelerometers show gravity on average, but are noisy. The complementary filter turns
 the angle by the gyros, and corrects it slowly towards a reference: the angle that the accelerometers show. Without
-accelerometers the reference is the best glide with level wings, in which a glider flies most of the time. That bounds
-the drift, but in a long turn the angle is wrong. The horizon sensor does not drift, but is coarse.
+accelerometers the reference is the best glide with level wings, in which a glider flies most of the time. But a control
+loop that holds this angle turns the aircraft instead: the true angle then drifts with the bias of the gyros, and in a
+turn with the pull to level wings. So the airspeed corrects the pitch (`control`), and the track the bank (`guidance`).
+The horizon sensor does not drift, but is coarse.
 
 Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive. When the nose
 points up, gravity is measured as a forward acceleration; when the right wing is low, as an acceleration to the left.
 
-After a restart the filter with accelerometers starts from their angle. The filter of gyros alone starts from the best
-glide; if that is wrong, the error decreases only slowly.
+A change of the mode keeps the angles. After a restart the filter with accelerometers starts from their angle. The
+filter of gyros alone starts from the best glide; if that is wrong, the error decreases only slowly.
 """
 
 import math
@@ -34,6 +36,11 @@ class AttitudeFilter(Module):
         super().__init__(ctx)
         self._period_s = ctx.period_ns / _NS_PER_S
         self._angles_deg: tuple[float, float] | None = None if ctx.mode == "fused" else _GLIDE_DEG
+
+    def mode_changed(self) -> bool:
+        """Keep the angles, which may be those of a turn."""
+        self._period_s = self.ctx.period_ns / _NS_PER_S
+        return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the attitude; nothing without both rates, or before `fused` has had its first accelerations."""

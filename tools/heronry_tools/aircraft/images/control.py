@@ -8,7 +8,10 @@ A loop publishes the demanded angle of its surface, limited to the range of the 
 best glide with level wings. A command beyond the limits of attitude is limited, too, whatever its source. Without an
 attitude nothing is published, and the servo stays where it is.
 
-A restart loses the integral: the surface moves by at most the trim that was learned.
+A pitch of gyros alone (version 2) drifts without limit, since the loop itself hides the drift. But a nose that is lower
+than believed makes the glide faster. So in mode `scheduled` the pitch loop learns the drift from the airspeed.
+
+A restart loses the integral: the surface moves by at most the trim that was learned. It also loses a learned drift.
 """
 
 import math
@@ -23,6 +26,10 @@ NS_PER_S = 1_000_000_000
 BEST_GLIDE_PITCH_DEG = -4.0
 BEST_GLIDE_M_PER_S = 18.0
 _LEAST_FLOW_M_PER_S = 8.0
+GYROS_ALONE = 2  # version of an attitude that drifts
+_FASTER_M_PER_S_PER_DEG = 0.9  # how much faster the glide is with the nose one degree lower
+_DRIFT_DEG_PER_M = 0.07  # with the 7 s in which the airspeed follows the pitch, a well damped loop
+_DRIFT_LIMIT_DEG = 40.0
 _PITCH_LIMIT_DEG = 15.0
 _ROLL_LIMIT_DEG = 30.0
 _ELEVATOR_LIMIT_DEG = 20.0
@@ -67,6 +74,7 @@ class PitchControl(Module):
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._pid = Pid(proportional=1.2, integral=0.3, damping=0.2, limit_deg=_ELEVATOR_LIMIT_DEG)
+        self._drift_deg = 0.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the elevator's demand in degrees."""
@@ -76,10 +84,23 @@ class PitchControl(Module):
         command_deg = number(inputs, "pitch_command")
         wanted_deg = BEST_GLIDE_PITCH_DEG if command_deg is None else held(command_deg, _PITCH_LIMIT_DEG)
         speed = number(inputs, "indicated_airspeed") if self.ctx.mode == "scheduled" else None
+        if inputs["pitch_angle"].version == GYROS_ALONE:
+            self._learn_drift(wanted_deg, speed)
+            pitch_deg -= self._drift_deg
+        else:
+            self._drift_deg = 0.0
         if speed is None or speed >= _LEAST_FLOW_M_PER_S:
             self._pid.learn_trim(wanted_deg - pitch_deg, self.ctx.period_ns / NS_PER_S)
         rate = number(inputs, "pitch_rate") or 0.0
         return {"elevator_demand": -self._pid.output_deg(wanted_deg - pitch_deg, rate, _gain(speed))}
+
+    def _learn_drift(self, wanted_deg: float, speed_m_per_s: float | None) -> None:
+        """Learn by how much the pitch reads too high; nothing on the line, or with the nose up, as in the flare."""
+        if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S or wanted_deg > 0.0:
+            return
+        expected = BEST_GLIDE_M_PER_S + _FASTER_M_PER_S_PER_DEG * (BEST_GLIDE_PITCH_DEG - wanted_deg)
+        learned = _DRIFT_DEG_PER_M * (speed_m_per_s - expected) * self.ctx.period_ns / NS_PER_S
+        self._drift_deg = held(self._drift_deg + learned, _DRIFT_LIMIT_DEG)
 
 
 def _gain(speed_m_per_s: float | None) -> float:

@@ -5,13 +5,17 @@ position, straight ahead. `OrbitAutopilot` is the experiment on the ground. It k
 circles over the field by a vector field. The vector field leads to the circle from anywhere, without switching between
 approach and orbit. Both publish commands in degrees; the inner loops limit the commands, and fly on without them.
 
-A restart loses nothing: every command depends only on the inputs of one step.
+An attitude of gyros alone has a wrong bank after a long turn: an aircraft that circles over the field would bank more
+and more. So `Guidance` learns to command less bank while the track turns tighter than it wants, down to level wings.
+
+A restart of `Guidance` loses what it has learned, and it takes half a minute to learn that again. A restart of
+`OrbitAutopilot` loses nothing: every command depends only on the inputs of one step.
 """
 
 import math
 from collections.abc import Mapping
 
-from heronry_agent.module import Inputs, Module, Value
+from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_agent.parts.reading import held, number, numbers, whole
 from heronry_tools.aircraft.images.control import BEST_GLIDE_M_PER_S, BEST_GLIDE_PITCH_DEG
 from heronry_tools.aircraft.images.mission import Stage
@@ -22,6 +26,11 @@ HOME_LONGITUDE_DEG = -84.50
 HOME_ALTITUDE_M = 300.0
 M_PER_DEG_LATITUDE = 111_320.0
 
+_NS_PER_S = 1_000_000_000
+_G_M_PER_S2 = 9.81
+_LEAST_M_PER_S = 8.0  # slower than this it does not fly
+_LEARNED_PER_S = 0.04
+_SHOWN_LIMIT_DEG = 45.0
 _BANK_PER_DEG = 0.8
 _HOME_BANK_LIMIT_DEG = 20.0
 _FLARE_M = 8.0
@@ -47,9 +56,31 @@ def turn_deg(wanted_deg: float, present_deg: float) -> float:
 class Guidance(Module):
     """Flies home (mode `route`) or straight ahead (mode `level`)."""
 
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._track_deg: float | None = None  # in the last step
+        self._learned_deg = 0.0  # is added to the wanted bank
+
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish both commands; in `route`, fly straight ahead if position or track is missing."""
-        return {"pitch_command": self._pitch_deg(inputs), "roll_command": self._roll_deg(inputs)}
+        wanted_deg = self._roll_deg(inputs)
+        if self.ctx.mode == "route" and not _flares(inputs):
+            self._learn(inputs, wanted_deg)
+        return {"pitch_command": self._pitch_deg(inputs), "roll_command": wanted_deg + self._learned_deg}
+
+    def _learn(self, inputs: Inputs, wanted_deg: float) -> None:
+        before_deg, self._track_deg = self._track_deg, number(inputs, "gps_track")
+        true_m_per_s, stage = number(inputs, "true_airspeed"), whole(inputs, "mission_stage")
+        if before_deg is None or self._track_deg is None or true_m_per_s is None or true_m_per_s < _LEAST_M_PER_S:
+            return
+        if stage is None or stage < Stage.GLIDE:
+            return
+        period_s = self.ctx.period_ns / _NS_PER_S
+        turn_rad_per_s = math.radians(turn_deg(self._track_deg, before_deg)) / period_s
+        shown_deg = math.degrees(math.atan(true_m_per_s * turn_rad_per_s / _G_M_PER_S2))
+        difference_deg = wanted_deg - held(shown_deg, _SHOWN_LIMIT_DEG)
+        learned_deg = held(self._learned_deg + _LEARNED_PER_S * difference_deg * period_s, abs(wanted_deg))
+        self._learned_deg = min(learned_deg, 0.0) if wanted_deg > 0.0 else max(learned_deg, 0.0)
 
     def _pitch_deg(self, inputs: Inputs) -> float:
         return _FLARE_PITCH_DEG if _flares(inputs) else BEST_GLIDE_PITCH_DEG

@@ -2,7 +2,7 @@
 
 The aircraft is held in place until the first configuration runs and its servos are driven. Faults are injected at a
 time of the flight, or below a height. A fault of a PE kills its process; a fault of a device happens in the plant
-process. All processes end with the flight, however the flight ends (`Fleet`).
+process; a fault of a bus happens in its hub. All processes end with the flight, however the flight ends (`Fleet`).
 """
 
 import json
@@ -21,23 +21,30 @@ from heronry_tools.fly.live.driver import FOLDER, READINGS
 from heronry_tools.fly.live.shared_readings import Reader
 from heronry_tools.fly.mission import Blow, Mission
 from heronry_tools.fly.plant import NS_PER_S
-from heronry_tools.runtime.demo.buses import choose
+from heronry_tools.fly.record import place_labels
+from heronry_tools.runtime.demo.buses import choose, hub_paths
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from heronry_tools.sim.faults.fault import Fault
+from heronry_tools.sim.scenario.bad_radios import KINDS, BadRadios
+from heronry_tools.sim.scenario.script import Deed
 
 DRIVER = "flight"
 _ROVER = ("rover", "vision")
 _LONGEST_START_S = 60.0
 _LOOK_S = 0.05
+_NS_PER_MS = 1_000_000
 
 
 def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | None = None) -> dict[str, Any]:
-    """Fly a mission, and return the last JSON message of the plant process; raises UserError if a process ends early.
+    """Fly a mission, and return the last JSON message of the plant process, with the places of the last plan.
 
     record_file: where the plant process writes the record of the flight, as JSON
+    Raises UserError if a process ends early.
     """
     unfit = [str(blow) for blow in mission.blows if blow.element.startswith("bus:")]
     if unfit:
-        raise UserError(f"--kill {unfit[0]}: with --live a PE or a device can fail, and no bus")
+        raise UserError(f"--kill {unfit[0]}: with --live a PE or a device can fail, and no bus; a bus has --act")
+    deeds = [_deed(act) for act in mission.acts]
     with ExitStack() as stack:
         folder = run_folder()
         fleet = stack.enter_context(
@@ -50,7 +57,15 @@ def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | 
         for pe in spec.pes:
             if mission.has_rover or pe not in _ROVER:
                 fleet.start_pe(pe)
-        return _Flight(fleet, plant, mission, events.fileno()).run()
+        radios = stack.enter_context(BadRadios(deeds, hub_paths(choices)))
+        return _Flight(fleet, plant, radios, mission, events.fileno()).run()
+
+
+def _deed(act: Fault) -> Deed:
+    """Return a fault of a bus as a deed; raises UserError for other faults."""
+    if act.kind not in KINDS or act.during:
+        raise UserError(f"--act '{act}': with --live these are possible, at a time: {', '.join(KINDS)}")
+    return Deed(0, act.at_ms * _NS_PER_MS, "fault", act.target, str(act), act)
 
 
 class _Plant:
@@ -119,24 +134,40 @@ class _Plant:
         return [json.loads(line) for line in lines]
 
 
+class _Places:
+    """Reads the manager's events, and keeps the places of the modules in the newest plan."""
+
+    def __init__(self, events: int) -> None:
+        self._events, self._rest = events, b""
+        self.newest: dict[str, str] = {}
+
+    def read(self) -> None:
+        """Read the events that have arrived, without waiting."""
+        while select.select([self._events], [], [], 0.0)[0] and (data := os.read(self._events, 65536)):
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            for event in map(json.loads, lines):
+                if event["event"] == "plan_ready":
+                    self.newest = place_labels(event["plan"])
+
+
 class _Flight:
     """One flight, from the start of its processes to its end."""
 
-    def __init__(self, fleet: Fleet, plant: _Plant, mission: Mission, events: int) -> None:
-        self._fleet, self._plant, self._events = fleet, plant, events
+    def __init__(self, fleet: Fleet, plant: _Plant, radios: BadRadios, mission: Mission, events: int) -> None:
+        self._fleet, self._plant, self._radios = fleet, plant, radios
+        self._places = _Places(events)
         self._due = list(mission.blows)
         self._released_ns: int | None = None
 
     def run(self) -> dict[str, Any]:
-        """Run the flight to its end; return the last message of the plant process."""
+        """Run the flight to its end; return the last message of the plant process, with the places of the last plan."""
         begun_s = time.monotonic()
         while True:
             for line in self._plant.said(_LOOK_S):
                 if "released_ns" not in line:
-                    return line
+                    return {**line, "places": self._places.newest}
                 self._released_ns = line["released_ns"]
-            while select.select([self._events], [], [], 0.0)[0] and os.read(self._events, 65536):
-                pass
+            self._places.read()
             problem = self._fleet.ended()
             if problem is None and self._released_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
                 problem = f"no servo was driven within {_LONGEST_START_S:.0f} s"
@@ -147,7 +178,9 @@ class _Flight:
     def _inject_due(self) -> None:
         if self._released_ns is None:
             return
-        flown_s = (time.monotonic_ns() - self._released_ns) / NS_PER_S
+        flown_ns = time.monotonic_ns() - self._released_ns
+        self._radios.follow(flown_ns)
+        flown_s = flown_ns / NS_PER_S
         for blow in list(self._due):
             if _is_due(blow, flown_s, self._plant.height_m):
                 self._due.remove(blow)

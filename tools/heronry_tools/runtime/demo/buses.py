@@ -79,6 +79,16 @@ def choose(
     return choices
 
 
+def hub_paths(choices: Mapping[str, BusChoice]) -> dict[str, str]:
+    """Give the paths of the hubs that this run has to start, by bus or channel (`radio`, `can0.1`)."""
+    return {
+        name if choice.channels == 1 else f"{name}.{number}": config["channel"]
+        for name, choice in choices.items()
+        if choice.is_ours
+        for number, config in enumerate(choice.configs(), start=1)
+    }
+
+
 def _channels(bus: Bus) -> list[str]:
     """Give the names of a bus's channels; a bus that is not replicated has one, with the bus's own name."""
     return [bus.name] if bus.channels == 1 else [f"{bus.name}.{number}" for number in range(1, bus.channels + 1)]

@@ -55,6 +55,9 @@ _COMPILED = {
     "heronry_tools.aircraft.images": "actuators air_data altitude atmosphere attitude control guidance "
     "imaging mission pilot_view recovery sensors servo_monitor telemetry wing",
     "heronry_tools.aircraft.plant": "devices flight interface mechanism noise world",
+    "heronry_tools.fly": "atmosphere camera observation sensors servos",
+    "heronry_tools.fly.avionics": "control flight_management position tracking_filter",
+    "heronry_tools.fly.dynamics": "eav moving_air",
     "heronry_tools.runtime": "witness",
     "heronry_tools.sim.faults": "protocol_state",
     "heronry_tools.sim.oracles": "authenticity availability blame channels checks commanded configurations end_state "
@@ -77,7 +80,7 @@ _TYPE_SETTINGS = """\
 [mypy]
 mypy_path = $MYPY_CONFIG_FILE_DIR
 ignore_missing_imports = true
-[mypy-can.*,canopen.*,cantools.*,cryptography.*,distributed.*,highspy.*,ortools.*,pydantic.*,rich.*,yaml.*]
+[mypy-can.*,canopen.*,cantools.*,cryptography.*,distributed.*,highspy.*,jsbsim.*,ortools.*,pydantic.*,rich.*,yaml.*]
 follow_imports = skip
 """
 # Hidden symbols make calls within the library direct. More optimisation is hardly faster. The check for misleading

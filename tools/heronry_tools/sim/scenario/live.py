@@ -24,7 +24,7 @@ from typing import Any
 
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_tools.console.errors import UserError
-from heronry_tools.runtime.demo.buses import BusChoice, choose
+from heronry_tools.runtime.demo.buses import choose, hub_paths
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
@@ -78,7 +78,7 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
             Fleet(spec, script.spec_file, folder, _made_ahead(script), _made_key(script, folder))
         )
         choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
-        hubs = _hubs(choices)
+        hubs = hub_paths(choices)
         of_radios = [deed for deed in script.deeds if _is_of_a_radio(script, deed)]
         for deed in of_radios:
             if deed.fault is not None and deed.fault.name not in hubs:
@@ -112,16 +112,6 @@ def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
     if interface != "softbus":
         raise UserError(f"-i {interface} needs a channel; add -c, for example -c vcan0")
     return None
-
-
-def _hubs(choices: Mapping[str, BusChoice]) -> dict[str, str]:
-    """Return the paths of the hubs that this flight has started, by bus or channel (`radio`, `can0.1`)."""
-    return {
-        name if choice.channels == 1 else f"{name}.{number}": config["channel"]
-        for name, choice in choices.items()
-        if choice.is_ours
-        for number, config in enumerate(choice.configs(), start=1)
-    }
 
 
 class _Show:
