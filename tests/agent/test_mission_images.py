@@ -255,7 +255,9 @@ def test_guidance_banks_towards_home(track: float, bank: float) -> None:
     assert outputs == pytest.approx({"pitch_command": -4.0, "roll_command": bank})
 
 
-@pytest.mark.parametrize(("turns_deg_per_s", "least", "most"), [(5.0, 20.0, 20.0), (11.2, 19.0, 20.0), (20.0, 0.0, 5.0)])
+@pytest.mark.parametrize(
+    ("turns_deg_per_s", "least", "most"), [(5.0, 20.0, 20.0), (11.2, 19.0, 20.0), (20.0, 0.0, 5.0)]
+)
 def test_guidance_commands_less_bank_while_the_track_turns_tighter_than_it_wants(
     turns_deg_per_s: float, least: float, most: float
 ) -> None:
