@@ -34,6 +34,7 @@ LARGEST_INDEX = 0xFFF  # of an element, in an error of the error history
 MOST_ELEMENTS = 254  # sub-indices of an array
 HEARTBEAT_MS = CANOPEN_HEARTBEAT_NS // 1_000_000  # at power-on
 SHORTEST_HEARTBEAT_MS = 100
+BIT_RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)  # bit/s, all of CiA 301
 
 
 class Type(Enum):

@@ -54,6 +54,8 @@ class CommandParser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             known = [str(choice) for choice in action.choices]
+            if action.nargs == argparse.PARSER:  # a command among those of a command
+                raise argparse.ArgumentError(None, f"there is no command '{value}'; {meant(str(value), known)}")
             raise argparse.ArgumentError(action, f"there is no '{value}'; {meant(str(value), known)}")
 
     def _misspelt(self) -> str | None:

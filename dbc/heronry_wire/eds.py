@@ -8,6 +8,7 @@ with one element per module are written in the compact form, in which the node i
 from collections.abc import Iterator, Sequence
 
 from heronry_wire.canopen_objects import (
+    BIT_RATES,
     MOST_ELEMENTS,
     OBJECTS,
     PRODUCT_CODE,
@@ -22,7 +23,6 @@ from heronry_wire.canopen_objects import (
 FILE_NAME = "heronry_pe.eds"
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _FIRST_OWN, _LAST_OWN = 0x2000, 0x5FFF
-_BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s, all of CiA 306: the spec fixes the bit rate
 
 
 def eds_text() -> str:
@@ -40,7 +40,7 @@ def _sections() -> Iterator[list[str]]:
         ProductNumber=f"0x{PRODUCT_CODE:08X}",
         RevisionNumber=f"0x{REVISION:08X}",
         OrderCode="",
-        **{f"BaudRate_{rate}": 1 for rate in _BIT_RATES},
+        **{f"BaudRate_{rate // 1000}": 1 for rate in BIT_RATES},  # all: the spec fixes the bit rate
         SimpleBootUpMaster=0,
         SimpleBootUpSlave=1,
         Granularity=0,

@@ -270,5 +270,7 @@ def _read_record(kind: Any, raw: dict[str, Any], where: str) -> Any:
     names = {f.name for f in fields(kind)}
     odd = sorted(set(raw) ^ names)
     if odd:
-        raise TableError(f"{where} lacks, or must not have, {', '.join(f'{key:.40}' for key in odd[:5])}; {_REMEDY}")
+        raise TableError(
+            f"{where}: fields are missing or unknown: {', '.join(f'{key:.40}' for key in odd[:5])}; {_REMEDY}"
+        )
     return kind(**{f.name: _read(f.type, raw[f.name], f"{where}.{f.name}") for f in fields(kind)})

@@ -100,14 +100,14 @@ class BusForm(Fallible):
     )
     kind: Literal["wired", "wireless"] = Field(
         default=_default(Bus, "kind"),
-        description="Of a wireless bus only the bandwidth is planned, not response times.",
+        description="Whether the bus is wired; on a wireless bus only bandwidth is checked, and not response times.",
         examples=["wired"],
     )
     channels: int = Field(
         default=_default(Bus, "channels"),
         ge=1,
         le=2,
-        description="2: a replicated bus, on which every frame is sent on both channels.",
+        description="Number of channels; with 2 the bus is replicated: every frame is sent on both.",
         examples=[1],
     )
     heartbeat_ns: Period = Field(
@@ -121,7 +121,7 @@ class BusForm(Fallible):
         default=_default(Bus, "misses"),
         ge=1,
         le=255,
-        description="Number of silent periods after which a PE counts as down.",
+        description="Number of heartbeat periods without a state after which a PE counts as down.",
         examples=[3],
     )
 
@@ -163,7 +163,7 @@ class DeviceForm(Fallible):
     """A sensor or an actuator, bolted to one PE."""
 
     kind: Literal["sensor", "actuator"] = Field(
-        description="A sensor gives, an actuator takes data.", examples=["sensor"]
+        description="Whether the device gives data (sensor) or takes data (actuator).", examples=["sensor"]
     )
     pe: str = Field(description="PE to which the device is bolted.", examples=["tail_pe"])
 
@@ -205,7 +205,7 @@ class ModeForm(Form):
 
     needs: Any = Field(
         default=None,
-        description="Gate expression over variables that must hold for the mode to run; no inputs if left out.",
+        description="Condition on the inputs, as a gate expression over variables; left out, the mode has no inputs.",
         examples=["altitude", {"or": {"k": 1, "of": ["altitude@<=2", "release_command"]}}],
     )
     gives: dict[str, Version] = Field(
@@ -283,12 +283,12 @@ class FunctionForm(Form):
     priority: PriorityByPhase = Field(
         default=1,
         validate_default=True,
-        description="Weight in its class, 0 for not wanted; one weight, or weights by phase, with a `default`.",
+        description="Weight in the class, 0: not wanted; one weight, or weights by phase, with a `default`.",
         examples=[100, {"default": 20, "landing": 0}],
     )
     value: list[Points] | None = Field(
         default=None,
-        description="Value of the function per mode of its output, best first; 100 (m - i) / m if left out.",
+        description="Points for each mode of the output, best first; left out, mode i (from 0) of m has 100 (m-i)/m.",
         examples=[[100, 40]],
     )
     priority_range: PriorityRange | None = Field(
@@ -315,7 +315,7 @@ class WhenForm(Form):
         default=None,
         min_length=1,
         alias="from",
-        description="Phases from which the rule leads to this one; those listed before it if left out.",
+        description="Phases in which the rule applies; left out, all phases that are listed before this one.",
         examples=[["glide", "landing"]],
     )
 

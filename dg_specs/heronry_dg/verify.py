@@ -272,10 +272,14 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
     for demux in case.spec.demuxes.values():
         running = [branch for branch in demux.branches if branch in case.known.modules]
         if len(running) > 1:
-            yield Violation("4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one may")
+            yield Violation(
+                "4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one of them may"
+            )
         ended = [end for end in demux.to if end in case.known.modules]
         if len(ended) > 1 and len(running) < 2:  # else it is a consequence
-            yield Violation("4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one end may")
+            yield Violation(
+                "4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one of these ends may"
+            )
         for branch in running:
             paths = [path for path, leaf in case.mode(branch).leaves() if leaf.demux == demux.name]
             if not any(path in case.known.modules[branch].inputs for path in paths):
@@ -330,7 +334,7 @@ def _pe_resources(case: _Case) -> Iterator[Violation]:
             ("7.flash", sum(case.spec.modules[module].flash for module in here), pe.flash, "bytes of flash"),
         ):
             if used > capacity:
-                yield Violation(rule, f"pe {name}", f"its modules take {used} {unit}, and it has {capacity}")
+                yield Violation(rule, f"pe {name}", f"its modules take {used} {unit}, but it has only {capacity}")
 
 
 def _bus_resources(case: _Case) -> Iterator[Violation]:
@@ -338,7 +342,9 @@ def _bus_resources(case: _Case) -> Iterator[Violation]:
     for name, capacity in case.left.bus_mbit_per_s.items():
         if loads[name] > capacity:
             used, room = loads[name] / 1000, capacity / 1000
-            yield Violation("7.bus", f"bus {name}", f"modules publish {used:.3f} bit/s, and data may take {room:.3f}")
+            yield Violation(
+                "7.bus", f"bus {name}", f"modules publish {used:.3f} bit/s, but data may take only {room:.3f} bit/s"
+            )
 
 
 # Semantics rule 8: placement rules
@@ -367,9 +373,9 @@ def _placement_rules(case: _Case) -> Iterator[Violation]:
 def _deadlines(case: _Case) -> Iterator[Violation]:
     for late in ResponseTimes(case.spec).late(hops(case.left, case.sound)):
         hop = late.hop
-        taken = "no bound" if late.response_ns is None else f"up to {late.response_ns} ns"
+        taken = "arbitrarily long" if late.response_ns is None else f"up to {late.response_ns} ns"
         yield Violation(
             "9.deadline",
             f"bus {hop.bus}",
-            f"{hop.variable} from {hop.producer} takes {taken} to arrive, and its deadline is {late.deadline_ns} ns",
+            f"{hop.variable} from {hop.producer} takes {taken} to arrive, but its deadline is {late.deadline_ns} ns",
         )

@@ -66,7 +66,7 @@ def exceeded(spec: Spec) -> Iterator[Excess]:
     yield from _too_many("buses", radios, MOST_RADIOS, "each gateway reports under its own identifier", "radios")
     for module in spec.modules.values():
         if len(module.modes) > MOST_MODES:
-            sentence = f"module '{module.name}' has {len(module.modes)} modes, and may have {MOST_MODES}"
+            sentence = f"module '{module.name}' has {len(module.modes)} modes, but may have only {MOST_MODES}"
             yield Excess("modules", module.name, f"{sentence}: an output echo numbers modes in one byte", "merge modes")
     yield from _of_the_pes(spec)
 
@@ -76,7 +76,7 @@ def _too_many(
 ) -> Iterator[Excess]:
     found = list(names)
     if len(found) > most:
-        sentence = f"there are {len(found)} {called or section}, and there may be {most}: {why}"
+        sentence = f"there are {len(found)} {called or section}, but there may be only {most}: {why}"
         yield Excess(section, found[most], sentence, f"'{found[most]}' is the first beyond the limit")
 
 
@@ -85,12 +85,12 @@ def _of_the_pes(spec: Spec) -> Iterator[Excess]:
     for pe in spec.pes.values():
         modules = bounds.may_run_on(pe.name)
         if len(modules) > MOST_MODULES_OF_A_PE:
-            sentence = f"{len(modules)} modules may run on pe '{pe.name}', and {MOST_MODULES_OF_A_PE} may"
+            sentence = f"{len(modules)} modules may run on pe '{pe.name}', but it can have only {MOST_MODULES_OF_A_PE}"
             why = "CANopen numbers them in one byte"
             yield Excess("pes", pe.name, f"{sentence}: {why}", "restrict modules to other PEs with 'runs_on'")
         most = bounds.most_bytes(pe)
         if most > MOST_SLICE_BYTES:
-            sentence = f"the slice of pe '{pe.name}' may need {most} bytes, and SLICE carries {MOST_SLICE_BYTES}"
+            sentence = f"the slice of pe '{pe.name}' may need {most} bytes, but SLICE carries only {MOST_SLICE_BYTES}"
             remedy = "let fewer modules, or modules with fewer inputs and outputs, run on it, or forward fewer data"
             yield Excess("pes", pe.name, sentence, remedy, is_slice=True)
 

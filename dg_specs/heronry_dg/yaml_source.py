@@ -83,12 +83,18 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
     """Read the one document in `data`; None, and a finding, where it cannot be read."""
     if len(data) > MOST_BYTES:
         findings.add(
-            rules.TOO_LARGE, Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "a spec is a short text"
+            rules.TOO_LARGE,
+            Place(1, 1),
+            f"the file has more than {MOST_BYTES} bytes",
+            "look for pasted data, or divide the system into two specs",
         )
         return None
     if data.count(b":") + data.count(b",") + data.count(b"- ") > MOST_NODES:
         findings.add(
-            rules.TOO_LARGE, Place(1, 1), f"the file has more than {MOST_NODES} values", "a spec is a short text"
+            rules.TOO_LARGE,
+            Place(1, 1),
+            f"the file has more than {MOST_NODES} values",
+            "look for pasted data, or divide the system into two specs",
         )
         return None
     text = _decoded(data, findings)
@@ -234,13 +240,15 @@ class _Builder:
         if level > MOST_LEVELS:
             return _LimitError(rules.TOO_DEEP, place, _TOO_DEEP, _KEEP_FLAT)
         sentence = f"the file has more than {MOST_NODES} values"
-        return _LimitError(rules.TOO_LARGE, place, sentence, "a spec is a short text")
+        return _LimitError(
+            rules.TOO_LARGE, place, sentence, "look for pasted data, or divide the system into two specs"
+        )
 
     def _count_repeated(self, place: Place) -> None:
         self._repeated_keys += 1
         if self._repeated_keys > MOST_REPEATED_KEYS:
             sentence = f"the file has more than {MOST_REPEATED_KEYS} repeated keys, and is read no further"
-            raise _LimitError(rules.TOO_LARGE, place, sentence, "check the program that wrote it")
+            raise _LimitError(rules.TOO_LARGE, place, sentence, "check the program that wrote the file")
 
     def _items(self, level: int) -> list[Node]:
         items = []

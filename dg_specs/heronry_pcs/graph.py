@@ -28,7 +28,8 @@ Edge = tuple[str, str]
 class PcsError(HeronryError, ValueError):
     """An operation that cannot be applied; `error` is its name, such as `needs:configuration` or `unknown:Kimu`.
 
-    is_unknown: the caller names what there is not; `known` has the names that there are, for "did you mean".
+    is_unknown: the caller names what there is not. `known` has the names that there are, for "did you mean", or to be
+    listed.
     """
 
     def __init__(self, error: str, known: Iterable[str] = ()) -> None:
@@ -44,6 +45,10 @@ def _explained(error: str, known: Iterable[str]) -> str:
             return f"{_NEEDS[name]}; 'heronry pcs check' shows what holds of a graph"
         case "unknown":
             return f"there is no '{name}' here; {meant(name, sorted(known))}"
+        case "sides":
+            return (
+                f"a cut needs leaves pinned to exactly two sides; here they are pinned to {', '.join(known) or 'none'}"
+            )
         case "clash":
             return f"the name '{name}' stands for two different components"
         case _:
@@ -70,7 +75,6 @@ _SENTENCES: Mapping[str, str] = {
     "edge_apart": "no end of the edge is where it would join the graph",
     "edge_outside": "an end of the edge is not in the graph",
     "edge_inside": "one member holds both ends of the edge",
-    "sides": "a cut needs leaves pinned to exactly two sides",
     "leaves": "the vertices are not exactly the ports of the leaves among the members",
 }
 

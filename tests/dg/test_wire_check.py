@@ -47,6 +47,23 @@ def test_each_type_that_the_list_allows_is_allowed() -> None:
     assert finding.sentence.endswith("is FLOAT or SHORT2")
 
 
+@pytest.mark.parametrize(
+    ("bus", "hint"),
+    [
+        ("bitrate: 12345", "write 10000 or 20000, unless every controller on this bus can be set to 12345"),
+        ("bitrate: 500", "write 500000, unless every controller on this bus can be set to 500"),
+        ("bitrate: 12500", "write 125000, unless every controller on this bus can be set to 12500"),
+        ("bitrate: 999999", "write 800000 or 1000000, unless every controller on this bus can be set to 999999"),
+        ("bitrate: 83333", None),
+        ("bitrate: 100000", None),
+        ("bitrate: 12345, kind: wireless", None),  # 112.5 kbit/s, as that of big_blue
+    ],
+)
+def test_a_wired_bus_with_an_unusual_bit_rate_is_told_and_a_radio_may_have_any(bus: str, hint: str | None) -> None:
+    found = found_in(f"buses: {{can0: {{bitrate: 500000}}, other: {{{bus}}}}}\n")
+    assert [one.hint for one in found if one.code == "DG509"] == ([] if hint is None else [hint])
+
+
 @pytest.mark.parametrize(("identifier", "is_index"), [(1000, True), (1035, True), (1036, False), (1177, True)])
 def test_identifiers_with_an_index_in_byte_2(identifier: int, is_index: bool) -> None:
     kind = "BLONG" if identifier == 1035 else "FLOAT"

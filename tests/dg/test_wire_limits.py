@@ -58,10 +58,10 @@ def modes(count: int) -> str:
 @pytest.mark.parametrize(
     ("made", "most", "words"),
     [
-        (devices, 256, "there are 257 devices, and there may be 256"),
-        (modes, 256, "module 'display' has 257 modes, and may have 256"),
-        (modules, 2 * 254, "255 modules may run on pe 'nav', and 254 may"),
-        (modules, 4096, "there are 4097 modules, and there may be 4096"),
+        (devices, 256, "there are 257 devices, but there may be only 256"),
+        (modes, 256, "module 'display' has 257 modes, but may have only 256"),
+        (modules, 2 * 254, "255 modules may run on pe 'nav', but it can have only 254"),
+        (modules, 4096, "there are 4097 modules, but there may be only 4096"),
     ],
     ids=["devices", "modes", "modules of a PE", "modules"],
 )
@@ -82,7 +82,7 @@ def test_four_hundred_modules_on_one_pe_are_refused_before_the_flight(
     file.write_bytes(whole_spec(fragment))
     assert main(["table", str(file), "nav"]) != 0
     said = capsys.readouterr().err
-    assert "many: 440 modules may run on pe 'nav', and 254 may" in said
+    assert "many: 440 modules may run on pe 'nav', but it can have only 254" in said
     assert "slice of pe 'nav' may need" in sentences(fragment)[1]
 
 

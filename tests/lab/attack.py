@@ -18,6 +18,8 @@ beside that of a flight without a forger, and how many sessions ended.
 
     python -m lab.attack demux_actuators.dg.yaml --count 1000 --denial 10
 
+`lab.denial` does the same to real processes on the software bus.
+
 The program also prints the cost of the tags: the share of each bus that commands take, without and with a key.
 """
 
@@ -36,7 +38,6 @@ from heronry_manager.core.compilation import Compiler
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import load_spec
-from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.faults.denial import DENIALS, Denier
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
@@ -62,6 +63,7 @@ from heronry_wire.sansio import Send
 from heronry_wire.state_frames import StatePage2, decode_state
 from heronry_wire.timing import exact_bits
 from lab.peers import PlayedManager, SteppedCore
+from lab.silences import Silences
 
 _MS = 1_000_000
 _NS_PER_S = 1_000_000_000
@@ -262,31 +264,15 @@ def management_load(spec: Spec, key: Key | None) -> dict[str, float]:
     return {name: bits[name] * _NS_PER_S / _MEASURED_NS / bus.bitrate for name, bus in spec.buses.items()}
 
 
-class _Silences:
-    """The longest time between two outputs of each function of a flight, on the managers' bus."""
-
-    def __init__(self, flight: Simulation) -> None:
-        spec = flight.spec
-        self.longest_ns = 0
-        self._witness = Witness(spec)
-        self._functions = {m: [f.name for f in spec.functions.values() if m in f.outputs] for m in spec.modules}
-        self._last_ns: dict[str, int] = {}
-        flight.wiring.tap(spec.manager.bus, self._see)
-
-    def _see(self, sent: Sent) -> None:
-        output = self._witness.see(sent.end_ns, sent.frame)
-        for function in () if output is None else self._functions[output.module]:
-            self.longest_ns = max(self.longest_ns, sent.end_ns - self._last_ns.get(function, sent.end_ns))
-            self._last_ns[function] = sent.end_ns
-
-
 def denied(spec: Spec, seed: int, seconds: float, kind: str | None, percent: int = 0) -> tuple[float, int]:
     """Fly under a kind of forger (None: without one); gives the longest silence in ms, and the sessions that ended."""
     flight = Simulation(spec, seed, key=Key(bytes(KEY_BYTES)))
+    silences, renewed = Silences(spec), [0]
+    flight.wiring.tap(spec.manager.bus, lambda sent: silences.see(sent.end_ns, sent.frame))
     while not flight.events_of("reconfigured"):
         flight.run_for(_NS_PER_S)
     flight.run_for(_SETTLED_NS)
-    silences, renewed = _Silences(flight), [0]
+    silences.begin()
 
     def count(sent: Sent) -> None:
         if sent.frame.can_id == management_id(FIRST_MANAGER, Command.CONTROL) and not sent.sender.startswith(STRANGER):
@@ -298,7 +284,7 @@ def denied(spec: Spec, seed: int, seconds: float, kind: str | None, percent: int
         wire = flight.wiring.buses[spec.manager.bus]
         Denier(flight.clock, wire, Random(seed), spec=spec, kind=kind, share_percent=percent)
     flight.run_for(round(seconds * _NS_PER_S))
-    return silences.longest_ns / _MS, renewed[0]
+    return silences.longest_ns(flight.clock.now_ns) / _MS, renewed[0]
 
 
 def print_denials(spec: Spec, seed: int, seconds: float) -> bool:

@@ -16,7 +16,6 @@ the flight no process, socket or folder of it is left. Exit code 1 otherwise.
 import argparse
 import json
 import os
-import re
 import resource
 import select
 import signal
@@ -33,12 +32,13 @@ from heronry_manager.core.vocabulary import ClearElement
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_place import ControlError
 from heronry_tools.console.errors import UserError, exit_code
-from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 from lab.benches.fleets import Aircraft, aircraft
+from lab.slow_spec import slow_spec
 
 PATIENCE_S = 60.0
 HEARD_S = 2.0  # functions are heard again when all of them have been heard for so long
@@ -225,12 +225,6 @@ def left_behind(folder: Path) -> list[str]:
     return [*left, *(f"process {pid} is left" for pid in naming)]
 
 
-def slower(text: str, heartbeat_ms: int) -> str:
-    """Give a spec with another heartbeat period, with which a busy machine does not lose PEs."""
-    text = re.sub(r", heartbeat_ms: \d+", "", text)
-    return re.sub(r"(bitrate: \d+)", rf"\1, heartbeat_ms: {heartbeat_ms}", text)
-
-
 def _tell(number: int, mishap: Mishap, after_s: float, sentence: str | None, *, as_json: bool) -> None:
     if as_json:
         told = {"number": number, **asdict(mishap), "served_after_s": round(after_s, 2), "failure": sentence}
@@ -254,8 +248,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     kinds = (*KINDS, CLOCK) if arguments.clock else KINDS
     failures: list[str] = []
     with ExitStack() as stack:
-        file = Path(stack.enter_context(TemporaryDirectory()), "slower.dg.yaml")
-        file.write_text(slower(spec_path(arguments.spec).read_text(), arguments.heartbeat_ms))
+        own = Path(stack.enter_context(TemporaryDirectory()))
+        file = slow_spec(arguments.spec, own, heartbeat_ms=arguments.heartbeat_ms)
         mishaps = drawn(arguments.seed, arguments.count, list(load_spec(str(file)).pes), kinds)
         with aircraft(str(file)) as flown, Ear(flown.main, flown.spec.buses[flown.main.name]) as ear:
             folder, flight = flown.fleet.folder, Flight(flown, ear)

@@ -16,7 +16,7 @@ from threading import Event, Thread
 import pytest
 
 from heronry_tools.runtime.softbus.starter import start_hub
-from live.slow_spec import slow_spec
+from lab.slow_spec import slow_spec
 
 pytestmark = [
     pytest.mark.vcan,

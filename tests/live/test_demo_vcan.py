@@ -38,7 +38,7 @@ from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
 from heronry_wire.identifiers import Use, classify, state_id
 from heronry_wire.state_frames import StatePage0, decode_state
-from live.slow_spec import slow_spec
+from lab.slow_spec import slow_spec
 from thoroughness import mostly_soak
 
 pytestmark = pytest.mark.vcan

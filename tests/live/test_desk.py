@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from live.slow_spec import slow_spec
+from lab.slow_spec import slow_spec
 
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOYMENT = ROOT / "tools" / "heronry_tools" / "runtime" / "deployment"

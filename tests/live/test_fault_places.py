@@ -15,7 +15,7 @@ import pytest
 pytestmark = pytest.mark.live
 PYTHON = [sys.executable, "-m"]
 SPEC = Path("dg_specs/examples/fail_over.dg.yaml")
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 LOGIC = "runs_on: [left, right], needs: altitude,"
 GOOD = """
 from heronry_agent.module import Module
@@ -53,7 +53,7 @@ class Desk:
         self._begun = contextlib.ExitStack()
         spec = folder / "spec.dg.yaml"
         text = SPEC.read_text().replace(LOGIC, f'{LOGIC} image: "chute_code:Logic",')
-        text = text.replace("{bitrate: 500000}", "{bitrate: 500000, heartbeat_ms: 200}")
+        text = text.replace("{bitrate: 500000}", "{bitrate: 500000, heartbeat_ms: 400}")
         assert "chute_code" in text
         assert "heartbeat_ms" in text
         spec.write_text(text)

@@ -24,6 +24,7 @@ def child_of(parent: int, *words: bytes) -> int:
     return found
 
 
+@pytest.mark.soak  # in every run test_planner_processes.py replaces a planner that hangs, test_keyed.py has a take-over
 def test_a_standby_whose_planner_hangs_takes_over_and_configures(tmp_path: Path) -> None:
     file = slow_aircraft(tmp_path)
     spec = load(file)

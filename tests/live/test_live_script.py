@@ -1,21 +1,28 @@
 """A script of component graphs, flown by a running manager with real processes on the software bus."""
 
 import json
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from heronry_dg.loader import load
-from heronry_dg.plan import read_plan
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import situation
+from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.planner.exact import plan
+from heronry_manager.shell.control_client import call
+from heronry_manager.shell.control_protocol import FlyScript
 from heronry_pcs.plan_script import module_graph
 from heronry_pcs.script_difference import difference
-from lab.benches.live_scripts import moved
-from live.test_operator import Demo
+from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
+from lab.benches.fleets import aircraft
+from lab.benches.live_scripts import calm_plan, moved
+from lab.slow_spec import slow_spec
+from live.test_operator import Demo, heronry
 
 pytestmark = pytest.mark.live
+CALM_S = 3.0
 PLANTS = """\
 plants:
   elevator: {moved_by: [elevator_servo_1, elevator_servo_2], seen_by: [elevator_angle_sensor], criticality: A}
@@ -72,23 +79,51 @@ def test_a_script_moves_a_running_system_and_back_and_a_bad_one_changes_nothing(
 
 
 @pytest.mark.soak
-def test_big_blue_is_moved_and_back_and_then_loses_a_computer(tmp_path: Path) -> None:
-    file = shipped_spec_path("big_blue")
-    spec = load(file)
-    demo = Demo(file, kill="pe:flight@25")
-    try:
-        planned = demo.until("plan_ready")["plan"]
-        demo.until("reconfigured")
-        before = read_plan(json.dumps(planned), spec).configuration
-        name, after = moved(spec, situation(spec, phase=planned["phase"]), before)
-        graphs = module_graph(spec, before), module_graph(spec, after)
-        for script, pair in (("there", graphs), ("back", graphs[::-1])):
-            file_of = tmp_path / f"{script}.pcs.script"
-            file_of.write_text(difference(*pair))
-            flown = demo.fly(file_of, file)
-            assert flown.returncode == 0, flown.stderr
-            assert demo.until("reconfigured")["moved"] == [name]
-        assert demo.until("pe_lost")["pe"] == "flight"
-        assert "pe:flight: silent" in demo.until("reconfigured")["causes"][0]
-    finally:
-        demo.end()
+def test_big_blue_is_moved_and_back_a_bad_script_changes_nothing_and_a_kill_in_the_middle_ends_as_a_fault(
+    tmp_path: Path,
+) -> None:
+    file = slow_spec("big_blue", tmp_path, heartbeat_ms=500, rates_divided_by=4)
+    bad = tmp_path / "bad.pcs.script"
+    bad.write_text("G.DeleteComponent ( nothing );\n")
+    with aircraft(str(file)) as flown:
+        spec, socket = flown.spec, flown.fleet.control_socket()
+        events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
+        flown.start_pes()
+        events.wait("reconfigured")
+        running = calm_plan(flown, CALM_S)
+        name, there = moved(spec, running.now, running.configuration)
+        graphs = module_graph(spec, running.configuration), module_graph(spec, there)
+        there_and_back = difference(*graphs), difference(*graphs[::-1])
+        events.take()
+
+        refused = fly(bad, file, socket)
+        assert refused.returncode == 1
+        assert "the script is refused, and nothing has changed: line 1: PCS201" in refused.stderr
+        assert [told["event"] for told in events.take()] == ["script_refused"]
+
+        for number, script in enumerate(there_and_back):
+            one = tmp_path / f"{number}.pcs.script"
+            one.write_text(script)
+            flown_script = fly(one, file, socket)
+            assert flown_script.returncode == 0, flown_script.stderr
+            assert events.wait("reconfigured")["moved"] == [name]
+        assert calm_plan(flown, CALM_S).configuration == running.configuration
+
+        victim = there.modules[name].pe
+        assert call(socket, FlyScript(there_and_back[0])).done
+        events.wait("script_taken")
+        flown.fleet.kill_pe(victim)
+        assert events.wait("pe_lost")["pe"] == victim
+        assert "it is no longer legal" in events.wait("script_ended")["reason"]
+        while not any(f"pe:{victim}: silent" in cause for cause in events.wait("reconfigured")["causes"]):
+            pass  # the script's epoch was active already when the PE was killed
+        status = call(socket, AskStatus()).status
+        assert status is not None
+        assert status["script"]["state"] == "ended"
+        assert {pe: one["epoch"] for pe, one in status["pes"].items()} == {
+            pe: None if pe == victim else status["epoch"] for pe in spec.pes
+        }
+
+
+def fly(script: Path, spec: Path, socket: Path) -> subprocess.CompletedProcess[str]:
+    return heronry("pcs", "apply", str(script), str(spec), "--live", "--socket", str(socket))

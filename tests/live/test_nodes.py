@@ -20,6 +20,7 @@ import can
 import canopen
 import pytest
 
+from heronry_agent.shell.cli import main as pe_agent
 from heronry_dg.loader import load
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
@@ -188,7 +189,8 @@ class CanopenMaster:
         return note
 
 
-def test_a_canopen_master_hears_boot_up_and_heartbeats(aircraft: Aircraft) -> None:
+def test_a_canopen_master_hears_boot_up_and_heartbeats_and_every_node_identifies_itself(aircraft: Aircraft) -> None:
+    """A node answers a request by its node-ID, and one to all nodes (CANaerospace IDS on channel 0)."""
     with CanopenMaster(aircraft) as master:
         heard = master.heartbeats
         aircraft.start_agents()
@@ -197,6 +199,11 @@ def test_a_canopen_master_hears_boot_up_and_heartbeats(aircraft: Aircraft) -> No
         aircraft.start_manager().event("reconfigured")
         master.wait_until(lambda: {node.nmt.state for node in master.network.values()} == {"OPERATIONAL"})
         assert not any(master.emergencies.values())
+    nodes = [126, *(pe.node_id for pe in aircraft.spec.pes.values())]
+    own = Identification(hardware_revision=0, software_revision=1)
+    for code, node in enumerate(nodes):
+        assert answers(aircraft, request(Service.IDS, node, message_code=code), 1) == {node: own}
+    assert answers(aircraft, request(Service.IDS, 0, message_code=200), len(nodes)) == dict.fromkeys(nodes, own)
 
 
 def test_a_canopen_master_hears_the_emcy_of_a_module_that_fails(tmp_path: Path) -> None:
@@ -230,17 +237,6 @@ def answers(aircraft: Aircraft, asked: ServiceMessage, count: int) -> dict[int, 
         assert isinstance(identification, Identification)
         found[answer.datum.node_id] = identification
     return found
-
-
-def test_every_node_identifies_itself(aircraft: Aircraft) -> None:
-    """It answers a request by its node-ID, and one to all nodes (CANaerospace IDS on channel 0)."""
-    aircraft.start_agents()
-    aircraft.start_manager().event("reconfigured")
-    nodes = [126, *(pe.node_id for pe in aircraft.spec.pes.values())]
-    own = Identification(hardware_revision=0, software_revision=1)
-    for code, node in enumerate(nodes):
-        assert answers(aircraft, request(Service.IDS, node, message_code=code), 1) == {node: own}
-    assert answers(aircraft, request(Service.IDS, 0, message_code=200), len(nodes)) == dict.fromkeys(nodes, own)
 
 
 @pytest.mark.timing
@@ -308,13 +304,21 @@ def test_a_hub_that_is_killed_ends_no_node_and_with_the_next_one_all_fly_again(a
 # Mistakes of the user who starts them
 
 
-def complaint(*arguments: str, code: int = 2) -> str:
-    """Give the one sentence with which a command refuses."""
-    done = subprocess.run(arguments, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
-    assert done.returncode == code
-    assert done.stdout == ""
-    (sentence,) = done.stderr.splitlines()
-    return sentence
+Complaint = Callable[..., str]
+
+
+@pytest.fixture
+def complaint(capsys: pytest.CaptureFixture[str]) -> Complaint:
+    """Give the one sentence with which a program refuses; it runs in this process."""
+
+    def refused(program: Callable[[Sequence[str]], int], *arguments: str) -> str:
+        assert program(arguments) == 2
+        told = capsys.readouterr()
+        assert told.out == ""
+        (sentence,) = told.err.splitlines()
+        return sentence
+
+    return refused
 
 
 def test_a_second_manager_leaves_the_bus_to_the_first(aircraft: Aircraft) -> None:
@@ -347,8 +351,8 @@ def table(tmp_path: Path) -> str:
         (["--bus", "radio=softbus:/no/such.sock"], "tail_pe has no such bus; it has can0"),
     ],
 )
-def test_an_agent_without_its_bus(table: str, arguments: list[str], says: str) -> None:
-    sentence = complaint(*AGENT, "--table", table, *arguments)
+def test_an_agent_without_its_bus(complaint: Complaint, table: str, arguments: list[str], says: str) -> None:
+    sentence = complaint(pe_agent, "--table", table, *arguments)
     assert sentence.startswith("pe-agent: ")
     assert says in sentence
 
@@ -369,11 +373,11 @@ def test_an_interface_that_does_not_exist(command: list[str]) -> None:
         ("dg: 1", "this is a spec and no table; compile it first"),
     ],
 )
-def test_an_agent_without_a_table(tmp_path: Path, content: str | None, says: str) -> None:
+def test_an_agent_without_a_table(complaint: Complaint, tmp_path: Path, content: str | None, says: str) -> None:
     file = tmp_path / "bad.table"
     if content is not None:
         file.write_text(content)
-    sentence = complaint(*AGENT, "--table", str(file), "-i", "softbus", "-c", "x")
+    sentence = complaint(pe_agent, "--table", str(file), "-i", "softbus", "-c", "x")
     assert sentence.startswith(f"pe-agent: {file}: ")
     assert says in sentence
 
@@ -383,8 +387,11 @@ def test_an_agent_whose_node_id_is_taken(aircraft: Aircraft) -> None:
     node = aircraft.spec.pes["tail_pe"].node_id
     aircraft.hear(lambda frame: frame.can_id == state_id(node))
     table = str(aircraft.folder / "tail_pe.table")
-    sentence = complaint(*AGENT, "--table", table, *aircraft.bus_flags, code=1)
-    assert sentence == f"pe-agent: another node on the bus has node-ID {node}; change one of the two in the spec"
+    done = subprocess.run(
+        [*AGENT, "--table", table, *aircraft.bus_flags], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (f"pe-agent: another node on the bus has node-ID {node}; change one of the two in the spec\n")
 
 
 @pytest.mark.parametrize(
@@ -398,8 +405,8 @@ def test_an_agent_whose_node_id_is_taken(aircraft: Aircraft) -> None:
         ([], "no bus is named: give -i INTERFACE and -c CHANNEL"),
     ],
 )
-def test_a_manager_without_its_bus(tmp_path: Path, arguments: list[str], says: str) -> None:
-    sentence = complaint(*MANAGER, str(SPEC_FILE), *arguments, "--state-dir", str(tmp_path))
+def test_a_manager_without_its_bus(complaint: Complaint, tmp_path: Path, arguments: list[str], says: str) -> None:
+    sentence = complaint(main, "manager", str(SPEC_FILE), *arguments, "--state-dir", str(tmp_path))
     assert sentence.startswith("heronry: ")
     assert says in sentence
 
@@ -445,6 +452,6 @@ def test_a_manager_with_a_spec_that_is_wrong_in_two_places(tmp_path: Path) -> No
     assert "Traceback" not in done.stderr
 
 
-def test_a_manager_with_a_spec_that_is_not_there() -> None:
-    assert "/no/such.dg.yaml" in complaint(*MANAGER, "/no/such.dg.yaml", "-i", "softbus", "-c", "x")
-    assert "neither a file nor a shipped spec" in complaint(*MANAGER, "big_bule", "-i", "softbus", "-c", "x")
+def test_a_manager_with_a_spec_that_is_not_there(complaint: Complaint) -> None:
+    assert "/no/such.dg.yaml" in complaint(main, "manager", "/no/such.dg.yaml", "-i", "softbus", "-c", "x")
+    assert "neither a file nor a shipped spec" in complaint(main, "manager", "big_bule", "-i", "softbus", "-c", "x")

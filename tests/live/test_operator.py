@@ -1,10 +1,14 @@
-"""The operator and a running system, each a process of its own: phases, faults, status, and callers that are
-refused."""
+"""The operator and a running system: phases, faults, status, and callers that are refused.
+
+The operator's commands run in this process, since another one would import for half a second.
+"""
 
 import json
 import subprocess
 import sys
 import tempfile
+from contextlib import redirect_stderr, redirect_stdout
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from threading import Timer
 from typing import Any
@@ -35,12 +39,23 @@ def spec(tmp_path: Path) -> Path:
 
 
 def heronry(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*HERONRY, *arguments], capture_output=True, text=True, timeout=90, check=False)
+    """What a command says that ends at once."""
+    out, err = (TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    with redirect_stdout(out), redirect_stderr(err):
+        code = main(arguments)
+    said, complained = (stream.buffer.getvalue().decode() for stream in (out, err))
+    return subprocess.CompletedProcess(arguments, code, said, complained)
 
 
-def test_the_demo_enters_a_phase_and_tells_it(spec: Path) -> None:
-    told = heronry("demo", str(spec), "--phase", "land@1", "--for", "3", *ALONE)
+def test_the_demo_tells_a_kill_the_four_times_the_return_and_a_phase(spec: Path) -> None:
+    show = ("--kill", "pe:sensor_pe@0.5", "--restore", "pe:sensor_pe@1.5", "--phase", "land@3", "--for", "4.5")
+    told = subprocess.run(
+        [*HERONRY, "demo", str(spec), *show, *ALONE], capture_output=True, text=True, timeout=90, check=False
+    )
     assert told.returncode == 0, told.stdout + told.stderr
+    for expected in ("KILL sensor_pe", "is lost", "detect", "decide", "distribute", "activate", "RESTORE", "joins"):
+        assert expected in told.stdout
+    assert "software bus" in told.stdout
     assert "PHASE land (was climb), requested by the operator" in told.stdout
     assert "- servo_monitor stops" in told.stdout
 
@@ -104,6 +119,7 @@ def test_an_operator_at_work(spec: Path) -> None:
         demo.end()
 
 
+@pytest.mark.soak  # in every run test_demo_folder.py holds two names, and test_control_socket.py finds two sockets
 def test_the_demo_is_found_by_its_name_and_of_two_each(spec: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with tempfile.TemporaryDirectory(dir="/tmp") as runtime:
         monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from live.slow_spec import SLOW_SCENARIO
+from lab.slow_spec import SLOW_SCENARIO
 from thoroughness import mostly_soak
 
 pytestmark = pytest.mark.vcan

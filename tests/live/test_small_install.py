@@ -53,6 +53,12 @@ for name in sys.argv[1:]:
     except SystemExit as ended:
         assert ended.code == 0, (name, ended.code)
 """
+_CODES = """\
+import sys
+from heronry_tools.cli import main
+for words in sys.argv[1:]:
+    print(main(words.split()), flush=True)
+"""
 _WITHOUT_CHECKOUT = """\
 import glob, sys
 own = {folder!r}
@@ -183,27 +189,28 @@ def test_the_help_of_every_command_needs_no_extra(small: dict[str, str]) -> None
     assert [done.stdout.count(f"\nusage: heronry {name}") for name in commands] == [1] * len(commands)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["demo"],
-        ["diff", "big_blue", "elevator_and_chute"],
-        ["manager", "big_blue", "-i", "softbus", "-c", "/no/such.sock"],
-        ["plan", "big_blue"],
-        ["render", "big_blue"],
-        ["sim", "big_blue"],
-        ["table", "big_blue", "nav"],
-        ["verify", "big_blue", "plan.json"],
-    ],
-    ids=lambda arguments: arguments[0],
+NEED_THE_MANAGER = (
+    "demo",
+    "diff big_blue elevator_and_chute",
+    "manager big_blue -i softbus -c /no/such.sock",
+    "plan big_blue",
+    "render big_blue",
+    "sim big_blue",
+    "table big_blue nav",
+    "verify big_blue plan.json",
 )
-def test_what_needs_the_manager_says_how_to_get_it(small: dict[str, str], arguments: list[str]) -> None:
-    done = run("-m", "heronry_tools", *arguments, env=small)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    (sentence,) = done.stderr.splitlines()
-    assert sentence.startswith("heronry: ")
-    assert sentence.endswith(' is not installed; add it with: pip install "heronry[manager]"')
+
+
+def test_what_needs_the_manager_says_how_to_get_it(small: dict[str, str]) -> None:
+    """One command in a process of its own; all of them in one other process, since none can be imported there."""
+    alone = run("-m", "heronry_tools", *NEED_THE_MANAGER[0].split(), env=small)
+    done = run("-c", _CODES, *NEED_THE_MANAGER, env=small)
+    assert (alone.returncode, alone.stdout) == (2, "")
+    assert done.stdout.split() == ["2"] * len(NEED_THE_MANAGER), done.stderr
+    for sentence in [alone.stderr.rstrip("\n"), *done.stderr.splitlines()]:
+        assert sentence.startswith("heronry: ")
+        assert sentence.endswith(' is not installed; add it with: pip install "heronry[manager]"')
+    assert done.stderr.count("\n") == len(NEED_THE_MANAGER)
 
 
 def test_a_manager_without_its_solver_says_so_and_goes_on(tmp_path: Path) -> None:
@@ -219,6 +226,7 @@ def test_a_manager_without_its_solver_says_so_and_goes_on(tmp_path: Path) -> Non
     assert "/no/such.sock" in failed
 
 
+@pytest.mark.soak  # test_a_manager_without_its_solver has its start in every run, test_immediate_plans.py its plans
 def test_a_demo_flies_and_reconfigures_without_a_solver(tmp_path: Path) -> None:
     without = environment(tmp_path, _WITHOUT.format(modules=("ortools",), rooms=()), os.environ.get("PYTHONPATH", ""))
     done = run("-m", "heronry_tools", "demo", "elevator_and_chute", *_SHORT, env=without)

@@ -72,9 +72,12 @@ def processes_in(folder: Path) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(("script", "exit_code"), [("exit 7", 7), ("kill -TERM $$", 128 + signal.SIGTERM)])
-def test_the_exit_code_is_the_commands(script: str, exit_code: int) -> None:
-    assert with_vcan("sh", "-c", script).returncode == exit_code
+ENDS = {"exit 7": 7, "kill -TERM $$": 128 + signal.SIGTERM}
+
+
+@pytest.mark.parametrize("script", mostly_soak(ENDS, ["exit 7"]))
+def test_the_exit_code_is_the_commands(script: str) -> None:
+    assert with_vcan("sh", "-c", script).returncode == ENDS[script]
 
 
 def test_stdout_and_stderr_stay_apart_and_stdin_is_empty() -> None:
@@ -167,11 +170,13 @@ def test_files_written_inside_are_the_callers_own(tmp_path: Path) -> None:
     assert note.stat().st_mode & 0o777 == 0o640
 
 
+@pytest.mark.soak  # test_two_interfaces_are_two_buses has the same tools in every run
 def test_candump_sees_a_frame_from_cansend() -> None:
     done = with_vcan("--timeout", "120", "sh", "-c", UNTIL_CANDUMP_SAW.format("cansend vcan0 321#C0FFEE"))
     assert done.stdout.endswith(b" vcan0 321#C0FFEE\n")
 
 
+@pytest.mark.soak  # every test that is marked vcan talks through python-can there
 def test_python_can_sends_and_receives() -> None:
     done = python_inside(
         "import can\n"

@@ -1,4 +1,4 @@
-"""The manager's SDO client beside another one: it leaves a PE to the other client."""
+"""The manager's SDO client: it leaves a PE to another client, and reads an object anew that had no value."""
 
 from heronry_manager.core.object_reader import SILENCE_NS, ObjectReader
 from heronry_wire.canopen_objects import COUNTERS
@@ -21,8 +21,8 @@ class Reader(ObjectReader):
     def _send(self, sent: Send) -> None:
         self.sent.append((sent.frame.can_id - sdo_request_id(LEFT) + LEFT, read_head(sent.frame.data)[1]))
 
-    def wants(self, node: int, sub_index: int, now_ns: int) -> None:
-        self.read(node, COUNTERS, sub_index, self.values.append, now_ns)
+    def wants(self, node: int, sub_index: int, now_ns: int, tries: int = 1) -> None:
+        self.read(node, COUNTERS, sub_index, self.values.append, now_ns, tries=tries)
 
     def answered(self, node: int, sub_index: int, now_ns: int) -> None:
         command = UPLOAD_ANSWER | EXPEDITED | SIZE_GIVEN
@@ -59,5 +59,63 @@ def test_a_manager_that_is_no_longer_active_waits_for_no_pe() -> None:
     reader = Reader()
     reader.heard_other(LEFT, 0)
     reader.wants(LEFT, 3, 0)
-    reader.give_up(1)
+    reader.give_up()
     assert (reader.values, reader.next_ns, reader.sent) == ([None], NEVER_NS, [])
+
+
+def test_an_object_is_tried_as_often_as_its_caller_allows_and_others_meanwhile() -> None:
+    reader, times_ns = Reader(), [0]
+    reader.wants(LEFT, 3, 0, tries=3)
+    reader.wants(RIGHT, 4, 0)
+    while reader.next_ns != NEVER_NS:
+        times_ns.append(reader.next_ns)
+        reader.tick(reader.next_ns)
+    assert reader.sent == [(LEFT, 3), (RIGHT, 4), (LEFT, 3), (LEFT, 3)]
+    assert [t_ns // SILENCE_NS for t_ns in times_ns] == [0, 1, 2, 3, 4, 5]
+    assert reader.values == [None, None]
+
+
+def test_a_late_answer_is_dropped_before_the_next_try_and_may_count_in_it() -> None:
+    reader = Reader()
+    reader.wants(LEFT, 3, 0, tries=3)
+    reader.tick(SILENCE_NS)
+    reader.answered(LEFT, 3, SILENCE_NS + 1 * MS)
+    assert (reader.values, reader.next_ns) == ([], 2 * SILENCE_NS)
+    reader.tick(2 * SILENCE_NS)
+    for _ in range(2):  # the second one is doubled
+        reader.answered(LEFT, 3, 2 * SILENCE_NS + 1 * MS)
+    assert (reader.values, len(reader.sent), reader.next_ns) == ([b"\1\0\0\0"], 2, NEVER_NS)
+
+
+def test_a_newer_request_takes_the_place_of_another_try() -> None:
+    reader = Reader()
+    reader.wants(LEFT, 3, 0, tries=3)
+    reader.tick(SILENCE_NS)
+    reader.wants(LEFT, 3, SILENCE_NS + 1 * MS, tries=3)
+    assert (reader.values, len(reader.sent)) == ([None], 2)
+    reader.wants(LEFT, 3, SILENCE_NS + 2 * MS, tries=3)  # while the object is being read
+    reader.tick(reader.next_ns)
+    assert (reader.values, len(reader.sent)) == ([None] * 2, 3)
+    reader.answered(LEFT, 3, 3 * SILENCE_NS)
+    assert (reader.values[2:], len(reader.sent), reader.next_ns) == ([b"\1\0\0\0"], 3, NEVER_NS)
+
+
+def test_another_try_that_another_client_interrupts_is_made_anew() -> None:
+    reader = Reader()
+    reader.wants(LEFT, 3, 0, tries=2)
+    reader.tick(SILENCE_NS)
+    reader.tick(2 * SILENCE_NS)
+    reader.heard_other(LEFT, 2 * SILENCE_NS + 1 * MS)
+    reader.tick(3 * SILENCE_NS + 1 * MS)
+    assert (len(reader.sent), reader.values) == (3, [])
+    reader.tick(reader.next_ns)
+    assert (len(reader.sent), reader.values, reader.next_ns) == (3, [None], NEVER_NS)
+
+
+def test_a_manager_that_is_no_longer_active_makes_no_other_try() -> None:
+    reader = Reader()
+    reader.wants(LEFT, 3, 0, tries=3)
+    reader.wants(RIGHT, 4, 0, tries=3)
+    reader.tick(SILENCE_NS)
+    reader.give_up()
+    assert (reader.values, reader.next_ns) == ([None, None], NEVER_NS)

@@ -175,6 +175,23 @@ def test_a_pe_that_does_not_answer_is_given_up_and_the_next_object_is_read(manag
     assert [one["element"] for one in manager.told("module_failed")] == ["module:drive_left"]
 
 
+def test_a_busy_pe_is_asked_up_to_three_times_why_a_module_has_failed(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    manager.is_deaf = True
+    manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
+    manager.pass_time(3 * SILENCE_NS)
+    manager.is_deaf = False
+    assert manager.told("module_failed") == []
+    manager.pass_time(2 * SILENCE_NS)
+    assert [one["text"] for one in manager.told("module_failed")] == [TEXT]
+
+
+def test_a_pe_that_never_says_why_a_module_has_failed_is_asked_three_times(manager: Reading) -> None:
+    manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
+    manager.pass_time(10 * SILENCE_NS)
+    assert [one for one in manager.asked if one[1] == MODULE_FAILURES] == [(LEFT, MODULE_FAILURES, 1)] * 3
+
+
 def test_a_pe_that_another_sdo_client_asks_is_read_after_that(manager: Reading) -> None:
     manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
     manager.hear(Frame(sdo_request_id(LEFT), bytes(8)))
@@ -194,7 +211,7 @@ def test_the_traceback_comes_when_the_operator_asks(manager: Reading) -> None:
     manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
     assert "left does not give the traceback" in manager.ask(AskTraceback("module:control@left")).sentence
     assert manager.ask(AskTraceback("module:drive_left")).sentence == (
-        "no failure of module:drive_left is known to this manager: it knows one of module:control"
+        "no failure of module:drive_left is known to this manager: the known failures are those of module:control"
     )
     unknown = manager.ask(element)
     assert (unknown.done, unknown.sentence) == (

@@ -113,7 +113,7 @@ def test_what_becomes_of_it_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -
     assert fly() == Answer(done=False, sentence="a reconfiguration is under way")
     Manager(monkeypatch, True, *[status("asked")] * 9)
     late = fly()
-    assert (late.done, late.sentence) == (False, "the script does not run after 30 s: see 'heronry status'")
+    assert (late.done, late.sentence) == (False, "the script is not carried out after 30 s: see 'heronry status'")
 
 
 def test_the_status_says_what_became_of_a_script() -> None:

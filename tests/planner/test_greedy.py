@@ -33,7 +33,7 @@ from lab.planner_race.generator import fault_cases, generate
 from planner.comparison import MOST_STRUCTURES, crossing_case
 from planner.enumerator import Enumerator, TooManyError
 from planner.random_specs import Case, random_case
-from thoroughness import part_of
+from thoroughness import part_of, sample
 
 BIG_BLUE = load(shipped_spec_path("big_blue"))
 ELEVATOR = load(shipped_spec_path("elevator_and_chute"))
@@ -112,7 +112,8 @@ def test_every_shipped_spec_survives_every_single_fault(spec: Spec) -> None:
     greedy = Greedy(spec)
     for phase in spec.phases or (None,):
         before = placement(greedy.plan(Situation(phase=phase)).configuration)
-        for element in elements(spec) if phase == spec.initial_phase() else [f"pe:{pe}" for pe in spec.pes]:
+        of_phase = elements(spec) if phase == spec.initial_phase() else [f"pe:{pe}" for pe in spec.pes]
+        for element in sample(of_phase, 3):
             planned(Case(spec, situation(spec, [element], phase=phase), dict(before)))
 
 

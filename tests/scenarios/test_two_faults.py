@@ -21,7 +21,7 @@ BEAT_NS = 20 * MS
 TOGETHER = [("flight", "nav"), ("tail_a", "tail_b"), ("payload", "flight"), ("comms", "wing"), ("nav", "ground")]
 
 
-@pytest.mark.parametrize("pair", mostly_soak(TOGETHER, [("flight", "nav"), ("comms", "wing")]), ids="-".join)
+@pytest.mark.parametrize("pair", mostly_soak(TOGETHER, [("flight", "nav")]), ids="-".join)
 def test_two_die_within_one_heartbeat(pair: tuple[str, str]) -> None:
     first, second = pair
     offset_ns = Random(f"{first}{second}").randrange(BEAT_NS)
@@ -83,7 +83,7 @@ def test_a_second_pe_dies_at_the_end_of_every_message(story: Story, second: str)
     frames = frames_of(two_tails(), story)
     assert len(frames) > 10
     wrong = {}
-    for frame in sample(frames):
+    for frame in sample(frames, 9):
         simulation = flown_again(two_tails(), story, frame, lambda flight: flight.fleet.kill(second))
         assert second not in simulation.fleet.running
         violations = simulation.settle()
@@ -105,7 +105,7 @@ def test_the_pe_that_comes_back_dies_again_at_the_end_of_every_message() -> None
 
 def test_a_second_pe_dies_at_some_messages_while_the_servos_change_over() -> None:
     wrong = {}
-    for frame in sample(frames_of(two_tails(), servo_sticks)[::6]):
+    for frame in sample(frames_of(two_tails(), servo_sticks)[::6], 9):
         simulation = flown_again(two_tails(), servo_sticks, frame, lambda flight: flight.fleet.kill("control_pe"))
         violations = simulation.settle()
         if violations:

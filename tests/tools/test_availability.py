@@ -16,9 +16,7 @@ from heronry_tools.sim.flight.end_of_flight import end_flight
 from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import MS, Simulation
-from heronry_tools.sim.oracles.progress import ProgressCheck
 from heronry_wire.authentication import Key, Session
-from heronry_wire.management import Activate, Ping, Prepare, Step
 
 SPEC = load_spec("dg_specs/examples/demux_actuators.dg.yaml")
 SECONDS = 2
@@ -79,17 +77,3 @@ def test_a_tenth_of_the_bus_and_a_flight_with_another_fault_are_not_verified(mon
     believes_neighbours(monkeypatch)
     assert denied("forged_epoch", 10)["availability"] == 0
     assert denied("forged_epoch", 9, "0.5 reboot pe:tail_b")["availability"] == 0
-
-
-def test_epochs_that_are_prepared_without_end_are_no_progress() -> None:
-    check = ProgressCheck()
-    for epoch in range(1, 61):
-        check.commanded(epoch * 50 * MS, "manager", Prepare(1, epoch, 7))
-        check.commanded(epoch * 50 * MS, "manager", Ping(1, 92, 0))
-        if epoch == 18:
-            check.commanded(epoch * 50 * MS, "manager", Activate(1, epoch, Step.GO_ALL, 7))
-    (one,) = check.violations
-    assert (one.rule, one.since_ns) == ("progress", 19 * 50 * MS)
-    check.began(0)
-    check.commanded(0, "manager", Prepare(2, 60, 7))
-    assert len(check.violations) == 1

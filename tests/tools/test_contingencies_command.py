@@ -64,7 +64,7 @@ def test_a_file_is_made_and_described(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_every_entry_passes_the_verifier(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "1")
     assert code == 0
-    assert out == "30 plans and 1 safe modes: each is legal and worth what the file says\n"
+    assert out == "30 plans and 1 safe modes: each is legal and has the value that the file says\n"
 
 
 def test_an_entry_that_is_wrong_is_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -88,7 +88,7 @@ def test_a_worth_that_is_wrong_is_named(file: Path, capsys: pytest.CaptureFixtur
     swept.outcomes[None, frozenset()] = replace(healthy, objective=elsewhere.objective)
     file.write_bytes(written(scope, swept))
     code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "1")
-    assert (code, out) == (1, "nothing down: its worth is not the one in the file\n")
+    assert (code, out) == (1, "nothing down: its value is not the one in the file\n")
 
 
 def test_a_run_goes_on_from_what_an_earlier_one_left(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,7 +124,7 @@ sys.exit(main(["contingencies", "--check", {str(file)!r}, "elevator_and_chute", 
 """
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stderr) == (0, "")
-    assert "each is legal and worth what the file says" in ran.stdout
+    assert "each is legal and has the value that the file says" in ran.stdout
 
 
 def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

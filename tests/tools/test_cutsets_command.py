@@ -101,7 +101,7 @@ def test_what_is_given_up_is_not_lost() -> None:
 def test_the_lists_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
     out = run(capsys, "elevator_and_chute", "parachute", "--kinds", "pe,device", "--given-up", "--jobs", "1")
     assert out == (
-        "parachute of elevator_and_chute: sets of up to 2\n\n"
+        "parachute of elevator_and_chute: sets of up to 2 faults\n\n"
         "logical: 2 sets\n  pe:control_pe\n  device:chute_solenoid\n\n"
         "resource-aware: the same sets\n\n"
         "given up by the best plan: no sets\n"

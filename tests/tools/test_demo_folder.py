@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from heronry_tools.runtime.demo.fleet import keep_logs, run_folder
+from heronry_tools.runtime.demo.manager_name import manager_name
 
 
 @pytest.fixture
@@ -56,3 +57,13 @@ def test_kept_logs_stay_and_only_a_few_runs_do(tmp_path: Path, monkeypatch: pyte
     assert (kept / "nav.log").read_text() == "its last words"
     left = {one.name.rpartition("-")[2] for one in tmp_path.glob("heronry-logs-*")}
     assert left == {"4", "5", "6", "7", str(os.getpid())}
+
+
+def test_of_two_demos_of_one_spec_each_has_a_name_and_a_name_is_free_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    with tempfile.TemporaryDirectory(dir="/tmp") as runtime:  # its name is short: sockets go into it
+        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+        with manager_name("some") as first:
+            with manager_name("some") as second:
+                assert (first, second) == ("some-demo", "some-demo-2")
+            with manager_name("some") as third:
+                assert third == "some-demo-2"

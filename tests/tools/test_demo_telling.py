@@ -2,21 +2,26 @@
 
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
 from heronry_dg.loader import load
+from heronry_dg.model import Spec
 from heronry_manager.core.events import event
+from heronry_manager.shell.ordered_telling import OrderedTelling
 from heronry_tools.cli import main
+from heronry_tools.console.errors import UserError
 from heronry_tools.reports.story import Story
+from heronry_tools.runtime.demo import play
 from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.demo.held_outages import TELL_AGAIN_NS, HeldOutages
-from heronry_tools.runtime.demo.ordered_telling import OrderedTelling
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.processor_waits import ProcessorWaits, Wait
 from heronry_tools.runtime.demo.run import GRACE_S, Show
 from heronry_tools.runtime.witness import Outage, Witness
+from heronry_wire.standstill import LatenessMeter
 
 MS = 1_000_000
 ELEVATOR = load(Path("dg_specs/elevator_and_chute.dg.yaml"))
@@ -221,6 +226,10 @@ def test_the_demo_says_once_what_it_waits_for_when_its_time_is_up() -> None:
     assert one["awaited"] == ["tail_pe to join", "epoch 4 to be complete", "elevator to be heard"]
     show._seconds = show._show_s() - GRACE_S - 1.0
     assert show._over()
+    show._page = cast("Any", SimpleNamespace(is_served=False))
+    assert show._awaited()[3:] == ["the page to be served"]
+    show._page.is_served = True
+    assert show._awaited()[3:] == []
 
 
 def test_a_demo_for_no_time_ends_with_its_first_configuration_and_misses_no_output() -> None:
@@ -252,6 +261,58 @@ def test_plans_that_a_busy_computer_had_no_time_for_are_not_promised(
     )
 
 
+def test_the_demo_says_once_when_the_plans_for_its_successor_are_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("heronry_tools.runtime.demo.planning_ahead.subprocess.Popen", _Ended)
+    told: list[Any] = []
+    show = show_with(told)
+    show._behind = PlanningAhead(ELEVATOR, Path("none"))
+    show._behind.start()
+    show._look()
+    show._look()
+    show._telling.tell_until()
+    sentence = "the 25 plans for every single fault are complete: the next demo uses them"
+    assert [one["sentence"] for one in told] == [sentence]
+
+
+def test_the_demo_tells_standstills_of_its_own_process() -> None:
+    told: list[Any] = []
+    show = Show(ELEVATOR, cast("Fleet", None), {}, told.append)
+    period_ns = ELEVATOR.buses[ELEVATOR.manager.bus].heartbeat_ns
+    meter = LatenessMeter(period_ns, 0, time.thread_time_ns())
+    for _ in range(3):  # each wait was over long ago
+        meter.waits(time.monotonic_ns() - 7 * period_ns)
+        show._measure_lateness(meter)
+    show._telling.tell_until()
+    assert show._standstills.long_times == 3
+    assert {one["by"] for one in told} == {"the demo"}
+    assert told[0]["for_ns"] >= 6 * period_ns
+
+
+class _Fleet:
+    """A fleet that cannot be started; it keeps what it was to fly with."""
+
+    heartbeat_ns = 0
+    spec = ELEVATOR
+
+    def __init__(self, spec: Spec, *_: Any, heartbeat_ns: int, **__: Any) -> None:
+        _Fleet.spec, _Fleet.heartbeat_ns = spec, heartbeat_ns
+        raise UserError("no fleet today")
+
+
+@pytest.mark.parametrize(("late_ms", "period_ms", "flown_ms"), [(1, 20, 20), (61, 160, 160)])
+def test_the_demo_flies_with_a_heartbeat_that_this_computer_can_keep(
+    late_ms: int, period_ms: int, flown_ms: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(play, "latest_wake_up_ns", lambda *_: late_ms * MS)
+    monkeypatch.setattr(play, "Fleet", _Fleet)
+    assert main(["demo", "elevator_and_chute", "--contingencies", "none"]) == 2
+    assert _Fleet.heartbeat_ns == period_ms * MS
+    assert _Fleet.spec.buses[ELEVATOR.manager.bus].heartbeat_ns == flown_ms * MS
+
+
 class _Hung:
     """A process that never comes to its first plan."""
 
@@ -266,3 +327,15 @@ class _Hung:
 
     def communicate(self) -> None:
         pass
+
+
+class _Ended(_Hung):
+    """A process that has made all plans."""
+
+    returncode = 0
+
+    def poll(self) -> int:  # type: ignore[override]
+        return 0
+
+    def communicate(self) -> tuple[bytes, None]:  # type: ignore[override]
+        return b"", None

@@ -10,6 +10,7 @@ import pytest
 
 from heronry_pcs.graph_files import load_graph
 from heronry_tools.cli import main
+from heronry_tools.reports.control import cut_text
 
 FLAT = """\
 pcs: 1
@@ -278,8 +279,32 @@ def test_scripts_of_plans(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_the_cut(flat: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = Said(capsys, "cut", flat, "--json")
     assert (said.code, said.json) == (0, {"mbit_per_s": 1000, "sides": {"left": ["A", "B"], "right": ["D"]}})
-    assert "at least 1.000 bit/s cross\n  left: A, B\n  right: D\n" in Said(capsys, "cut", flat).out
+    assert "at least 1 bit/s cross\n  left: A, B\n  right: D\n" in Said(capsys, "cut", flat).out
     assert Said(capsys, "cut", "elevator_and_chute", "--json").json == {"error": "sides"}
+    assert Said(capsys, "cut", "elevator_and_chute").err.endswith("here they are pinned to side:sensor_pe\n")
+    assert [cut_text(mbit, {})[9:-13] for mbit in (0, 43_200_000, 9_500, 1_001)] == ["0", "43200", "9.5", "1.001"]
+
+
+def test_a_file_that_is_no_script_is_told_in_a_few_lines(
+    flat: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "drawing.svg"
+    file.write_text("<svg>;\n" * 40)
+    said = Said(capsys, "apply", str(file), flat)
+    assert said.out.splitlines()[3:] == [
+        "and 37 more; is this the right file? A script is text as in *.pcs.script",
+        "0 statements read, 40 errors: nothing is done",
+    ]
+
+
+def test_one_edge_is_no_plural(capsys: pytest.CaptureFixture[str]) -> None:
+    said = Said(capsys, "graph", "elevator_and_chute", "--level", "pe")
+    assert said.out.startswith("elevator_and_chute: 3 members, 37 vertices, 1 edge\n")
+
+
+def test_a_misspelt_requirement_has_its_remedy(flat: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = Said(capsys, "check", flat, "--require", "confguration")
+    assert said.err == "heronry: --require: there is no 'confguration'; did you mean 'configuration'?\n"
     assert list(Said(capsys, "cut", "big_blue", "--json").json["sides"]) == ["side:flight", "side:ground"]
 
 

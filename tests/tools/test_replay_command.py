@@ -120,6 +120,20 @@ def test_a_loss_that_the_recording_does_not_show_is_a_difference(
     assert "NOT REPLAYED" in capsys.readouterr().out
 
 
+def test_a_computer_that_stood_still_lost_no_pe_for_that(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """As in a demo on a busy computer: its nodes wake together, and the manager takes their frames before it acts."""
+    simulation, file = flight_with_a_loss(), tmp_path / "busy.log"
+    alive = management_id(126, Command.ALIVE)
+    stops_ns = next(sent.end_ns for sent in simulation.trace if sent.end_ns > 400 * MS and sent.frame.can_id == alive)
+    late = ((sent.end_ns + 90 * MS * (sent.end_ns > stops_ns), sent) for sent in simulation.trace)
+    lines = (format_log_line(LoggedFrame(at_ns, sent.bus, sent.frame)) for at_ns, sent in late)
+    file.write_text("\n".join(lines) + "\n")
+    code, document = replayed(capsys, file)
+    assert code == 0, document
+    lost = [entry["remark"] for entry in document["reigns"][0]["entries"] if "pe lost" in entry.get("remark", "")]
+    assert len(lost) == 1
+
+
 @pytest.mark.parametrize(
     ("contingencies", "told"),
     [

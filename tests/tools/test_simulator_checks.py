@@ -5,18 +5,23 @@ from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from heronry_agent.module import Datum, Value
 from heronry_dg.configuration import Configuration
 from heronry_dg.loader import load, loads
+from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
 from heronry_manager.core.compilation import Compiler
+from heronry_tools.cli import main
 from heronry_tools.runtime.witness import Outage, Witness
 from heronry_tools.sim.faults.fault import MANAGER
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.checks import Checks
-from heronry_tools.sim.oracles.silence import stopped_by_silence
+from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.silence import LeftOut, stopped_by_silence
 from heronry_tools.sim.world.bus import Clash, Sent
 from heronry_tools.sim.world.planning import best_plan
 from heronry_tools.sim.world.steps_seen import Driven, Moved
@@ -27,6 +32,8 @@ from heronry_wire.management import Activate, Control, ElementKind, Emergency, F
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from lab.peers import command_frame, slice_messages
 
+LIGHT_OR_NOISE = Path(__file__).parents[1] / "scenarios" / "light_or_noise.dg.yaml"
+S = 1_000_000_000
 SPEC = load(shipped_spec_path("elevator_and_chute"))
 WELL = Situation()
 TAIL = 94
@@ -198,10 +205,43 @@ class Silent(Witness):
 
 def test_an_outage_without_a_fault_but_the_managers_is_a_violation() -> None:
     witness = Silent()
-    (violation,) = stopped_by_silence(SPEC, (MANAGER, "standby"), witness, 4, 9)
+    left_out = LeftOut(SPEC, {}, lambda _from_ns, _to_ns: [WELL])
+    (violation,) = stopped_by_silence(SPEC, (MANAGER, "standby"), witness, range(4, 9), left_out)
     assert violation.story.split()[0] == "elevator"
     assert (violation.since_ns, violation.t_ns) == (5, 5 + witness.patience_ns("elevator"))
-    assert stopped_by_silence(SPEC, (MANAGER, "pe:tail_pe"), witness, 4, 9) == []
+    assert stopped_by_silence(SPEC, (MANAGER, "pe:tail_pe"), witness, range(4, 9), left_out) == []
+
+
+def light_falls_silent(spec: Spec, in_force: Situation, *ran: Situation) -> bool:
+    """Tell whether the oracle accepts that the light is heard last at 10 s, and was due again at 11 s.
+
+    Of the best plans for the situations `ran`, one is activated each second from 9 s on. in_force: the situation since.
+    """
+    epochs = {
+        number: Epoch(number, 0, 8 * S + number * S, 1, activated_ns=8 * S + number * S, configuration=plan)
+        for number, plan in enumerate((best_plan(spec, now, None).configuration for now in ran), start=1)
+    }
+    left_out = LeftOut(spec, epochs, lambda _from_ns, _to_ns: [in_force])
+    return left_out.explains(Outage("light", 10 * S, None), S)
+
+
+def test_a_function_may_fall_silent_if_the_plan_for_changed_priorities_leaves_it_out() -> None:
+    spec = load(LIGHT_OR_NOISE)
+    noisy, equal, none = (Situation(priorities={"noise": priority}) for priority in (90, 50, 0))
+    assert light_falls_silent(spec, noisy, WELL, WELL, noisy)
+    assert light_falls_silent(spec, noisy, noisy)
+    assert light_falls_silent(spec, equal, noisy)  # both plans are equally good
+    assert not light_falls_silent(spec, WELL, WELL, WELL, noisy)  # the light is more important
+    assert not light_falls_silent(spec, none, WELL, noisy)
+    assert not light_falls_silent(spec, noisy, WELL, WELL, WELL)  # the plan that runs serves the light
+    assert not light_falls_silent(spec, noisy, noisy, WELL)  # and so does this one, since 10 s
+    assert not light_falls_silent(spec, noisy, WELL, WELL, WELL, noisy)  # the light was due a second before
+    assert not light_falls_silent(spec, noisy)
+
+
+def test_a_flight_in_which_a_priority_takes_a_function_away_breaks_no_rule(capsys: pytest.CaptureFixture[str]) -> None:
+    acts = ["--act", "0.2 manager_pause manager for 0.005"]
+    assert main(["sim", str(LIGHT_OR_NOISE), *acts, "--seconds", "2"]) == 0, capsys.readouterr().out
 
 
 def drive(checks: Checks, *modules: str) -> None:

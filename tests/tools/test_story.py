@@ -234,6 +234,21 @@ def test_standstills_in_a_row_are_one_line_until_a_pe_is_lost() -> None:
     assert [stood(410, 22), stood(500, 22), stood(2410, 22)] == [1, 0, 1]
 
 
+def test_a_standstill_that_a_pe_reports_afterwards_names_the_loss_that_it_may_explain_and_no_older_one() -> None:
+    story = Story(ELEVATOR)
+    lost = event("pe_lost", 400 * MS, pe="nav", cause="silent", last_heard_ns=0)
+    stood = event("stood_still", 900 * MS, by="nav", for_ns=300 * MS, times=1)
+    words = "the computer of nav stood still for 300 ms (once so far)"
+    story.tell(lost)
+    assert story.tell(stood)[0].text == f"[ start  ] {words}, which may be why nav was lost"
+    story._start_ns = 100 * MS
+    story.tell(lost)
+    assert story.tell(stood)[0].text == f"[  0.80 s] {words}, which may be why nav was lost at 0.30 s"
+    story.tell(lost)
+    story.tell(event("pe_joined", 1100 * MS, pe="nav", cause="heard again"))
+    assert story.tell(stood)[0].text == f"[  0.80 s] {words}"
+
+
 def test_an_epoch_that_was_given_up_is_told_with_the_one_that_runs_as_none_was_announced() -> None:
     given_up = reconfiguration(10, 1, plan_after(None), "start")
     story = Story(ELEVATOR)
@@ -299,8 +314,8 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_shown()
         "epoch 7 runs already: the manager adopts it as it is",
         "PHASE land (was climb), requested by tail_pe",
         "device:gps counts as working again, cleared by the operator",
-        "it would start b, c; move a",
-        "it would only change modes and wires",
+        "this manager would start b, c; move a",
+        "this manager would only change modes and wires",
         "this manager does not know the running epoch 8, and gives no advice",
     ]
     assert lines[-1].startswith("[  0.01 s] KILL tail_pe")
@@ -336,11 +351,11 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str
         ),
         (
             event("stood_still", 0, by="tail_pe", for_ns=90 * MS, times=1),
-            "the computer of tail_pe stood still for 90 ms (once so far): if tail_pe was lost, this may be the cause",
+            "the computer of tail_pe stood still for 90 ms (once so far)",
         ),
         (
             event("stood_still", 0, by="nav", for_ns=90 * MS, times=2),
-            "the computer of nav stood still for 90 ms (2 times so far): if nav was lost, this may be the cause",
+            "the computer of nav stood still for 90 ms (2 times so far)",
         ),
         (
             event("heartbeat", 0, late_ns=7 * MS, period_ns=20 * MS, of_spec_ns=20 * MS),
@@ -411,9 +426,9 @@ def test_acts_are_played_in_order_of_time() -> None:
         ([], ["pe:nva@3"], "--restore pe:nva@3: no pe is named 'nva'; did you mean 'nav'?"),
         (["pe:@3"], [], "--kill pe:@3: write it as"),
         (["pe:nav@٣"], [], "write it as"),
-        (["pe:nav@1", "pe:nav@2"], [], "--kill pe:nav@2: nav does not run then; kill and restore in turn"),
-        ([], ["pe:nav@2"], "--restore pe:nav@2: nav runs then"),
-        (["pe:nav@1"], ["pe:nav@2", "pe:nav@3"], "--restore pe:nav@3: nav runs then"),
+        (["pe:nav@1", "pe:nav@2"], [], "--kill pe:nav@2: nav does not run at that time; kill and restore in turn"),
+        ([], ["pe:nav@2"], "--restore pe:nav@2: nav runs at that time"),
+        (["pe:nav@1"], ["pe:nav@2", "pe:nav@3"], "--restore pe:nav@3: nav runs at that time"),
     ],
 )
 def test_a_bad_script_is_one_clear_sentence(
@@ -546,7 +561,7 @@ def test_a_killed_manager_is_not_restored() -> None:
     assert read_script(BIG_BLUE, ["manager@3"], [])[0].pe == "manager"
     with pytest.raises(UserError, match="the standby manager stays active"):
         read_script(BIG_BLUE, ["manager@3"], ["manager@4"])
-    with pytest.raises(UserError, match="--kill manager@4: manager does not run then"):
+    with pytest.raises(UserError, match="--kill manager@4: manager does not run at that time"):
         read_script(BIG_BLUE, ["manager@3", "manager@4"], [])
 
 

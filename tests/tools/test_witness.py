@@ -78,6 +78,14 @@ def test_a_silence_is_an_outage_from_the_last_frame_to_the_next(witness: Witness
     assert witness.outages(2000 * MS)[1:] == [Outage("elevator", 1000 * MS, None)]
 
 
+def test_a_witness_of_days_forgets_what_is_over(witness: Witness) -> None:
+    fly(witness, "elevator_servo_1", 0, 500)
+    fly(witness, "elevator_servo_2", 800, 1000)
+    witness.forget()
+    assert witness.outages(1000 * MS) == []
+    assert witness.outages(2000 * MS) == [Outage("elevator", 1000 * MS, None)]
+
+
 def test_outages_are_in_the_order_in_which_they_began(witness: Witness) -> None:
     witness.see(0, echo(ELEVATOR, "chute_solenoid"))
     fly(witness, "elevator_servo_1", 0, 500)

@@ -12,6 +12,7 @@ from heronry_tools.watch.recordings import Recording, open_recording
 from heronry_wire.frame import LoggedFrame, format_log_line
 
 MS = 1_000_000
+PICTURES = Path("build/pictures")  # where tests keep what views look like
 DATE_NS = 1_700_000_000_000_000_000
 TIMES = {"detect": 60 * MS, "decide": 40 * MS, "distribute": 9 * MS, "activate": 5 * MS}
 

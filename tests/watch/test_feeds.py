@@ -5,10 +5,13 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
+from starlette.testclient import TestClient
 
+from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.core.events import to_line
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
@@ -19,6 +22,11 @@ from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Snapshot, document
 from heronry_tools.watch.timeline import Timeline
 from heronry_tools.watch.top.sources import RecordedSource
+from heronry_tools.web.app import Site, application
+from heronry_tools.web.guard import Access
+from heronry_tools.web.orders import Orders
+from heronry_tools.web.questions import Questions
+from heronry_tools.web.recording import Recording as WebRecording
 from heronry_wire.frame import Frame, format_log_line
 from watch.flights import ALL, DATE_NS, MS, big_blue, big_blue_log
 
@@ -100,6 +108,11 @@ def test_a_channel_of_another_name_is_the_managers_bus_and_other_channels_are_le
     assert open_recording(file, "big_blue").timeline().last().buses["can0"].load > 0
 
 
+def test_a_log_of_another_spec_is_refused_as_a_replay_refuses_it() -> None:
+    with pytest.raises(UserError, match="is no configuration of elevator_and_chute: give the spec of the recording"):
+        open_recording(big_blue_log(), "elevator_and_chute")
+
+
 def test_events_of_a_manager_and_a_scenario_are_feeds_too(tmp_path: Path) -> None:
     file = tmp_path / "events.jsonl"
     file.write_text("words\n[]\n" + "".join(to_line(one) + "\n" for one in ALL))
@@ -165,13 +178,25 @@ def test_a_cursor_moves_plays_and_stops_at_the_ends() -> None:
 # The same everywhere
 
 
-def test_the_same_log_gives_the_same_final_snapshot_through_json_and_metrics(
+def snapshot_of_web(recording: Recording) -> dict[str, Any]:
+    """What `heronry web` answers for a recording."""
+    spec, file = recording.spec, shipped_spec_path("big_blue")
+    shown = WebRecording(Reducer(spec), recording.events, recording.source)
+    site = Site(spec, shown, Questions(spec, file), Orders(None), Access("127.0.0.1", 8321, "token"))
+    with TestClient(application(site), base_url="http://127.0.0.1:8321") as asking:
+        told: dict[str, Any] = asking.get("/api/snapshot").json()
+        return told
+
+
+def test_the_same_log_gives_the_same_final_snapshot_through_top_web_json_and_metrics(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     view = big_blue().timeline().last()
-    log = str(big_blue_log())
+    log, told = str(big_blue_log()), json.loads(json.dumps(document(view)))
+    assert RecordedSource(big_blue()).snapshot() == view
+    assert snapshot_of_web(big_blue()) == told
     assert main(["top", "--json", "--once", "--log", log, "big_blue"]) == 0
-    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(document(view)))
+    assert json.loads(capsys.readouterr().out) == told
     assert main(["metrics", "--log", log, "big_blue"]) == 0
     page = capsys.readouterr().out
     assert page == exposition(view).decode()

@@ -249,6 +249,8 @@ def test_only_the_last_events_and_reconfigurations_are_kept() -> None:
     view = snapshot(*many[: KEPT_RECONFIGURATIONS + 10])
     assert [one.number for one in view.reconfigurations][:2] == [11, 12]
     assert len(view.reconfigurations) == KEPT_RECONFIGURATIONS
+    first, second = snapshot(*ALL).reconfigurations[:2]
+    assert second.before is first.after  # a hundred of them are kept
     stopped = [event("stopped", n, reason="x") for n in range(KEPT_EVENTS + 10)]
     told = snapshot(*stopped).told
     assert (len(told), told[-1].number) == (KEPT_EVENTS, KEPT_EVENTS + 10)

@@ -30,12 +30,16 @@ def drawn(seed):
     return down, random.choice(list(big_blue().phases))
 
 
+def plan_command(down, phase):
+    flags = [word for element in down for word in ("--down", element)]
+    return ["plan", "big_blue", "--json", "--phase", phase, *flags]
+
+
 @pytest.mark.parametrize("seed", mostly_soak(range(30), [3]))
 def test_the_plan_is_that_of_the_command(seed, capsys):
     down, phase = drawn(seed)
-    flags = [word for element in down for word in ("--down", element)]
     told = Desk(big_blue()).answer({"ask": "plan", "down": down, "phase": phase})
-    assert told["plan"] == printed(capsys, "plan", "big_blue", "--json", "--phase", phase, *flags)
+    assert told["plan"] == printed(capsys, *plan_command(down, phase))
     running = {key for key, state in told["graph"]["nodes"].items() if state in ("served", "degraded")}
     assert {key for key in running if key.startswith("module:")} == {
         f"module:{name}" for name in told["plan"]["modules"]

@@ -21,8 +21,12 @@ from heronry_tools.watch.snapshot import document
 from heronry_tools.web.desk import Desk
 from heronry_tools.web.live import Live
 from heronry_tools.web.orders import Orders
-from web.browser import PICTURES, Server, Watched, browser, needs_chromium, recorded
+from lab.benches.screens import heap_bytes
+from thoroughness import part_of, sample
+from watch.flights import PICTURES
+from web.browser import Server, Watched, browser, needs_chromium, recorded
 from web.flight import S, big_blue, flown
+from web.test_desk import drawn, plan_command, printed
 
 pytestmark = needs_chromium
 
@@ -127,8 +131,8 @@ def test_a_recorded_flight_in_the_browser(chromium):
         watched.open(server.address)
         watched.page.wait_for_selector("#graph .node")
         places = watched.places()
-        steps = [step] * 4
-        moves = [partial(move_to, share=share) for share in (0.02, 0.2, 0.3, 0.75, 0.9, 1)]
+        steps = [step] * part_of(4, 2)
+        moves = [partial(move_to, share=share) for share in sample((1, 0.3, 0.02, 0.9, 0.75, 0.2), 2)]
         for go in (*steps, *moves):
             go(watched)
             shown = watched.known()
@@ -190,26 +194,34 @@ def test_an_order_is_given_only_after_what_it_costs_is_named(chromium):
 
 
 @pytest.mark.soak
-def test_what_if_shows_what_the_planner_says(chromium):
+def test_what_if_shows_what_the_command_plans_for_thirty_sets_of_faults(chromium, capsys):
     with Server(watched_now()) as server:
         watched = Watched(chromium)
         watched.open(server.address)
         watched.panel("what-if")
-        for down in (["pe:flight"], ["pe:flight", "pe:comms"], []):
+        watched.page.eval_on_selector_all(
+            "#what-if-form details", "(all) => all.forEach((one) => { one.open = true; })"
+        )
+        for down, phase in map(drawn, range(30)):
             watched.page.click("text=Nothing down")
             for element in down:
                 watched.page.check(f'#what-if-form input[value="{element}"]')
-            watched.page.select_option("#what-if-phase", "glide")
-            expected = Desk(big_blue()).answer({"ask": "plan", "down": down, "phase": "glide"})
-            text = json.dumps(sorted(down))
+            watched.page.select_option("#what-if-phase", phase)
+            expected = printed(capsys, *plan_command(down, phase))
             shown = f"""(() => {{
                 const table = document.querySelector("#what-if-answer:not(.busy) [data-plan]");
-                return table && JSON.stringify(JSON.parse(table.dataset.plan).down) === {json.dumps(text)}
-                    .replaceAll(", ", ",");
+                const plan = table && JSON.parse(table.dataset.plan);
+                return plan && [plan.phase, ...plan.down].join() === {json.dumps(",".join([phase, *sorted(down)]))};
             }})()"""
             watched.until(shown, 60)
-            table = watched.page.get_attribute("#what-if-answer [data-plan]", "data-plan")
-            assert json.loads(table) == json.loads(json.dumps(expected["plan"]))
+            assert json.loads(watched.page.get_attribute("#what-if-answer [data-plan]", "data-plan")) == expected
+            served = watched.attributes("#what-if-answer [data-what-if]", "whatIf", "served")
+            assert served == {name: json.dumps(one["served"]) for name, one in expected["functions"].items()}
+            parts = watched.page.eval_on_selector_all(
+                "#what-if-answer .node.module:is(.served, .degraded)", "(all) => all.map((one) => one.dataset.key)"
+            )
+            assert set(parts) == {f"module:{name}" for name in expected["modules"]}
+        assert watched.wrong == []
 
 
 @pytest.mark.soak
@@ -231,19 +243,22 @@ def test_the_graph_is_walked_with_the_keyboard(chromium):
         assert watched.page.evaluate("document.activeElement.dataset.key") == second
 
 
-def test_a_hundred_reconfigurations_move_nothing(chromium):
+def test_reconfigurations_move_nothing_and_after_a_hundred_of_them_a_page_needs_no_more_memory(chromium):
     live = watched_now([])
     with Server(live) as server:
         watched = Watched(chromium)
         watched.open(server.address)
         watched.page.wait_for_selector("#graph .node")
-        places = watched.places()
+        places, heaps = watched.places(), []
         changing = [one for one in flown() if one["event"] in CHANGING]
-        while len(live.snapshot.reconfigurations) < 100 or live.snapshot.reconfigurations[-1].number < 100:
-            live.take_all(changing, None, is_alive=True)
-            watched.page.wait_for_timeout(40)
-        watched.until(f"heronry.store.snapshot.events === {live.snapshot.events}")
+        for reconfigurations in (100, 140):
+            while not live.snapshot.reconfigurations or live.snapshot.reconfigurations[-1].number < reconfigurations:
+                live.take_all(changing, None, is_alive=True)
+                watched.page.wait_for_timeout(40)
+            watched.until(f"heronry.store.snapshot.events === {live.snapshot.events}")
+            heaps.append(heap_bytes(watched.page))
         assert watched.places() == places
+        assert heaps[1] <= 1.1 * heaps[0]
 
 
 def expect_order(watched, given, opener, order, words=None):
@@ -335,10 +350,12 @@ def test_the_page_at_every_size_in_light_and_dark(chromium):
             for scheme in ("light", "dark"):
                 watched = Watched(chromium, width, scheme)
                 watched.open(server.address)
-                for _ in range(2):
+                for _ in range(4):  # until the navigation computer is lost in the glide
                     step(watched)
                 for panel in PANELS:
                     watched.panel(panel)
+                    if width < 500:
+                        watched.page.eval_on_selector("#tabs", "(tabs) => scrollTo(0, tabs.offsetTop)")
                     if panel == "what-if":
                         watched.page.wait_for_selector("#what-if-answer [data-plan]", timeout=60_000)
                     expect_axe_to_find_nothing(watched, f"{panel} at {width}, {scheme}")

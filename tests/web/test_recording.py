@@ -7,9 +7,10 @@ import pytest
 
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.changes import plain
+from heronry_tools.web.live import Live
 from heronry_tools.web.recording import Recording
 from heronry_tools.web.stream import recorded_stream
-from web.flight import S, big_blue, flown
+from web.flight import S, big_blue, flown, load_line
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +24,11 @@ def recording(reducer):
 
 
 def test_the_state_at_any_event_is_that_of_all_before_it(reducer, recording):
-    events = list(flown()) * 4
-    for number in (0, 1, 57, 199, 200, 201, 255, 256, 257, len(events)):
-        assert recording.after(number).snapshot == reducer.all(events[:number], reducer.start("log")).snapshot
+    events, truth, before = list(flown()) * 4, reducer.start("log"), 0
+    for number in (0, 1, 57, 199, 200, 201, len(events)):
+        truth = reducer.all(events[before:number], truth)
+        assert recording.after(number).snapshot == truth.snapshot
+        before = number
 
 
 def test_going_on_from_a_known_state_gives_the_same(recording):
@@ -43,6 +46,14 @@ def test_loads_are_those_between_two_events(recording):
     until = recording.events_until(5 * S)
     assert [load["t_ns"] // S for load in recording.loads(0, until)] == [1, 2, 3, 4, 5]
     assert recording.loads(until, until) == []
+
+
+def test_of_loads_that_are_told_twice_a_second_one_a_second_is_drawn(reducer):
+    told = [{**load_line(1), "t_ns": half * S // 2} for half in range(8)]
+    live = Live(reducer, "bus")
+    live.take_all(told, None, is_alive=True)
+    for loads in (live.loads(0), Recording(reducer, told, "log").loads(0, len(told))):
+        assert [load["t_ns"] for load in loads] == [0, S, 2 * S, 3 * S]
 
 
 def test_a_recording_of_nothing_shows_nothing(reducer):

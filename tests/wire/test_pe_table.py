@@ -187,7 +187,11 @@ def test_an_initial_value_may_be_whatever_a_variable_can_hold(initial: Json) -> 
         (("modules", 0, "modes", 0, "cpu_millis"), -1, "takes -1 thousandths"),
         (("modules", 0, "modes", 0, "gives"), {"ghost": 1}, "names the unknown variable ghost"),
         (("modules", 0), [], "table.modules[0] holds []"),
-        ((), {"format": 1}, "table lacks, or must not have, adjustable, bus_names, command_period_ns, contingencies"),
+        (
+            (),
+            {"format": 1},
+            "table: fields are missing or unknown: adjustable, bus_names, command_period_ns, contingencies",
+        ),
         ((), [], "not of format 1"),
     ],
 )

@@ -1,4 +1,6 @@
-"""DG5xx: compares the frames of a spec with CANaerospace's list, the identifier plan and the rules of arbitration.
+"""DG5xx: compares a spec's frames with CANaerospace's list, the identifier plan and the rules of arbitration.
+
+Bit rates of wired buses are compared with those of CiA 301.
 
 The check needs no solver. The plan decides which frames are sent, so for arbitration the check assumes every frame that
 some configuration could put on a bus, each at its fastest rate. On a bus behind a gateway, times count from the
@@ -20,6 +22,7 @@ from heronry_dg.rules import wire as rules
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, criticality_ranks
 from heronry_dg.wire_limits import exceeded
+from heronry_wire.canopen_objects import BIT_RATES
 from heronry_wire.identifiers import ALLOCATED_DATA_IDS
 from heronry_wire.standard_identifiers import StandardIdentifier, standard_identifier
 
@@ -51,18 +54,35 @@ _CONVERSIONS: Final[Mapping[tuple[str, str], str]] = {
     ("degC", "K"): "0 degC is 273.15 K",
     ("°C", "K"): "0 °C is 273.15 K",
 }
+_BIT_RATES: Final = frozenset({*BIT_RATES, 83_333, 100_000})  # also of ARINC 825, and of serial adapters
 _OUTRANKED_CLASSES: Final = 2  # A and B
 _SHOWN_IN_THE_WAY: Final = 3
 
 
 def check(subject: Subject, findings: Findings) -> None:
     """Check a spec against every rule of this file."""
+    _bit_rates(subject, findings)
     _standard_identifiers(subject, findings)
     _limits(subject, findings)
     if lacks_identifiers(subject.spec):
         _too_many(subject, findings)
     else:
         _outranked(subject, findings)
+
+
+def _bit_rates(subject: Subject, findings: Findings) -> None:
+    for bus in subject.spec.buses.values():
+        if bus.kind == "wired" and bus.bitrate not in _BIT_RATES:
+            sentence = f"bus '{bus.name}' has {bus.bitrate} bit/s, which is no bit rate of CiA 301"
+            hint = f"{_near(bus.bitrate)}, unless every controller on this bus can be set to {bus.bitrate}"
+            findings.add(rules.UNUSUAL_BIT_RATE, subject.place("buses", bus.name, "bitrate"), sentence, hint)
+
+
+def _near(bitrate: int) -> str:
+    meant = [bitrate * factor for factor in (1000, 10) if bitrate * factor in _BIT_RATES]  # kbit/s, a lost zero
+    below = [rate for rate in sorted(_BIT_RATES) if rate < bitrate][-1:]
+    above = [rate for rate in sorted(_BIT_RATES) if rate > bitrate][:1]
+    return f"write {listed(map(str, meant[:1] or [*below, *above]), last='or')}"
 
 
 def _limits(subject: Subject, findings: Findings) -> None:

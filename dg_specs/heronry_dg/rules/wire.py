@@ -1,5 +1,7 @@
 """DG5xx: the wire. Identifiers are used as CANaerospace assigns them, they suffice, and critical data arrive first.
 
+Bit rates are those of CAN controllers.
+
 check/wire.py checks these rules in a spec that loads. Two variables with one identifier are DG218, which stops a spec
 from being loaded. How a rule is added is shown in rule.py.
 """
@@ -9,7 +11,7 @@ from typing import Final
 from heronry_dg.rules.rule import Family
 from heronry_dg.rules.samples import RUNS
 
-FAMILY: Final = Family("DG5", "the wire: identifiers and arbitration", fast=True)
+FAMILY: Final = Family("DG5", "the wire: bit rates, identifiers and arbitration", fast=True)
 
 _STANDARD: Final = (
     "Displays and recorders of other makers read a standard identifier by CANaerospace's default list (V1.7, section 5)"
@@ -168,4 +170,16 @@ TOO_LONG_A_SLICE = FAMILY.error(
     fix="Let fewer modules run on the PE (`runs_on`, another PE), merge small modules, or forward fewer data.",
     bad=_displays(_MORE_THAN_A_SLICE_HAS),
     good=_displays(_MORE_THAN_A_SLICE_HAS - 1),
+)
+UNUSUAL_BIT_RATE = FAMILY.warning(
+    "DG509",
+    "unusual-bit-rate",
+    what="A wired bus has a bit rate that is in no standard.",
+    why="A node whose controller cannot be set to this bit rate cannot join the bus. CiA 301 has 10, 20, 50, 125, 250, "
+    "500, 800 and 1 000 kbit/s; ARINC 825 has 83.333 kbit/s as well, and most serial adapters have 100 kbit/s. A "
+    "wireless bus may have any rate.",
+    fix="Write one of these rates, in bit/s. If every controller on the bus can be set to that rate, ignore the "
+    "finding.",
+    bad="buses: {can0: {bitrate: 512000}}\n",
+    good="buses: {can0: {bitrate: 500000}}\n",
 )

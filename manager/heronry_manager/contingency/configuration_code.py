@@ -61,7 +61,7 @@ class ConfigurationCode:
                 places[module] = (self._pes[pe_index], mode)
                 wired[module] = [numbers.number() for _ in self._leaves[module, mode.name]]
         if numbers.left():
-            raise PackingError("it has more bytes than the last module needs")
+            raise PackingError("bytes follow the last module of a configuration")
         return Configuration(
             {
                 module: Running(pe, mode.name, dict(self._wires(module, mode.name, wired[module], places)))
@@ -84,7 +84,9 @@ class ConfigurationCode:
 
 def _at(names: Sequence[_T], index: int) -> _T:
     if index >= len(names):
-        raise PackingError(f"it names number {index} of a list in the spec that has only {len(names)} entries")
+        raise PackingError(
+            f"a configuration names number {index} of a list in the spec that has only {len(names)} entries"
+        )
     return names[index]
 
 
@@ -100,4 +102,4 @@ def objective_of(worth: Sequence[int]) -> Objective:
         case [a, b, c, d, utility, inputs, changes, branches, bus, cpu]:
             return Objective((a, b, c, d), utility, inputs, changes, branches, bus, cpu)
         case _:
-            raise PackingError(f"a plan's worth has {len(worth)} numbers instead of 10")
+            raise PackingError(f"the value of a plan has {len(worth)} numbers instead of 10")

@@ -81,13 +81,13 @@ def from_bytes(data: bytes, spec: Spec) -> Contingencies:
     try:
         return _read(Unpacker(_unpacked(content)), spec)
     except (PackingError, IndexError, ValueError, zlib.error) as error:
-        raise ContingencyFileError(f"it cannot be read ({error})") from None
+        raise ContingencyFileError(f"the file cannot be read ({error})") from None
 
 
 def _unpacked(content: bytes) -> bytes:
     length = int.from_bytes(content[_HEAD_BYTES - 4 : _HEAD_BYTES], "big")
     if length > _MOST_BYTES:
-        raise PackingError(f"its content would have {length} bytes, which is too many")
+        raise PackingError(f"the content would have {length} bytes, more than any contingency file has")
     return zlib.decompressobj().decompress(content[_HEAD_BYTES:], length)
 
 
@@ -128,7 +128,7 @@ def _read(numbers: Unpacker, spec: Spec) -> Contingencies:
     configurations = tuple(code.decode(numbers.text()) for _ in range(numbers.number()))
     tables = tuple(_read_phase(numbers, phase, scope, configurations, spec) for phase in phases)
     if numbers.left():
-        raise PackingError("it has more bytes than its contingencies need")
+        raise PackingError("bytes follow the last phase")
     return Contingencies(spec.digest, scope, configurations, tables)
 
 
@@ -139,14 +139,14 @@ def _read_phase(
     plans = tuple(_read_made(numbers, len(configurations)) for _ in range(numbers.number()))
     by_fault_set = tuple(numbers.numbers())
     if len(by_fault_set) != scope.set_count() or max(by_fault_set) >= len(plans):
-        raise PackingError(f"it does not have one plan for each fault set in phase {phase}")
+        raise PackingError(f"phase {phase} does not have exactly one plan for each fault set")
     modules, pes, rest = list(spec.modules), list(spec.pes), tuple(numbers.numbers())
     by_place = tuple(
         (f"module:{modules[module]}@{pes[pe]}", index)
         for pe, module, index in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
     )
     if any(index >= len(plans) for _, index in by_place):
-        raise PackingError(f"it lacks the plan for a place in phase {phase}")
+        raise PackingError(f"phase {phase} lacks the plan for the failure of a module on one PE")
     return PhasePlans(phase, safe_mode, plans, by_fault_set, by_place)
 
 
@@ -157,5 +157,5 @@ def _read_made(numbers: Unpacker, known: int) -> Made:
 
 def _checked(number: int, known: int) -> int:
     if not 1 <= number <= known:
-        raise PackingError(f"it names configuration {number}, and has only {known}")
+        raise PackingError(f"a plan names configuration {number}, and the file has only {known}")
     return number

@@ -237,7 +237,7 @@ class Authenticity:
             peer.told, peer.told_ns = peer.refuses, now_ns
 
     def hold_emergency(self, pe: str, emergency: bytes) -> None:
-        """Keep an EMCY of a PE until a page 0 of that PE proves it."""
+        """Keep an EMCY of a PE until a page 0 of that PE proves it; if too many are kept, drop the oldest."""
         held = self._peers[pe].held
         if emergency not in held and len(held) == _HELD:
             self._drop(held, next(iter(held)))

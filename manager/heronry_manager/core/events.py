@@ -19,8 +19,8 @@ KINDS: Mapping[str, str] = {
     "second_manager": "node, term: another manager sends LEASE, and this one ends",
     "pe_suspected": "pe, cause, silent_ns: a state frame is late; the manager sends the PE a PING",
     "pe_answered": "pe: a suspected PE is heard again in time",
-    "pe_lost": "pe, cause, last_heard_ns: the PE is no longer available; a demo that has not killed it adds `waited`, "
-    "with who waited for a processor (`who`), for how long (`for_ns`), and of how long (`of_ns`)",
+    "pe_lost": "pe, cause, last_heard_ns: the PE is no longer available; a demo that has not killed it adds `waited`: "
+    "who waited for a processor (`who`), for how long (`for_ns`), and in a time of which length (`of_ns`)",
     "pe_absent": "pe, cause: the PE was not heard in the start-up window",
     "pe_heard_again": "pe, cause: a PE that was lost is heard again; its hold-down begins",
     "pe_joined": "pe, cause: the PE is available from now on",

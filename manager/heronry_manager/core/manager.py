@@ -232,9 +232,11 @@ class ManagerCore:
     def _execute(self, number: int, order: OrderToExecute) -> Reply:
         if self._claim.state is Mastership.STANDBY:
             where = f"give the order to manager {self._known.following.node}"
-            return Reply(number, done=False, sentence=f"this manager only stands by: {where}")
+            return Reply(number, done=False, sentence=f"this is a standby manager: {where}")
         if self._claim.state is Mastership.LISTENING:
-            return Reply(number, done=False, sentence="the manager has just started and still listens: try again")
+            return Reply(
+                number, done=False, sentence="the manager has just started and still listens to the bus: try again"
+            )
         outcome = self._orders.accept(order)
         self._reactions.take(outcome.changes)
         if outcome.command is not None:

@@ -6,13 +6,20 @@
     left      another SDO client has made a request to that PE (`heard_other`): the PE is left to that client until
               SILENCE_NS after its last request. An object that was being read is read anew after that, and other PEs
               are read meanwhile
+    waiting   the object had no value, and its caller allows another try: it is read anew after SILENCE_NS. Other
+              objects are read meanwhile
 
-The reading of an object ends without a value if the PE aborts it, if an answer does not fit the request, or if no
-answer comes within SILENCE_NS. Then the reading of the next object in the queue begins. Nothing that a PE runs depends
-on these values, so nothing is repeated; a caller may ask again. A PE gives its answers a tenth of the bus at most.
+A try ends without a value if the PE aborts it, if an answer does not fit the request, or if no answer comes within
+SILENCE_NS. Then the next object in the queue is read. An object that had no value in its last try has none. If an
+object is requested once more while it waits for another try, the new request takes the place of that try. A PE gives
+its answers a tenth of the bus at most.
 
-If an answer is lost, that object has no value. A late or doubled answer that fits by chance gives a wrong value. Any
-node can forge an answer, since SDO has no proof: the values are for people, and no decision may depend on them.
+    a lost answer     the try ends after SILENCE_NS
+    a late answer     is dropped, unless an object of that PE is being read: then it ends that try
+    a doubled answer  ends the try, since the next answer was expected; after the last answer it is dropped
+
+A late or doubled answer that fits by chance gives a wrong value. Any node can forge an answer, since SDO has no proof:
+the values are for people, and no decision may depend on them.
 
 A PE has one SDO server, where a request replaces the transfer of another client. So this client gives way: only a
 request of it that crosses the first request of the other client can still disturb that client. If the other client
@@ -21,7 +28,7 @@ never pauses, this client reads nothing.
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_request_id
@@ -47,7 +54,7 @@ from heronry_wire.sdo import (
 )
 
 SILENCE_NS = 1_000_000_000
-"""Longest wait for one answer: the time after which a PE gives up its client."""
+"""Longest wait for one answer, the time after which a PE gives up its client; also the pause before another try."""
 
 _MOST_WAITING = 64
 _MOST_BYTES = 4_096
@@ -62,9 +69,19 @@ class _Reading:
     index: int
     sub_index: int
     take: Take
+    tries: int  # this one and those that may follow
+    not_before_ns: int = 0  # 0: this is the first try
     length: int | None = None  # of a long value, once it is known
     data: bytes = b""
     toggle: int = 0
+
+    def anew(self) -> "_Reading":
+        """Give the same reading before its first request."""
+        return replace(self, length=None, data=b"", toggle=0)
+
+    def is_of(self, other: "_Reading") -> bool:
+        """Tell whether this reading and the other one read the same object."""
+        return (self.node, self.index, self.sub_index) == (other.node, other.index, other.sub_index)
 
 
 @dataclass(slots=True)
@@ -77,12 +94,19 @@ class ObjectReader:
     _waiting: deque[_Reading] = field(default_factory=deque)
     _left_until_ns: dict[int, int] = field(default_factory=dict)  # by node: another client has it
 
-    def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int) -> None:
-        """Queue an object for reading; `take` is called once, with its value, or with None if it cannot be read."""
+    def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int, *, tries: int = 1) -> None:
+        """Queue an object for reading; `take` is called once, with its value, or with None if it cannot be read.
+
+        tries: how often it is read at most, while it has no value.
+        """
+        reading = _Reading(node, index, sub_index, take, tries)
+        for replaced in [one for one in self._waiting if one.is_of(reading) and one.not_before_ns]:
+            self._waiting.remove(replaced)
+            replaced.take(None)
         if len(self._waiting) >= _MOST_WAITING:
             take(None)
             return
-        self._waiting.append(_Reading(node, index, sub_index, take))
+        self._waiting.append(reading)
         self._begin_next(now_ns)
 
     def heard(self, node: int, message: bytes, now_ns: int) -> None:
@@ -104,11 +128,11 @@ class ObjectReader:
         reading = self._now
         if reading is not None and reading.node == node:
             self._now = None
-            self._waiting.appendleft(_Reading(node, reading.index, reading.sub_index, reading.take))
+            self._waiting.appendleft(reading.anew())
         self._begin_next(now_ns)
 
     def tick(self, now_ns: int) -> None:
-        """Drop an object if its answer has not come within SILENCE_NS; begin to read the next one whose PE is free."""
+        """End a try whose answer has not come within SILENCE_NS; begin to read the next object that may be read."""
         if now_ns < self.next_ns:
             return
         if self._now is not None:
@@ -116,13 +140,12 @@ class ObjectReader:
         else:
             self._begin_next(now_ns)
 
-    def give_up(self, now_ns: int) -> None:
+    def give_up(self) -> None:
         """Drop all objects that are being read or queued, since this manager is not active any more."""
-        waiting, self._waiting = self._waiting, deque()
-        if self._now is not None:
-            self._end(None, now_ns)
-        self.next_ns = NEVER_NS
-        for reading in waiting:
+        given_up = [*([] if self._now is None else [self._now]), *self._waiting]
+        self._now, self.next_ns = None, NEVER_NS
+        self._waiting.clear()
+        for reading in given_up:
             reading.take(None)
 
     def _take(self, reading: _Reading, message: bytes) -> bool:
@@ -157,7 +180,7 @@ class ObjectReader:
             self._say(with_data(UPLOAD, self._now.index, self._now.sub_index), now_ns)
 
     def _free_ns(self, reading: _Reading) -> int:
-        return self._left_until_ns.get(reading.node, 0)
+        return max(reading.not_before_ns, self._left_until_ns.get(reading.node, 0))
 
     def _say(self, message: bytes, now_ns: int) -> None:
         assert self._now is not None
@@ -167,5 +190,9 @@ class ObjectReader:
     def _end(self, value: bytes | None, now_ns: int) -> None:
         reading, self._now, self.next_ns = self._now, None, NEVER_NS
         assert reading is not None
-        reading.take(value)
+        if value is None and reading.tries > 1 and not any(one.is_of(reading) for one in self._waiting):
+            again = replace(reading.anew(), tries=reading.tries - 1, not_before_ns=now_ns + SILENCE_NS)
+            self._waiting.append(again)
+        else:
+            reading.take(value)
         self._begin_next(now_ns)

@@ -1,7 +1,8 @@
 """Details that PEs store for people: why modules failed, and how often a computer stood still. The manager reads them.
 
     failure of a module      read by SDO when an EMCY has reported it, and given out as an event. The last failure of
-                             each module is kept
+                             each module is kept. A PE that is busy just then may not answer, so it is asked up to
+                             three times, two seconds apart; after that nothing is told until its next EMCY
     traceback                read when the operator asks for it, from the PE that reported the last failure
     standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
                              the status. If there were more long standstills than before, an event reports that, as
@@ -31,6 +32,7 @@ from heronry_wire.standstill import Standstills, StoodStill
 
 _COUNTERS = ((3, "times"), (4, "long_times"), (5, "last_long_ms"), (6, "longest_ms"))  # sub-indices, and what they are
 _NS_PER_MS = 1_000_000
+_TRIES = 3  # to read why a module has failed
 
 
 class Look(Enum):
@@ -66,7 +68,7 @@ class PeDetails:
             self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
-        """Read from a PE why a module has failed: once, although the PE repeats its EMCY."""
+        """Read from a PE why a module has failed, and tell it once, although the PE repeats its EMCY."""
         heard_ns = self._turn.now_ns
         before, at_ns = self._heard.get((pe, element), (None, 0))
         self._heard[pe, element] = emergency, heard_ns
@@ -79,14 +81,14 @@ class PeDetails:
                 self._failures[element] = {"element": element, "by": pe, "text": text, "at_ns": self._turn.now_ns}
                 self._turn.emit("module_failed", element=element, by=pe, text=text, heard_ns=heard_ns)
 
-        self._read(pe, MODULE_FAILURES, self._position(pe, element), take)
+        self._read(pe, MODULE_FAILURES, self._position(pe, element), take, tries=_TRIES)
 
     def traceback(self, element: str, answer: Callable[[str | None, str], None]) -> None:
         """Read the traceback of a module's last failure; `answer` gets it, or None and a sentence that says why not."""
         known = self._failures.get(element)
         if known is None:
             others = ", ".join(self._failures)
-            known_ones = f"it knows one of {others}" if others else "no module has failed"
+            known_ones = f"the known failures are those of {others}" if others else "no module has failed"
             answer(None, f"no failure of {element} is known to this manager: {known_ones}")
             return
         pe = known["by"]
@@ -117,7 +119,7 @@ class PeDetails:
     def end_of_step(self) -> None:
         """Stop reading if this manager is not active any more; to be called after each event."""
         if not self._claim.is_active:
-            self.reader.give_up(self._turn.now_ns)
+            self.reader.give_up()
 
     def failures(self) -> list[dict[str, Any]]:
         """Give the last failure of each module, oldest first: element, by, text, for_ns."""
@@ -150,10 +152,12 @@ class PeDetails:
         for_ms = found["longest_ms"] if is_longest_new else found["last_long_ms"]
         self._turn.emit("stood_still", by=pe, for_ns=for_ms * _NS_PER_MS, times=times)
 
-    def _read(self, pe: str, index: int, sub_index: int, take: Callable[[bytes | None], None]) -> None:
+    def _read(
+        self, pe: str, index: int, sub_index: int, take: Callable[[bytes | None], None], *, tries: int = 1
+    ) -> None:
         is_possible = self._is_wanted and self._claim.is_active and not self._turn.silent
         if is_possible and self._spec.manager.bus in self._spec.pes[pe].buses and sub_index:
-            self.reader.read(self._spec.pes[pe].node_id, index, sub_index, take, self._turn.now_ns)
+            self.reader.read(self._spec.pes[pe].node_id, index, sub_index, take, self._turn.now_ns, tries=tries)
         else:
             take(None)
 

@@ -195,7 +195,7 @@ class Replanning:
         """Note that the planner could not answer; the request will be repeated if it was not in the background."""
         if self.planning.failed(answer) and self.planning.in_background:
             if self._known.script.is_asked:
-                self._known.script.refuse(f"there is no plan to compare it with: {answer.reason}")
+                self._known.script.refuse(f"there is no plan to compare the script with: {answer.reason}")
             self.planning.causes.clear()
             self._settle()
 

@@ -200,7 +200,7 @@ class Search:
                 return
 
     def _look(self, solver: CpSolver) -> bool | None:
-        """Search once; tell whether the solution meets its deadlines and was kept. None: there is no solution."""
+        """Search once; tell whether the solution meets its deadlines and was kept. None: none was found."""
         status = solver.solve(self._model)
         self._effort -= solver.response_proto.deterministic_time
         if status not in (OPTIMAL, FEASIBLE):

@@ -98,4 +98,4 @@ def _is_listened_on(path: Path) -> bool:
 def _expect_own_process(line: socket.socket, path: Path) -> None:
     user = user_beyond(line)
     if os.getuid() not in (0, user) and user != 0:
-        raise ControlError(f"the process that listens on {path} is another user's ({user}): it gets no order")
+        raise ControlError(f"the process that listens on {path} is another user's ({user}): no order is sent to it")

@@ -182,7 +182,13 @@ class ControlSocket:
         if self.followers.take(caller):
             del self._callers[caller]
         else:
-            self._tell(caller, Answer(done=False, sentence="too many readers follow this manager already"))
+            self._tell(
+                caller,
+                Answer(
+                    done=False,
+                    sentence="too many readers follow this manager already: end one (heronry top, web, record)",
+                ),
+            )
 
     def _tell(self, caller: socket.socket, answer: Answer) -> None:
         line = answer_line(answer)
@@ -213,7 +219,7 @@ def _locked(file: Path) -> IO[str]:
         lock.close()
         where = file.with_suffix("")
         raise ControlError(
-            f"a manager (process {owner}) listens on {where} already: stop it, or give this one another path: --socket"
+            f"a manager (process {owner}) listens on {where} already: stop it, or name another socket with --socket"
         ) from None
     lock.truncate(0)
     lock.write(f"{os.getpid()}\n")

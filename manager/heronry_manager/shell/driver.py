@@ -40,6 +40,7 @@ from heronry_manager.core.vocabulary import (
 )
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.journal import Journal
+from heronry_manager.shell.ordered_telling import HELD_NS, OrderedTelling
 from heronry_manager.shell.planner_processes import PlannerProcesses
 from heronry_manager.shell.plants import Plants
 from heronry_manager.shell.script_orders import ScriptSaid
@@ -63,7 +64,7 @@ FILTERS = (
 )
 _BURSTS = 16  # bursts of frames taken in one turn, so that a flood cannot stop the timers
 
-Emitter = Callable[[dict[str, Any]], None]
+Emitter = Callable[[Mapping[str, Any]], None]
 
 
 class ManagerDriver:
@@ -81,15 +82,18 @@ class ManagerDriver:
         spec: Spec,
         emit: Emitter,
         place: Mapping[str, Any],
+        in_order: bool = False,
     ) -> None:
-        """Prepare to run; `emit` is called with every event as it happens.
+        """Prepare to run; `emit` is called with every event as it happens, or with `in_order` a moment later.
 
         journal: None: nothing survives a restart.
         place: what followers are told of where the manager runs: its bus, the file of its spec.
+        in_order: for people: the reason of a failure, which is read later, is given before what followed from it.
         """
         self._core, self._link, self._planners, self._control = core, link, planners, control
         self._service, self._journal, self._spec = service, journal, spec
         self._tell_stream, self._place = emit, place
+        self._telling = OrderedTelling(emit) if in_order else None
         self._plants = Plants(spec)
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # how far the core's clock is behind
@@ -110,6 +114,14 @@ class ManagerDriver:
 
         until_eof: also end when standard input ends.
         """
+        try:
+            self._turn_until_the_end(until_eof=until_eof)
+        finally:
+            if self._telling is not None:
+                self._telling.tell_until()
+        return self._stop_reason
+
+    def _turn_until_the_end(self, *, until_eof: bool) -> None:
         while not self._stopping and self._stop_reason is None:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._planners.readers(), *self._control.readers()]
@@ -131,11 +143,15 @@ class ManagerDriver:
             self._look_at_link()
             self._look_after_journal()
             self._control.followers.pump(self._status)
-        return self._stop_reason
+            if self._telling is not None:  # while the bus is lost the clock stands still, and nothing is read from a PE
+                self._telling.tell_until(self._now_ns() - HELD_NS if self._frozen_ns is None else None)
 
     def _emit(self, told: dict[str, Any]) -> None:
         """Give an event to the stream of this process, and to all followers."""
-        self._tell_stream(told)
+        if self._telling is None:
+            self._tell_stream(told)
+        else:
+            self._telling.take(told)
         self._control.followers.tell(told)
 
     def _status(self) -> dict[str, Any]:
@@ -162,6 +178,7 @@ class ManagerDriver:
 
     def _wait_s(self) -> float | None:
         deadlines = [self._link.next_deadline_ns(), self._planners.next_deadline_ns(), self._core_due_ns()]
+        deadlines.append(None if self._telling is None else self._on_this_clock(self._telling.due_ns()))
         waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
 
@@ -170,7 +187,10 @@ class ManagerDriver:
 
         None: it has none, or its own clock stands still.
         """
-        core_ns = self._core.next_deadline_ns()
+        return self._on_this_clock(self._core.next_deadline_ns())
+
+    def _on_this_clock(self, core_ns: int | None) -> int | None:
+        """Give a time on the core's clock as one on this computer's clock; None: none, or the core's stands still."""
         return None if core_ns is None or self._frozen_ns is not None else core_ns + self._stood_still_ns
 
     def _measure_lateness(self, now_ns: int) -> None:

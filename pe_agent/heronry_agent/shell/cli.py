@@ -88,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
         "--node",
         type=_node,
         metavar="ID",
-        help="start without a table, as this node (92 to 125), and wait for the one from 'heronry send-table'",
+        help="start without a table, with this node-ID (92 to 125), and wait for a table from 'heronry send-table'",
     )
     parser.add_argument(
         "--bus",

@@ -95,7 +95,10 @@ class BootCount:
             self._writer.start()
 
     def _keep_writing(self) -> None:
-        """Write the file, again and again until it covers enough counts beyond those in use."""
+        """Write the file until it covers more than RESERVE / 2 further counts; repeat a failed write after RETRY_S.
+
+        After `close` no failed write is repeated.
+        """
         while self._left() <= RESERVE // 2:
             is_put = self._put()
             self._tried.set()

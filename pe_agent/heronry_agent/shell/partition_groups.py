@@ -99,7 +99,12 @@ def open_groups(tell: Callable[[Note], None]) -> PartitionGroups | None:
         reason = _NO_MEMORY
     except OSError as error:
         reason = str(error)
-    tell(Note("partitions", f"no control groups, RLIMIT_DATA alone limits partitions: {reason}"))
+    tell(
+        Note(
+            "partitions",
+            f"control groups cannot be used, so RLIMIT_DATA alone limits the memory of partitions: {reason}",
+        )
+    )
     return None
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from heronry_dg.model import Spec
 from heronry_manager.contingency.contingencies import Contingencies
@@ -30,10 +31,13 @@ class Aircraft:
 
 
 @contextmanager
-def aircraft(spec_name: str, made: Contingencies | None = None) -> Iterator[Aircraft]:
-    """Yield an aircraft without manager and PEs; all its processes end with the block."""
+def aircraft(spec_name: str, made: Contingencies | None = None, key: Path | None = None) -> Iterator[Aircraft]:
+    """Yield an aircraft without manager and PEs; all its processes end with the block.
+
+    key: the file of the key that all nodes have; None: they have none.
+    """
     spec, folder = load_spec(spec_name), run_folder()
-    with Fleet(spec, spec_path(spec_name), folder, made) as fleet:
+    with Fleet(spec, spec_path(spec_name), folder, made, key) as fleet:
         buses = dict(choose(spec, folder, {}, None, prefer_vcan=False))
         fleet.start_buses(buses)
         yield Aircraft(spec, fleet, buses)

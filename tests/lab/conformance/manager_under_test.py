@@ -232,6 +232,7 @@ class ManagerUnderTest(UnderTest):
             name=f"manager {node}",
             decide_ns=lambda: MS,
             tell=self.events.append,
+            planned=lambda _: None,
             advise=advise,
             standby=standby,
             key=key,

@@ -14,12 +14,12 @@ from random import Random
 
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
-from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
-from lab.mishaps import slower
 from lab.partition_kills.campaign import Campaign
+from lab.slow_spec import slow_spec
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -37,8 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     with ExitStack() as stack:
         folder = run_folder()
-        file = folder / "slower.dg.yaml"
-        file.write_text(slower(spec_path(arguments.spec).read_text(), arguments.heartbeat_ms))
+        file = slow_spec(arguments.spec, folder, heartbeat_ms=arguments.heartbeat_ms)
         spec = load_spec(str(file))
         fleet = stack.enter_context(Fleet(spec, file, folder))
         fleet.start_buses(choose(spec, fleet.folder, {}, None, prefer_vcan=False))

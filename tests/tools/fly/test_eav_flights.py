@@ -55,21 +55,24 @@ def digest_in_another_process():
     code = (
         "from heronry_dg.loader import load; from heronry_dg.shipped import shipped_spec_path;"
         "from heronry_tools.fly.flight import EavFlight; from heronry_tools.fly.mission import Mission;"
-        "print(EavFlight(load(shipped_spec_path('eav')), Mission(seed=7, longest_s=4.0)).fly()[0].digest)"
+        "print(EavFlight(load(shipped_spec_path('eav')), Mission(seed=7, longest_s=2.5)).fly()[0].digest)"
     )
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
 
 
 def test_one_seed_is_one_flight():
     """Twice in this process, whose planner has met the situations before, with oracles too, and in another process."""
-    digests = {flown(seed=7, longest_s=4.0, judged=judged)[0].digest for judged in (False, True)}
+    digests = {flown(seed=7, longest_s=2.5, judged=judged)[0].digest for judged in (False, True)}
     digests.add(digest_in_another_process())
     assert len(digests) == 1
     assert flown(seed=8, longest_s=1.0)[0].digest not in digests
 
 
-def test_the_command_tells_how_it_ended(capsys):
-    assert main(["fly", "eav", "--without-rover", "--corrections-lost", "6", "--json"]) == 0
+def test_the_command_tells_how_it_ended_and_draws_it(capsys, tmp_path):
+    page = tmp_path / "flight.html"
+    words = ["--without-rover", "--corrections-lost", "6", "--report", str(page), "--json"]
+    assert main(["fly", "eav", *words]) == 0
+    assert "<svg" in page.read_text()
     flight, figures = map(json.loads, capsys.readouterr().out.splitlines())
     assert flight["went_around"]
     assert flight["causes"] == ["not landed"]
@@ -80,10 +83,21 @@ def test_the_command_tells_how_it_ended(capsys):
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--kill", "pe:nobody@3", "with a name of the spec"),
-        ("--kill", "pe:nav_a=stuck@3", "nothing else has a way to fail"),
+        ("--kill", "pe:nobody@3", "--kill pe:nobody@3: no pe is named 'nobody'; there is nav_a, "),
+        (
+            "--kill",
+            "pe:nav_a=stuck@3",
+            "a pe is killed without '=stuck'; only a device may be dead, stuck, bias, loose",
+        ),
         ("--kill", "pe:nav_a@soon", "is not a number"),
         ("--kill", "pe:nav_a@-2m", "is not between"),
+        ("--kill", "nav_a@3", "write pe:NAME@WHEN"),
+        ("--kill", "pe:flght@3", "no pe is named 'flght'; did you mean 'flight'?"),
+        ("--kill", "device:elevator_1=stuk@3", "a device may be dead, stuck, bias, loose"),
+        ("--kill", "pe:nav_a@100001", "is not between 0 and 100000"),  # a flight of big_blue has 5 400 s and 20 000 m
+        ("--report", "landing.pdf", "landing.pdf: this command writes no PDF; what it writes ends in .html"),
+        ("--report", "my.dg.yaml", "no command writes specs"),
+        ("--record", "nosuch/landing.json", "nosuch is not a folder"),
         ("--wind", "99", "the model is made for"),
         ("--corrections-lost", "early", "is not a number"),
     ],

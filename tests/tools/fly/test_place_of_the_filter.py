@@ -8,6 +8,8 @@ import pytest
 
 pytest.importorskip("jsbsim")
 
+from typing import Any
+
 from heronry_dg.loader import load
 from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
@@ -31,7 +33,7 @@ def planned(*down, before=None, limits=()):
     running = None if before is None else placement(before.configuration)
     found = plan(SPEC, situation(SPEC, (WITHOUT_CORRECTIONS, *down), limits), running)
     assert found.optimal
-    modules = found.document()["modules"]
+    modules: Any = found.document()["modules"]
     of_the_filter = modules.get("tracked_position", {"pe": None, "mode": None})
     return of_the_filter["pe"], of_the_filter["mode"], modules["flight_management"]["mode"], found
 

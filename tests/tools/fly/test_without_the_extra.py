@@ -25,4 +25,4 @@ def test_the_images_and_the_driver_of_a_pe_import_no_flight_dynamics():
 def test_a_flight_without_the_extra_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "jsbsim", None)
     assert main(["fly", "eav"]) == 2
-    assert "pip install 'heronry[fly]'" in capsys.readouterr().err
+    assert 'pip install "heronry[manager,fly]"' in capsys.readouterr().err

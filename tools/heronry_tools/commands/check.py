@@ -61,10 +61,12 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--fast", action="store_true", help="check only the rules that need no solver")
     parser.add_argument(
-        "--select", metavar="CODES", type=_codes, default=["DG"], help="check only these, for example DG2,DG401"
+        "--select", metavar="CODES", type=_codes, default=["DG"], help="report only these codes, for example DG2,DG401"
     )
     parser.add_argument("--ignore", metavar="CODES", type=_codes, default=[], help="leave out these codes")
-    parser.add_argument("--error", metavar="CODES", type=_codes, default=[], help="count these warnings as errors")
+    parser.add_argument(
+        "--error", metavar="CODES", type=_codes, default=[], help="count warnings with these codes as errors"
+    )
     parser.add_argument("--strict", action="store_true", help="count all warnings as errors")
     parser.add_argument("-q", "--quiet", action="store_true", help="report errors only, and the number of warnings")
     forms = add_output(

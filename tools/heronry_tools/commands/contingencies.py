@@ -130,5 +130,5 @@ def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
     for sentence in wrong:
         print(sentence)
     if not wrong:
-        print(f"{entries} plans and {len(made.phases)} safe modes: each is legal and worth what the file says")
+        print(f"{entries} plans and {len(made.phases)} safe modes: each is legal and has the value that the file says")
     return 1 if wrong else 0

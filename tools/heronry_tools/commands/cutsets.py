@@ -35,7 +35,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry cutsets`."""
     parser = subparsers.add_parser(
         "cutsets",
-        description="Find the smallest sets of faults that lose a function: by logic, and by resources.",
+        description="Find the smallest sets of faults that lose a function: since its inputs are lost (logical), "
+        "or since what is left of PEs and buses has no room for it (resource-aware).",
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
@@ -100,7 +101,7 @@ def _swept(spec: "Spec", scope: "Scope", jobs: int) -> Any:
 
 
 def _text(spec: "Spec", found: "CutSets", scope: "Scope", left_out: "list[FaultSet] | None") -> str:
-    lines = [f"{found.function} of {spec.name}: sets of up to {found.order}"]
+    lines = [f"{found.function} of {spec.name}: sets of up to {found.order} faults"]
     lines += ["", f"logical: {_counted(spec, found.logical, scope)}", *map(_set_line, found.logical)]
     more = [down for down in found.resources if down not in found.logical]
     lines += ["", f"resource-aware: {_beyond_logic(spec, found, len(more), scope)}", *map(_set_line, more)]

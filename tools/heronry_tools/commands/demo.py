@@ -13,12 +13,12 @@ examples:
   heronry demo                                        big_blue; the flight computer is killed and comes back
   heronry demo --kill pe:nav@3 --kill pe:tail_a@3.01  two at once
   heronry demo elevator_and_chute --for 8 --record flight.log
-  heronry demo --phase landing@3 --kill pe:flight@6   other priorities from the third second on
+  heronry demo --phase landing@3 --kill pe:flight@6   a phase with other priorities, from the third second on
   heronry demo --no-kill --for 60                     nothing fails; give orders beside it: heronry fail device:gps
   heronry demo --from 210 --for 40                    the landing
   heronry demo --key fleet.key                        every command and every state carries a proof
   heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
-  heronry demo twin.dg.yaml -i socketcan -c vcan0,vcan1     a bus with 'channels: 2' has two
+  heronry demo twin.dg.yaml -i socketcan -c vcan0,vcan1     the two channels of a bus with 'channels: 2'
   heronry demo --kill manager@5                       a standby manager runs, and takes over
   heronry demo --web                                  and watch it in a browser, until Ctrl-C
   heronry demo --json | jq 'select(.event=="reconfigured").times_ns'
@@ -43,14 +43,14 @@ def add_parsers(subparsers: Any) -> None:
         metavar="pe:NAME@SECONDS",
         action="append",
         default=[],
-        help="SIGKILL a PE, or the manager: manager@SECONDS",
+        help="kill a PE at this time, or the active manager (manager@SECONDS), by SIGKILL",
     )
     parser.add_argument("--no-kill", action="store_true", help="kill nothing: the aircraft flies as it is")
     parser.add_argument(
-        "--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start a killed PE again"
+        "--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start a killed PE again at this time"
     )
     parser.add_argument(
-        "--phase", metavar="NAME@SECONDS", action="append", default=[], help="the operator enters a mission phase"
+        "--phase", metavar="NAME@SECONDS", action="append", default=[], help="order a mission phase at this time"
     )
     parser.add_argument(
         "--for",

@@ -37,7 +37,9 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("old", metavar="OLD", help="a *.dg.yaml, a shipped spec, REV:PATH in git, or -")
     parser.add_argument("new", metavar="NEW", help="the changed spec")
-    parser.add_argument("--exit-code", action="store_true", help="end with 1 where the specs differ, as git diff does")
+    parser.add_argument(
+        "--exit-code", action="store_true", help="end with exit code 1 if the specs differ, as git diff does"
+    )
     add_output(parser, forms={"text": (), "json": JSON, "mermaid": (".mmd", ".mermaid")})
     parser.set_defaults(run=run)
 

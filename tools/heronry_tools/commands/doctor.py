@@ -52,7 +52,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "spec", metavar="SPEC", nargs="?", help="what should be on the bus: a spec, or the *.table of a PE"
     )
-    parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="how long to listen (default 3)")
+    parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="seconds to listen (default 3)")
     parser.add_argument(
         "--wait", type=float, default=0.0, metavar="S", help="repeat until everything is right, for up to S seconds"
     )

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from heronry_tools.sim.oracles.violation import Violation
 
 _EPILOG = """\
-A story makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises, each
-sensor that dies, what the operator fails and clears, each phase, requested by the operator or by a module; with
---standby also the death of the active manager. The story is flown once for each fault: one frame of the management,
-from the first to the last, is lost, doubled or late, for one node or for all nodes, or a node dies at that frame. Use a
-spec with three PEs: it has some 37000 flights, half an hour on one processor.
+A story is one event that makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that
+raises, each sensor that dies, each element that the operator fails and clears, each phase, requested by the operator or
+by a module; with --standby also the death of the active manager. Each story is flown once for each fault: one of its
+management frames, from the first to the last, is lost, doubled or late, for one node or for all nodes, or a node dies
+at that frame. Use a spec with three PEs: it has some 37000 flights, half an hour on one processor.
 
 Exit codes: 0 all is well; 1 an oracle was violated, or a fault of a given case was not injected; 2 the input cannot be
 used; 130 and 143 ended by Ctrl-C and by SIGTERM.
@@ -38,7 +38,7 @@ used; 130 and 143 ended by Ctrl-C and by SIGTERM.
 examples:
   heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --sample 200      drawn from all of them, by --seed
   heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --jobs 0          all of them
-  heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --count           only say how many there are
+  heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --count           only tell how many there are
   heronry exhaust my.dg.yaml --pairs 5000 --sample 0                          two at a time, drawn
   heronry exhaust my.dg.yaml --case 'crash pe:nav: 17 lost pe:tail, 20 crash manager'
   heronry exhaust my.dg.yaml --standby --keyed --foreseen 1 --sample 500      two managers, a key, plans on board
@@ -64,13 +64,18 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--seed", type=whole_number, default=0, metavar="N", help="seed from which faults are drawn (default: 0)"
     )
-    parser.add_argument("--standby", action="store_true", help="with two managers")
-    parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
+    parser.add_argument("--standby", action="store_true", help="fly with two managers")
+    parser.add_argument("--keyed", action="store_true", help="give managers and PEs a key")
     parser.add_argument(
-        "--foreseen", type=whole_number, metavar="N", help="plans for up to N faults are made ahead and on board"
+        "--foreseen",
+        type=whole_number,
+        metavar="N",
+        help="make plans for up to N faults ahead, and put them on board (default: no plans are made ahead)",
     )
-    parser.add_argument("--count", action="store_true", help="only say how many single faults each story has")
-    parser.add_argument("--case", action="append", default=[], metavar="CASE", help="fly this case instead of all")
+    parser.add_argument("--count", action="store_true", help="fly nothing: count the single faults of each story")
+    parser.add_argument(
+        "--case", action="append", default=[], metavar="CASE", help="fly only this case, 'STORY: FAULT, ..'; see below"
+    )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import flights, processors, whole_number
-from heronry_tools.console.output import add_output
+from heronry_tools.console.output import add_output, expect_ending
 from heronry_tools.console.progress import show_line
 from heronry_tools.console.spec_argument import FLOWN, load_spec_file, spec_path
-from heronry_tools.console.whole_file import write_whole
+from heronry_tools.console.whole_file import expect_writable, write_whole
 from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
+from heronry_wire.spelling import meant
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from heronry_tools.fly.report.dispersion_page import Landing as Dispersed
 
 _NEVER = "never"
+_MOST = 100_000  # seconds, or metres of height: more than any flight has
 _PHASES = ("ascent", "deployment", "glide", "landing")
 _HOW = ("dead", "stuck", "bias", "loose")
 _EPILOG = """\
@@ -81,39 +83,47 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
-    parser.add_argument("--without-rover", action="store_true", help="no rover stands beside the runway")
+    parser.add_argument("--without-rover", action="store_true", help="eav: no rover stands beside the runway")
     parser.add_argument(
         "--must-land",
         action="store_true",
-        help="as soon as the flight begins, the operator orders the phase must_land",
+        help="eav: order the phase must_land as soon as the flight begins",
     )
     parser.add_argument(
         "--corrections-lost",
         default="2",
         metavar="S",
-        help=f"when the differential receiver becomes inaccurate (default: 2; {_NEVER})",
+        help=f"eav: seconds after which the differential receiver becomes inaccurate, or {_NEVER} (default: 2)",
     )
     parser.add_argument(
         "--height-bias",
         type=float,
         default=0.0,
         metavar="M",
-        help="eav: each seed draws a constant error of its receiver's height up to M that nothing finds",
+        help="eav: add a constant error to the receiver's height, drawn from -M to M metres; no monitor finds it",
     )
     parser.add_argument(
-        "--wind", type=float, metavar="M/S", help="strongest wind drawn (default: 7.7 for the EAV, 5 for BIG BLUE)"
+        "--wind", type=float, metavar="M/S", help="strongest wind that is drawn (default: EAV 7.7, BIG BLUE 5)"
     )
     parser.add_argument("--phase", choices=_PHASES, help="big_blue: begin in this phase (default: on the ground)")
     parser.add_argument(
-        "--kill", action="append", default=[], metavar="ELEMENT@WHEN", help="a fault: see below; may be given again"
+        "--kill",
+        action="append",
+        default=[],
+        metavar="ELEMENT@WHEN",
+        help="inject this fault (see below); may be repeated",
     )
     parser.add_argument(
-        "--act", action="append", default=[], metavar="ACT", help="a fault of 'heronry sim', by the time of the flight"
+        "--act",
+        action="append",
+        default=[],
+        metavar="ACT",
+        help="inject this fault, written as for 'heronry sim --act'; seconds count from the start; may be repeated",
     )
-    parser.add_argument("--one-fault", action="store_true", help="each seed draws one fault at a time on final")
+    parser.add_argument("--one-fault", action="store_true", help="inject one fault, drawn with its time by the seed")
     parser.add_argument("--judged", action="store_true", help="check each flight by the oracles of 'heronry sim'")
-    parser.add_argument("--latency", action="store_true", help="measure from sensor to servo, in still air")
-    parser.add_argument("--live", action="store_true", help="in real time, with processes on software buses")
+    parser.add_argument("--latency", action="store_true", help="measure the delay from sensor to servo, in still air")
+    parser.add_argument("--live", action="store_true", help="eav: fly in real time, with processes on software buses")
     parser.add_argument("--record", type=Path, metavar="FILE", help="write the record of the one flight as JSON")
     parser.add_argument(
         "--report", type=Path, metavar="FILE", help="write an HTML page with pictures: of one flight, or of all"
@@ -125,6 +135,10 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
+    for file, ending in ((arguments.record, ".json"), (arguments.report, ".html")):
+        if file is not None:  # else a wrong name is found after the flight
+            expect_ending(file, {ending[1:]: (ending,)})
+            expect_writable(file)
     if arguments.live:
         return _run_live(arguments)
     go_on_compiled_if_asked(arguments)
@@ -234,7 +248,7 @@ def _glider_missions(spec: "Spec", arguments: argparse.Namespace) -> Sequence[An
     from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
 
     if arguments.without_rover or arguments.must_land or arguments.height_bias:
-        raise UserError("--without-rover, --must-land and --height-bias are for the EAV; big_blue lands on a field")
+        raise UserError("--without-rover, --must-land and --height-bias are for the EAV: leave them out for big_blue")
     first = GliderMission(
         seed=arguments.seed,
         start=arguments.phase or "ascent",
@@ -258,7 +272,7 @@ def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
     from heronry_tools.fly.mission import STRONGEST_WIND_M_PER_S, Mission  # noqa: PLC0415
     from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
 
-    lost = None if arguments.corrections_lost == _NEVER else _seconds(arguments.corrections_lost, "--corrections-lost")
+    lost = None if arguments.corrections_lost == _NEVER else _number(arguments.corrections_lost, "--corrections-lost")
     mission = Mission(
         seed=arguments.seed,
         strongest_wind_m_per_s=_wind(arguments, STRONGEST_WIND_M_PER_S),
@@ -281,22 +295,24 @@ def _blow(spec: "Spec", text: str) -> "Blow":
     element, _, how = what.partition("=")
     kind, _, name = element.partition(":")
     known = {"pe": spec.pes, "bus": spec.buses, "device": spec.devices}.get(kind)
-    if known is None or name not in known:
-        raise UserError(
-            f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, with a name of the spec"
-        )
-    if how and (kind != "device" or how not in _HOW):
-        raise UserError(f"--kill {text}: a device may be {', '.join(_HOW)}; nothing else has a way to fail")
+    if known is None:
+        raise UserError(f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, as pe:nav_a@20")
+    if name not in known:
+        raise UserError(f"--kill {text}: no {kind} is named '{name}'; {meant(name, known)}")
+    if how and kind != "device":
+        raise UserError(f"--kill {text}: a {kind} is killed without '={how}'; only a device may be {', '.join(_HOW)}")
+    if how and how not in _HOW:
+        raise UserError(f"--kill {text}: a device may be {', '.join(_HOW)}")
     if when.endswith("m"):
-        return Blow(element, below_m=_seconds(when[:-1], f"--kill {text}"), how=how or "dead")
-    return Blow(element, at_s=_seconds(when, f"--kill {text}"), how=how or "dead")
+        return Blow(element, below_m=_number(when[:-1], f"--kill {text}"), how=how or "dead")
+    return Blow(element, at_s=_number(when, f"--kill {text}"), how=how or "dead")
 
 
-def _seconds(text: str, option: str) -> float:
+def _number(text: str, option: str) -> float:
     try:
         value = float(text)
     except ValueError:
         raise UserError(f"{option}: '{text}' is not a number") from None
-    if not 0.0 <= value <= 1000.0:
-        raise UserError(f"{option}: {value:g} is not between 0 and 1000")
+    if not 0.0 <= value <= _MOST:
+        raise UserError(f"{option}: {value:g} is not between 0 and {_MOST}")
     return value

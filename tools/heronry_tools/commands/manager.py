@@ -37,7 +37,10 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--node", type=int, choices=(126, 127), help="node-ID (default 126, with --standby 127)")
     parser.add_argument(
-        "--state-dir", type=Path, metavar="DIR", help="the folder of its journal (default: in the user's state folder)"
+        "--state-dir",
+        type=Path,
+        metavar="DIR",
+        help="folder of the manager's journal (default: in the user's state folder)",
     )
     parser.add_argument(
         "--changed-spec",

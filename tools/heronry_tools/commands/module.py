@@ -45,12 +45,18 @@ def add_parsers(subparsers: Any) -> None:
     trial.add_argument(
         "--inputs", metavar="NAME=VALUE", nargs="+", default=[], help="variables that the module gets in each step"
     )
-    trial.add_argument("--reading", metavar="VALUE", help="what its device reads (default: the device does not answer)")
-    trial.add_argument("--mode", metavar="NAME", default="only", help="name of its mode (default: only)")
-    trial.add_argument("--rate-hz", metavar="HZ", type=float, default=10.0, help="steps in a second (default 10)")
-    trial.add_argument("--steps", metavar="N", type=int, default=3, help="how many steps it computes (default 3)")
     trial.add_argument(
-        "--limit", metavar="SECONDS", type=_limit, default=10.0, help="code that takes longer has failed (default 10)"
+        "--reading", metavar="VALUE", help="reading of the module's device (default: the device does not answer)"
+    )
+    trial.add_argument("--mode", metavar="NAME", default="only", help="name of the module's mode (default: only)")
+    trial.add_argument("--rate-hz", metavar="HZ", type=float, default=10.0, help="steps in a second (default 10)")
+    trial.add_argument("--steps", metavar="N", type=int, default=3, help="number of steps to compute (default 3)")
+    trial.add_argument(
+        "--limit",
+        metavar="SECONDS",
+        type=_limit,
+        default=10.0,
+        help="seconds after which code counts as failed (default 10)",
     )
     add_output(trial, "print steps and failure as one JSON object")
     trial.set_defaults(run=run)

@@ -35,14 +35,14 @@ examples:
 """
 _UNLOCK_EPILOG = """\
 examples:
-  heronry unlock pe:nav                CANopen tools may write to it for half a minute; see docs/canopen.md
+  heronry unlock pe:nav                CANopen tools may write to the PE for half a minute; see docs/canopen.md
 
 Only a PE with a key is locked. While it is unlocked, any node on the bus can write to it.
 """
 _TRACEBACK_EPILOG = """\
 examples:
   heronry status                       shows which modules have failed, each with exception, file and line
-  heronry traceback module:autopilot   the traceback of its last failure, as its PE gives it over the bus
+  heronry traceback module:autopilot   the traceback of the module's last failure, read from its PE over the bus
 """
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_argument import add_manager_argument, manager_socket, say_answer
 from heronry_tools.console.output import TEXT_OR_JSON, Forms, add_output
+from heronry_wire.spelling import meant
 
 if TYPE_CHECKING:
     from heronry_pcs.assessment import Assessment
@@ -86,11 +87,11 @@ def _add_plan(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_write(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--write", metavar="FILE", type=Path, help="write the graph that is reached, as *.pcs.json")
+    parser.add_argument("--write", metavar="FILE", type=Path, help="write the resulting graph, as *.pcs.json")
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--at", metavar="K,..", type=_names, help="the members of a view")
+    parser.add_argument("--at", metavar="K,..", type=_names, help="the members of the view (default: all members)")
 
 
 def _add_graph(commands: Any) -> None:
@@ -101,7 +102,7 @@ def _add_graph(commands: Any) -> None:
         "--level",
         choices=("module", "pe", "side"),
         default="module",
-        help="which components are shown closed (default: module)",
+        help="show modules, PEs or sides of the radio without what is inside them (default: module)",
     )
 
 
@@ -140,7 +141,7 @@ def _add_script(commands: Any) -> None:
     parser = _command(commands, "script", "write the script that leads from one graph, or plan, to another", run_script)
     parser.add_argument("old", metavar="OLD", help="a component graph, or a plan")
     parser.add_argument("new", metavar="NEW", help="the graph or plan to reach")
-    parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans, where it is not a shipped one")
+    parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans, if it is not a shipped spec")
 
 
 def _add_apply(commands: Any) -> None:
@@ -148,7 +149,9 @@ def _add_apply(commands: Any) -> None:
     parser.add_argument("script", metavar="SCRIPT", help="a *.pcs.script file (- for standard input)")
     _add_subject(parser)
     _add_write(parser)
-    parser.add_argument("--live", action="store_true", help="fly it: give it to the running manager of this spec")
+    parser.add_argument(
+        "--live", action="store_true", help="give the script to the running manager of this spec, which flies it"
+    )
     add_manager_argument(parser)
 
 
@@ -211,7 +214,7 @@ def _required(arguments: argparse.Namespace, subject: "Subject") -> Sequence[str
     known = (*PREDICATES, "cycle_bound", "control_path", "on_path")
     for name in arguments.require:
         if name not in known:
-            raise UserError(f"--require: there is no '{name}'; there is {', '.join(known)}")
+            raise UserError(f"--require: there is no '{name}'; {meant(name, known)}")
     if "control_path" in arguments.require and arguments.path is None:
         raise UserError("--require control_path needs --path with the members through which one loop must run")
     required: list[str] = arguments.require
@@ -325,7 +328,7 @@ def run_apply(arguments: argparse.Namespace) -> int:
         "after": document(trial.after),
         **({"violations": list(trial.violations)} if trial.violations is not None else {}),
     }
-    said = errors_text(arguments.script, trial.errors) if trial.errors else graph_text(trial.after)
+    said = errors_text(arguments.script, trial.errors, trial.statements) if trial.errors else graph_text(trial.after)
     _say(arguments, result, said + trial_text(trial.statements, len(trial.errors), trial.violations or ()))
     return int(bool(trial.errors))
 

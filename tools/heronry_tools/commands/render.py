@@ -35,7 +35,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
-    parser.add_argument("--function", metavar="NAME", help="only what may contribute to this function")
+    parser.add_argument("--function", metavar="NAME", help="draw only what may contribute to this function")
     parser.add_argument(
         "--plan", metavar="PLAN.json", help="mark what a plan runs and wires, and what is down in it (- for stdin)"
     )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _RULES_EPILOG = """\
 examples:
   heronry rules                                  a line for each code
-  heronry rules | grep DG4                       the family of dependability
+  heronry rules DG4                              the family of dependability
   heronry rules --json | jq '.[] | select(.severity == "error") | .code'
   heronry rules --format markdown -o rules.md    all of them explained, with examples
 """
@@ -40,9 +40,11 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parsers of the three commands."""
     rules = subparsers.add_parser(
         "rules",
-        description="List all rules of heronry check: code, severity, name, and what each finds.",
+        description="List the rules of heronry check: code, severity, name, and what each finds. "
+        "heronry explain says more of one code.",
         epilog=_RULES_EPILOG,
     )
+    rules.add_argument("codes", metavar="CODE", nargs="*", help="codes, or beginnings of codes (default: all rules)")
     forms = add_output(
         rules,
         "write the rules, examples included, as JSON",
@@ -75,12 +77,21 @@ def run_rules(arguments: argparse.Namespace) -> int:
     from heronry_dg.check.rules_page import page, table  # noqa: PLC0415 - pydantic is slow to import
     from heronry_tools.analysis.check.registry import FAMILIES, RULES  # noqa: PLC0415
 
+    for typed in arguments.codes:
+        if not any(code.startswith(typed.upper()) for code in RULES):
+            raise UserError(f"no rule of heronry check begins with '{typed}'; heronry rules lists all codes")
+    prefixes = tuple(typed.upper() for typed in arguments.codes)
+    chosen = [rule for code, rule in RULES.items() if not prefixes or code.startswith(prefixes)]
     if arguments.format == "markdown":
+        if prefixes:
+            raise UserError("--format markdown writes all rules; leave the codes out")
         sys.stdout.write(page(FAMILIES))
     elif arguments.json:
-        sys.stdout.write(json.dumps([_fields(rule) for rule in RULES.values()], indent=2) + "\n")
+        sys.stdout.write(json.dumps([_fields(rule) for rule in chosen], indent=2) + "\n")
     else:
-        sys.stdout.write(table(RULES.values()))
+        sys.stdout.write(table(chosen))
+        if len(chosen) == 1:
+            print(f"\nheronry explain {chosen[0].code} has more: why it matters, how to mend it, and an example")
     return 0
 
 

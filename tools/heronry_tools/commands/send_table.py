@@ -25,8 +25,8 @@ examples:
   heronry send-table big_blue flight -i socketcan -c can0        on any other node of that bus
   heronry send-table big_blue flight -i socketcan -c can0 --key fleet.key    where both have a key: beside the manager
 
-The table goes by SDO block transfer into object 2020h. A PE that has its table takes no other: restart it first. With a
-key the manager, which must run on this computer, unlocks the PE first, as with 'heronry unlock'.
+The table goes by SDO block transfer into object 2020h. A PE that has its table takes no other: restart the PE first.
+With a key the manager, which must run on this computer, unlocks the PE first, as with 'heronry unlock'.
 """
 
 
@@ -43,13 +43,13 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("pe", metavar="PE", help="name of the PE")
     add_contingencies_argument(parser, CARRIED)
     parser.add_argument(
-        "--key", type=Path, metavar="FILE", help="the key file from 'heronry key', where the PE has that key, too"
+        "--key", type=Path, metavar="FILE", help="the key file from 'heronry key', if the PE was started with a key"
     )
     parser.add_argument(
         "--socket",
         type=Path,
         metavar="PATH",
-        help="with --key: the manager's socket, where it was started with --socket",
+        help="with --key: the manager's socket, if the manager was started with --socket",
     )
     add_json(parser, "write what was sent as JSON")
     add_bus_arguments(parser, "the bus that is the uplink of the PE; either channel of a replicated one")

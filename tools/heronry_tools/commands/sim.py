@@ -33,8 +33,8 @@ _EPILOG = """\
 Each seed draws its own faults (crashes, pauses, broken wires, noise, foreign nodes on the bus, a manager that dies, an
 operator who errs, ...), of kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds
 are virtual and count from the moment at which the first configuration runs. A seed replays a flight bit for bit. Where
-a seed draws the faults and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
-(--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then an attacker forges commands.
+a seed draws the faults and is odd, plans for every single fault are on board (--foreseen 1). Where seeds draw the
+faults, one pair of seeds in four flies with a key (--keyed); then an attacker forges commands.
 
 Oracles check every flight, without access to a core: nothing exclusive ever has two drivers, one epoch is one legal
 configuration, no healthy element is reported as failed, no old datum is taken for a new one, and no PE stops because
@@ -79,12 +79,12 @@ def add_parsers(subparsers: Any) -> None:
         "--seconds",
         type=seconds,
         metavar="S",
-        help="time for faults (default: 5, or a second more than the given faults need; never less than they need)",
+        help="seconds in which faults occur, at least what the given ones need (default: 5, or one more than that)",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
-    parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw faults of this kind alone")
+    parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw only faults of this kind")
     parser.add_argument(
         "--act", action="append", default=[], metavar="ACT", help="inject this fault instead of drawn ones"
     )
@@ -99,16 +99,22 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--restore", action="append", default=[], metavar="pe:NAME@S", help="start a killed node again at second S"
     )
-    parser.add_argument("--standby", action="store_true", help="two managers, and their faults: see below")
-    parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
+    parser.add_argument("--standby", action="store_true", help="fly with two managers, and draw their faults, too")
+    parser.add_argument(
+        "--loss", type=share, default=0.0, metavar="P", help="share of frames that are lost, 0 to 0.5 (default: 0)"
+    )
     parser.add_argument(
         "--foreseen",
         choices=(0, 1, 2),
         type=int,
         metavar="N",
-        help="plans for up to N faults are made ahead, and on board",
+        help="make plans for up to N faults ahead, and put them on board (default: by the seed, see below)",
     )
-    parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
+    parser.add_argument(
+        "--keyed",
+        action="store_true",
+        help="give managers and PEs a key in every flight (default: by the seed, see below)",
+    )
     parser.add_argument(
         "--shrink",
         action="store_true",

@@ -34,7 +34,9 @@ def add_parsers(subparsers: Any) -> None:
         "top", description="Watch a system in a terminal: live, on a bus, or recorded.", epilog=_EPILOG
     )
     add_source_arguments(parser)
-    parser.add_argument("--at", type=float, metavar="SECONDS", help="begin a recording at this time (default: its end)")
+    parser.add_argument(
+        "--at", type=float, metavar="SECONDS", help="begin a recording so long after its start (default: at its end)"
+    )
     parser.add_argument("--json", action="store_true", help="print a snapshot twice a second, one JSON object a line")
     parser.add_argument("--once", action="store_true", help="with --json: print one snapshot, and end")
     parser.add_argument("--schema", action="store_true", help="print the JSON schema of a snapshot, and end")

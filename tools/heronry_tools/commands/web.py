@@ -36,7 +36,9 @@ def add_parsers(subparsers: Any) -> None:
         "--listen", metavar="ADDRESS", default="127.0.0.1", help="the address to listen on (default 127.0.0.1)"
     )
     parser.add_argument("--port", type=_port, metavar="N", help="the port (default 8321, or a free one; 0: a free one)")
-    parser.add_argument("--operate", action="store_true", help="let the page give orders, each after its cost")
+    parser.add_argument(
+        "--operate", action="store_true", help="let the page give orders; it shows first what each costs"
+    )
     parser.add_argument("--json", action="store_true", help="print the address as one JSON object")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
     parser.add_argument("--demo-orders", type=int, help=argparse.SUPPRESS)  # a socket pair of `heronry demo --web`

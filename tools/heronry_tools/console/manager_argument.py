@@ -18,10 +18,10 @@ def add_manager_argument(parser: argparse.ArgumentParser) -> None:
     which.add_argument(
         "--of",
         metavar="NAME",
-        help="the manager to call: the name of its spec, or SPEC-demo (default: the only one)",
+        help="the manager to call: the name of its spec; of a demo, NAME-demo (default: the only one that runs)",
     )
     which.add_argument(
-        "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
+        "--socket", type=Path, metavar="PATH", help="the manager's socket, if the manager was started with --socket"
     )
 
 

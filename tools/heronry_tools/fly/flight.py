@@ -92,7 +92,7 @@ class EavFlight:
         plant = eav_on_final(mission, self._recorder, self.probe)
         self._plant, self._released = plant, ReleasedPlant(plant)
         absent = () if mission.has_rover else _ROVER
-        self.simulation = Simulation(spec, mission.seed, plant=self._released, absent=absent, judged=mission.judged)
+        self.simulation = Simulation(spec, mission.seed, plant=self._released, absent=absent, observed=mission.judged)
         self._observer = Observer(self.simulation, plant)
         self._loads = BusLoads(self.simulation)
         self._happenings = Happenings(spec, self.simulation, self._recorder, mission.blows)

@@ -38,7 +38,7 @@ class GliderFlight:
             watch=self._recorder.watch,
         )
         self._released = ReleasedPlant(self._plant)
-        self.simulation = Simulation(spec, mission.seed, plant=self._released, judged=mission.judged)
+        self.simulation = Simulation(spec, mission.seed, plant=self._released, observed=mission.judged)
         self._happenings = Happenings(spec, self.simulation, self._recorder, mission.blows)
         self._begin_ns = 0  # when the aircraft was released, on the simulator's clock
         self._cut_m: float | None = None

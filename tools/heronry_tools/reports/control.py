@@ -1,6 +1,6 @@
 """Component graphs, their assessment, cuts and scripts in words, for a terminal."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from heronry_pcs.assessment import NOT_SUFFICIENT, Assessment
@@ -9,11 +9,13 @@ from heronry_pcs.predicates import PREDICATES
 from heronry_pcs.script_syntax import ScriptError
 
 _MOST_LISTED = 6
+_MOST_OF_NO_SCRIPT = 3
 
 
 def graph_text(graph: Graph) -> str:
     """Write a graph: its members, and its edges."""
-    lines = [f"{graph.name}: {len(graph.members)} members, {len(graph.vertices)} vertices, {len(graph.edges)} edges"]
+    vertices = "1 vertex" if len(graph.vertices) == 1 else f"{len(graph.vertices)} vertices"
+    lines = [f"{graph.name}: {_count(graph.members, 'member')}, {vertices}, {_count(graph.edges, 'edge')}"]
     for name, member in graph.members.items():
         if name in graph.leaves:
             leaf = graph.leaves[name]
@@ -68,15 +70,27 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def cut_text(mbit_per_s: int, sides: Mapping[str, Sequence[str]]) -> str:
-    """Write a cut in words: the bandwidth that crosses it, and the leaves on each side."""
-    lines = [f"at least {mbit_per_s // 1000}.{mbit_per_s % 1000:03} bit/s cross"]
+    """Write a cut in words: the bandwidth that crosses it (given in thousandths of a bit/s), and each side's leaves."""
+    whole, thousandths = divmod(mbit_per_s, 1000)
+    lines = [f"at least {f'{whole}.{thousandths:03}'.rstrip('0').rstrip('.')} bit/s cross"]
     lines += [f"  {side}: {', '.join(leaves)}" for side, leaves in sides.items()]
     return "".join(f"{line}\n" for line in lines)
 
 
-def errors_text(file: str, errors: Sequence[ScriptError]) -> str:
-    """Write the errors of a script in the form FILE:LINE:COLUMN: CODE error: SENTENCE, as those of a spec."""
-    return "".join(f"{file}:{_place(error)}: {error.code} error: {error.sentence}\n" for error in errors)
+def errors_text(file: str, errors: Sequence[ScriptError], statements: int) -> str:
+    """Write the errors of a script in the form FILE:LINE:COLUMN: CODE error: SENTENCE, as those of a spec.
+
+    Only the first errors are written of a file that has no statement.
+    """
+    most = len(errors) if statements else _MOST_OF_NO_SCRIPT
+    lines = [f"{file}:{_place(error)}: {error.code} error: {error.sentence}\n" for error in errors[:most]]
+    if len(errors) > most:
+        lines.append(f"and {len(errors) - most} more; is this the right file? A script is text as in *.pcs.script\n")
+    return "".join(lines)
+
+
+def _count(things: Collection[object], what: str) -> str:
+    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"
 
 
 def _place(error: ScriptError) -> str:

@@ -88,7 +88,7 @@ def _signal(
     is_float: bool = False,
     unit: str | None = None,
 ) -> Signal:
-    """Write a big-endian signal that starts `start` bits after the first bit of the payload."""
+    """Make a big-endian signal that starts `start` bits after the first bit of the payload."""
     choices: OrderedDict[int, str | NamedSignalValue] | None = OrderedDict(labels) if labels else None
     conversion = BaseConversion.factory(scale=1, offset=0, choices=choices, is_float=is_float)
     first_bit = start // 8 * 8 + 7 - start % 8  # a DBC counts from the least significant bit of each byte

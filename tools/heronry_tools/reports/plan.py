@@ -47,7 +47,7 @@ def _tables(spec: Spec, plan: Plan) -> Iterator[Table]:
     left = survivors(spec, plan.now)
     yield Table(("function", "class", "priority", "mode", "value", ""), list(_function_rows(spec, plan)))
     yield Table(("PE", "CPU", "RAM", "flash", "modules"), list(_pe_rows(spec, plan, left)))
-    yield Table(("bus", "data, of what is left for it", "of the bit rate"), list(_bus_rows(plan, left)))
+    yield Table(("bus", "data, of the limit for data", "of the bit rate"), list(_bus_rows(plan, left)))
 
 
 def _function_rows(spec: Spec, plan: Plan) -> Iterator[Sequence[Cell]]:

@@ -113,6 +113,7 @@ class Story:
     _manager_killed_ns: int | None = None
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
+    _lost: dict[str, int] = field(default_factory=dict)  # when each PE was lost that has not joined since
     _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by what stood still -> when told, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
@@ -152,10 +153,10 @@ class Story:
                 yield from self._control_paths(event["plants"])
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
-            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._is_new(event):
+            case "advice" | "heartbeat" | "logs" | "overtime":
                 yield _TELLERS[kind](event)
-            case "outage" | "outages" | "summary":
-                yield from self._witnessed(event)
+            case "outage" | "outages" | "stood_still" | "summary":
+                yield from self._noticed(event)
             case _:
                 pass
 
@@ -171,6 +172,8 @@ class Story:
             case "epoch_abandoned":
                 self._prepared.pop(event["epoch"], None)
                 self._given_up.append(f"{event['epoch']} ({event['reason']})")
+            case "pe_joined":
+                self._lost.pop(event["pe"], None)
             case _:
                 pass
 
@@ -180,20 +183,35 @@ class Story:
         after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
-    def _is_new(self, event: Mapping[str, Any]) -> bool:
-        """Tell whether an event needs a line of its own; all events do, except some standstills.
+    def _needs_a_line(self, event: Mapping[str, Any]) -> bool:
+        """Tell whether a standstill needs a line of its own.
 
         A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
         last one of the same computer that had a line, if that one is a while ago, or if a PE was lost since. In the
         last case the standstill may be the cause of the loss.
         """
-        if event["event"] != "stood_still":
-            return True
         told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
-        is_news = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
-        if is_news:
+        needs_one = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
+        if needs_one:
             self._standstills[event["by"]] = event["t_ns"], event["for_ns"]
-        return bool(is_news)
+        return bool(needs_one)
+
+    def _standstill(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        """Give the line for a standstill; that of a PE is read when the PE is heard again, so it names the loss."""
+        if not self._needs_a_line(event):
+            return
+        by, for_ms = event["by"], event["for_ns"] // 1_000_000
+        if by == "the demo" or by.startswith("manager "):
+            noticed = f"this computer stood still for {for_ms} ms ({by} noticed it)"
+            yield Line(f"{noticed}, which may be the cause of what follows", "bad")
+            return
+        times = "once" if event["times"] == 1 else f"{event['times']} times"
+        words = f"the computer of {by} stood still for {for_ms} ms ({times} so far)"
+        lost_ns = self._lost.pop(by, None)
+        if lost_ns is not None:
+            at = "" if self._start_ns is None else f" at {(lost_ns - self._start_ns) / 1e9:.2f} s"
+            words = f"{words}, which may be why {by} was lost{at}"
+        yield Line(words, "bad")
 
     def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give a line for a suspected PE only when the PE is lost, since most suspected PEs answer."""
@@ -203,6 +221,7 @@ class Story:
             yield Line(f"{pe} is lost: {pinged}{event['cause']}", "fault")
             if "waited" in event:
                 yield _living(pe, event["waited"])
+            self._lost[pe] = event["t_ns"]
             self._standstills.clear()
         self._suspects.discard(pe)
         if event["event"] == "pe_suspected":
@@ -257,8 +276,10 @@ class Story:
             names = ", ".join(name.removesuffix(":only") for name in runs)
             yield Line(f"  {pe:<10} {100 * used // capacity:>3} % CPU  {names or '-'}", "quiet")
 
-    def _witnessed(self, event: Mapping[str, Any]) -> Iterator[Line]:
+    def _noticed(self, event: Mapping[str, Any]) -> Iterator[Line]:
         match event["event"]:
+            case "stood_still":
+                yield from self._standstill(event)
             case "outage":
                 yield from self._outage(event)
             case "outages":
@@ -329,19 +350,6 @@ def _heartbeat(event: Mapping[str, Any]) -> Line:
     return Line(f"{late}: the demo flies with a heartbeat of {period_ms:g} ms, and not {own_ms:g} ms as in the spec")
 
 
-def _standstill(event: Mapping[str, Any]) -> Line:
-    """Give the line for a standstill; a PE reports it only afterwards."""
-    by, for_ms = event["by"], event["for_ns"] // 1_000_000
-    if by == "the demo" or by.startswith("manager "):
-        return Line(
-            f"this computer stood still for {for_ms} ms ({by} noticed it), which may be the cause of what follows",
-            "bad",
-        )
-    times = "once" if event["times"] == 1 else f"{event['times']} times"
-    words = f"the computer of {by} stood still for {for_ms} ms ({times} so far)"
-    return Line(f"{words}: if {by} was lost, this may be the cause", "bad")
-
-
 def _living(pe: str, waited: Mapping[str, Any]) -> Line:
     """Give the line for a lost PE of a demo whose process runs: only this computer can have made it silent."""
     whose = "it" if waited["who"] == f"pe:{pe}" else f"the process of {waited['who']}"
@@ -362,7 +370,7 @@ def _never_driven(function: Function, plan: Mapping[str, Any]) -> Line:
 def _advice(event: Mapping[str, Any]) -> Line:
     moves = (("start", event["started"]), ("stop", event["stopped"]), ("move", event["moved"]))
     named = [f"{verb} {', '.join(modules)}" for verb, modules in moves if modules]
-    return Line(f"it would {'; '.join(named) or 'only change modes and wires'}")
+    return Line(f"this manager would {'; '.join(named) or 'only change modes and wires'}")
 
 
 def _given_up(epochs: list[str]) -> Line:
@@ -429,5 +437,4 @@ _TELLERS: Mapping[str, Callable[[Mapping[str, Any]], Line]] = {
     "heartbeat": _heartbeat,
     "logs": _logs,
     "overtime": _overtime,
-    "stood_still": _standstill,
 }

@@ -37,7 +37,7 @@ def fly(path: Path, text: str, spec: Spec) -> Answer:
         time.sleep(_LOOK_S)
     if not answer.done:
         return answer
-    return Answer(done=False, sentence=f"the script does not run after {PATIENCE_S:.0f} s: see 'heronry status'")
+    return Answer(done=False, sentence=f"the script is not carried out after {PATIENCE_S:.0f} s: see 'heronry status'")
 
 
 def _outcome(status: dict[str, Any]) -> Answer | None:

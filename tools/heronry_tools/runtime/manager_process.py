@@ -102,7 +102,15 @@ def mastership(arguments: argparse.Namespace) -> int:
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
             planners = PlannerProcesses(policy, planner, start_pre_planner)
             parts = (core, link, planners, control)
-            driver = ManagerDriver(*parts, journal=journal, service=service, spec=spec, emit=tell, place=place)
+            driver = ManagerDriver(
+                *parts,
+                journal=journal,
+                service=service,
+                spec=spec,
+                emit=tell,
+                place=place,
+                in_order=not arguments.json,
+            )
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)

@@ -103,6 +103,12 @@ class Witness:
                 found.append(Outage(name, watched.last.t_ns, None))
         return sorted(found, key=lambda outage: outage.from_ns)
 
+    def forget(self) -> None:
+        """Forget the silences that are over, and the rivals, so that a witness of days needs no more memory."""
+        self.rivals.clear()
+        for watched in self._watched.values():
+            watched.outages.clear()
+
     def _read(self, t_ns: int, node: int, frame: Frame) -> Output | None:
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.node_id != node:

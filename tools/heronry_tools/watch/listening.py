@@ -68,7 +68,7 @@ class Listening:
         self._states = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._reported: dict[str, Mapping[str, Any]] = {}  # by PE
         self._heard: dict[str, int] = {}  # since the last time it was told
-        self._silences: set[tuple[str, int, bool]] = set()
+        self._silent_since_ns: dict[str, int] = {}  # by function: its last silence that was told
         self._tell_ns = begins_ns + _TELL_NS
         self._core: ManagerCore | None = None
         if not tells_why:
@@ -153,10 +153,10 @@ class Listening:
         yield observation("heard", t_ns, pes=self._heard, functions=functions)
         self._heard = {}
         for outage in self._witness.outages(t_ns):
-            key = (outage.function, outage.from_ns, outage.to_ns is None)
-            if key not in self._silences:
-                self._silences.add(key)
+            if outage.to_ns is not None or self._silent_since_ns.get(outage.function) != outage.from_ns:
+                self._silent_since_ns[outage.function] = outage.from_ns
                 yield _outage(t_ns, outage)
+        self._witness.forget()
 
 
 def _outage(t_ns: int, outage: Outage) -> Event:

@@ -4,6 +4,7 @@ There is one page, served by one thread, on the loopback address only.
 """
 
 import select
+import signal
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any
 
@@ -15,14 +16,17 @@ _LOOK_S = 0.1
 
 
 def serve(source: TopSource, port: int) -> None:
-    """Serve until a signal; raises UserError where the port cannot be used."""
+    """Serve until SIGINT or SIGTERM; raises UserError where the port cannot be used."""
+    stopped: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda number, _: stopped.append(number))
     try:
         server = HTTPServer(("127.0.0.1", port), _page(source))
     except (OSError, OverflowError) as error:
         raise UserError(f"port {port} cannot be used ({error}): name another one with --port") from error
     with server:
         print(f"http://127.0.0.1:{server.server_port}/metrics", flush=True)
-        while True:
+        while not stopped:
             ready, _, _ = select.select([server, *source.readers()], [], [], _LOOK_S)
             source.look()
             if server in ready:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 from heronry_tools.watch.sentences import sentence_of
@@ -26,7 +27,8 @@ def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapsho
     t_ns = event["t_ns"]
     began_ns = event.get("began_ns") or t_ns - sum(ns for ns in times.values() if ns is not None)
     was, now = _served(before), _served(after)
-    old, new = _places(before), _places(after)
+    known = after.reconfigurations[-1].after if after.reconfigurations else {}
+    old, new = _places(before, known), _places(after, known)
     sentence = sentence_of(event)
     one = Reconfiguration(
         number=after.reconfigurations[-1].number + 1 if after.reconfigurations else 1,
@@ -73,9 +75,14 @@ def _served(snapshot: Snapshot) -> set[str]:
     return {name for name, function in snapshot.functions.items() if function.served}
 
 
-def _places(snapshot: Snapshot) -> dict[str, Place]:
-    return {
-        name: Place(module.pe, module.mode)
+def _places(snapshot: Snapshot, known: Mapping[str, Place]) -> Mapping[str, Place]:
+    """Give the places of the modules that run; `known` itself where nothing has changed: a hundred of them are kept."""
+    found = {
+        name: _place(module.pe, module.mode)
         for name, module in snapshot.modules.items()
         if module.pe is not None and module.mode is not None
     }
+    return known if found == known else found
+
+
+_place = lru_cache(Place)

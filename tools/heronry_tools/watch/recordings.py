@@ -17,9 +17,10 @@ from heronry_dg.model import Spec
 from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.sim.replay.another_spec import of_another_spec
 from heronry_tools.sim.replay.proven import is_tagged, proven
 from heronry_tools.sim.replay.recorded_folder import events_of, expect_spec_of, is_recorded_folder, log_of, spec_of
-from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording
+from heronry_tools.sim.replay.recording import Mastership, masterships, on_the_managers_bus, read_recording
 from heronry_tools.watch.listening import Listening
 from heronry_tools.watch.observations import observation
 from heronry_tools.watch.reducer import Reducer
@@ -120,10 +121,19 @@ def read_events(path: Path) -> Iterator[Event]:
 
 
 def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: str) -> list[Event]:
-    """Compute the events of a log; raises UserError where the flight had a key, and none is given."""
+    """Compute the events of a log.
+
+    Raises UserError where the flight had a key and none is given, or was flown with another spec.
+    """
     if is_tagged(frames) and key is None:
         raise UserError(f"{name} is of a flight with a key: name it with --key")
-    told = _why(spec, frames, key)
+    on_the_bus = on_the_managers_bus(spec, frames, None)
+    found = masterships(spec, on_the_bus if key is None else proven(spec, key, on_the_bus))
+    for mastership in found:
+        other = of_another_spec(spec, mastership, None)
+        if other is not None:
+            raise UserError(f"{name}: {other}")
+    told = _why(spec, found)
     begins_ns = frames[0].time_ns
     listening = Listening(spec, begins_ns, tells_why=told is not None, key=key, tables=tables_of(spec))
     first = observation("feed", begins_ns, source="log", knows_why=told is not None, **_named(spec))
@@ -150,10 +160,8 @@ def tables_of(spec: Spec) -> tuple[PeTable, ...]:
     return tuple(prepared_with(spec, kept_contingencies(spec)).tables.values())
 
 
-def _why(spec: Spec, frames: list[LoggedFrame], key: Key | None) -> list[Event] | None:
+def _why(spec: Spec, found: Sequence[Mastership]) -> list[Event] | None:
     """Give the manager's events by running its core again; None where that is not possible, or its decisions differ."""
-    on_the_bus = on_the_managers_bus(spec, frames, None)
-    found = masterships(spec, on_the_bus if key is None else proven(spec, key, on_the_bus))
     if not found or found[0].epoch:
         return None
     try:

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from threading import Lock
 from typing import Any, Final, TypeVar
 
 from starlette.applications import Starlette
@@ -52,6 +53,7 @@ class Site:
     frames: Sequence[LoggedFrame] = ()  # of a recorded flight
     pictures: dict[str, str] = field(default_factory=dict)  # by function; the empty one: of all
     closing: asyncio.Event = field(default_factory=asyncio.Event)
+    drawing: Lock = field(default_factory=Lock)
 
     @cached_property
     def facts(self) -> dict[str, Any]:
@@ -65,9 +67,10 @@ class Site:
 
     def picture(self, function: str) -> str:
         """Give the drawing of what contributes to a function, or of the whole graph; each is drawn only once."""
-        if function not in self.pictures:
-            self.pictures[function] = picture(self.spec, function or None)
-        return self.pictures[function]
+        with self.drawing:
+            if function not in self.pictures:
+                self.pictures[function] = picture(self.spec, function or None)
+            return self.pictures[function]
 
     async def page(self, _: Request) -> Response:
         """Answer with the page."""

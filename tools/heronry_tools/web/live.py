@@ -11,12 +11,14 @@ import time
 from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
+from zlib import compress, decompress
 
 from heronry_tools.watch.reducer import Reducer, State
 from heronry_tools.watch.snapshot import Snapshot, Source
 
 KEPT_LINES: Final = 5_000
 KEPT_LOADS: Final = 600  # of each bus: ten minutes
+_LOADS_APART_NS: Final = 950_000_000  # a feed tells them twice a second, and each is the load of a whole second
 BY_THE_CLOCK: Final = frozenset({"bus_seen", "heard"})  # told also where nothing is heard any more
 NOT_LISTED: Final = frozenset({"bus_seen", "heard", "pe_seen", "feed", "status", "runs"})  # too many, or no events
 
@@ -30,6 +32,21 @@ def load_of(number: int, event: Event) -> Load:
     return {"number": number, "t_ns": event["t_ns"], **{key: event[key] for key in keys}}
 
 
+class DrawnLoads:
+    """Tells which loads of buses are drawn: of each bus one a second."""
+
+    def __init__(self) -> None:
+        self._last_ns: dict[str, int] = {}  # by bus
+
+    def takes(self, event: Event) -> bool:
+        """Tell whether the load in the next `bus_seen` event is drawn."""
+        bus, t_ns = event["bus"], event["t_ns"]
+        if 0 <= t_ns - self._last_ns.get(bus, t_ns - _LOADS_APART_NS) < _LOADS_APART_NS:
+            return False
+        self._last_ns[bus] = t_ns
+        return True
+
+
 class Live:
     """The present snapshot of a live feed, with its last events and loads."""
 
@@ -37,7 +54,8 @@ class Live:
         self._reducer = reducer
         self._state: State = reducer.start(source)
         self._loads: deque[Load] = deque(maxlen=KEPT_LOADS * max(1, len(reducer.spec.buses)))
-        self._lines: deque[str] = deque(maxlen=KEPT_LINES)
+        self._drawn = DrawnLoads()
+        self._lines: deque[bytes] = deque(maxlen=KEPT_LINES)  # compressed: plans are long
         self._last_came_s = time.monotonic()
         self._waiting: set[asyncio.Event] = set()
         self.trouble: str | None = None  # why nothing comes at present
@@ -69,10 +87,10 @@ class Live:
         kind = event.get("event")
         if kind not in BY_THE_CLOCK:
             self._last_came_s = time.monotonic()
-        if kind == "bus_seen":
+        if kind == "bus_seen" and self._drawn.takes(event):
             self._loads.append(load_of(self._state.snapshot.events, event))
         if kind not in NOT_LISTED:
-            self._lines.append(json.dumps(event, separators=(",", ":")))
+            self._lines.append(compress(json.dumps(event, separators=(",", ":")).encode(), 1))
         self._wake()
 
     def waits(self, sentence: str) -> None:
@@ -86,7 +104,7 @@ class Live:
 
     def lines(self) -> Iterable[str]:
         """Give the last events, a line of JSON each."""
-        return tuple(self._lines)
+        return tuple(decompress(line).decode() for line in self._lines)
 
     async def changed(self, longest_s: float) -> bool:
         """Wait until something comes; returns False where nothing came in that time."""

@@ -65,6 +65,7 @@ def serve_what(arguments: argparse.Namespace) -> None:
 
     def begun() -> None:
         address = to.url(with_token=arguments.operate or not to.is_local)
+        threading.Thread(target=site.picture, args=("",), daemon=True).start()  # before a browser asks for it
         print(json.dumps({"address": address}) if arguments.json else f"{opened.spec.name}: {address}", flush=True)
         if opened.feed is not None and isinstance(opened.shown, Live):
             read_in_thread(opened.feed, opened.shown, opened.manager)

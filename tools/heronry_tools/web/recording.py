@@ -7,7 +7,7 @@ from typing import Any
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Source
 from heronry_tools.watch.timeline import Timeline
-from heronry_tools.web.live import KEPT_LOADS, NOT_LISTED, Load, load_of
+from heronry_tools.web.live import KEPT_LOADS, NOT_LISTED, DrawnLoads, Load, load_of
 
 
 class Recording(Timeline):
@@ -15,7 +15,9 @@ class Recording(Timeline):
 
     def __init__(self, reducer: Reducer, events: Sequence[Mapping[str, Any]], source: Source) -> None:
         super().__init__(reducer, events, source)
-        self._loads = [load_of(number, one) for number, one in enumerate(events, 1) if one["event"] == "bus_seen"]
+        drawn = DrawnLoads()
+        seen = ((number, one) for number, one in enumerate(events, 1) if one["event"] == "bus_seen")
+        self._loads = [load_of(number, one) for number, one in seen if drawn.takes(one)]
         self.marks: list[dict[str, Any]] = [  # the reconfigurations, for the slider
             {"number": one.number, "epoch": one.epoch, "t_ns": one.done_ns, "what": one.sentence}
             for one in self.last().reconfigurations

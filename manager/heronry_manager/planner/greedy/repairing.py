@@ -54,7 +54,7 @@ class Repair:
         self._sweep()
 
     def supply(self, punctuality: Punctuality) -> None:
-        """Wire optional and better inputs (level 3); if the draft meets all deadlines before, it does so afterwards."""
+        """Wire optional and better inputs (level 3); a draft that meets all deadlines still meets them afterwards."""
         mark = self.draft.mark()
         self.draft.may_publish = None
         supply(self.draft, self._server, self._tables)

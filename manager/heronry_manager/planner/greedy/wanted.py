@@ -1,4 +1,7 @@
-"""The functions that a situation wants, in the order in which they are served, and the worth of their modes."""
+"""The functions that a situation wants, in the order in which the planner serves them.
+
+For each of them: what each mode of its output adds to levels 1 and 2.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +25,7 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """The functions that a situation wants, and the worth of their output modes."""
+    """The functions that a situation wants, and what each mode of their outputs adds to levels 1 and 2."""
 
     goals: tuple[Goal, ...]  # most important first
     outputs: int  # set of modules that serve by running

@@ -25,7 +25,7 @@ class Entry:
     what: the fault set and the phase, or the safe mode, for which the plan is.
     now: that situation.
     configuration: the planned one.
-    objective: its worth by the file; None for a safe mode, which has no worth.
+    objective: its value according to the file; None for a safe mode, for which the file has no value.
     running: the modules and their PEs before the faults; None for a plan with nothing down.
     """
 
@@ -63,7 +63,7 @@ def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
 def _wrong(spec: Spec, entry: Entry) -> Iterator[str]:
     yield from map(str, verify(spec, entry.now, entry.configuration))
     if entry.objective is not None and score(spec, entry.now, entry.configuration, entry.running) != entry.objective:
-        yield "its worth is not the one in the file"
+        yield "its value is not the one in the file"
 
 
 def _entries(made: Contingencies) -> Iterator[Entry]:

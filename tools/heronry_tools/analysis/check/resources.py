@@ -198,7 +198,7 @@ class _Serving:
             served = listed(f"'{name}'" for name in sorted(functions)) + in_phases(self._spec, at)
             sentence = (
                 f"bus '{bus}' must carry {sum(loads.values()) // 1000} bit/s for {served}, "
-                f"and data may take {possible.left.bus_mbit_per_s[bus] // 1000}"
+                f"but data may take only {possible.left.bus_mbit_per_s[bus] // 1000}"
             )
             hint = "most of it is " + listed(f"{name} with {loads[name] // 1000} bit/s" for name in heaviest)
             self._findings.add(rules.BUS_OVERLOADED, self._subject.place("buses", bus), sentence, hint)

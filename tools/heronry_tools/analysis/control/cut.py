@@ -42,7 +42,7 @@ def least_cut(graph: Graph, first: str | None = None) -> Cut:
     nodes = {name: leaf.side for name, leaf in graph.leaves.items() if name in inner and not leaf.plant}
     sides = list(dict.fromkeys(side for side in nodes.values() if side is not None))
     if len(sides) != 2:
-        raise PcsError("sides")
+        raise PcsError("sides", sides)
     if first == sides[1]:
         sides.reverse()
     number = {name: sides.index(side) if side is not None else at for at, (name, side) in enumerate(nodes.items(), 2)}

@@ -15,9 +15,9 @@ MOST_MEMBERS: Final = 400  # of a block that is searched: in a larger one the se
 
 
 def longest_cycle(block: Touching, through: frozenset[str], effort: float = EFFORT) -> Bounds:
-    """Search a block for a longest cycle among those that pass the members `through`.
+    """Search a block for a longest cycle among those that pass through the members `through`.
 
-    It serves as `Search` of heronry_pcs.cycles. A block of more than `MOST_MEMBERS` is not searched.
+    The function serves as `Search` of heronry_pcs.cycles. A block of more than `MOST_MEMBERS` is not searched.
     """
     if len(block) > MOST_MEMBERS:
         return bounds_alone(block, through)

@@ -20,7 +20,7 @@ V = TypeVar("V")
 class Moved:
     """The change in the single points of failure of one function.
 
-    gone, new, left: the elements that are no longer one, that have become one, and that still are one.
+    gone, new, left: the elements that are no longer, that have become, and that still are single points of failure.
     """
 
     gone: tuple[str, ...]

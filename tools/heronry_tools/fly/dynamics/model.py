@@ -44,7 +44,9 @@ class Model:
         try:
             import jsbsim  # noqa: PLC0415 - only a flight in the model needs it
         except ImportError:
-            raise UserError("flights need JSBSim, which is not installed: pip install 'heronry[fly]'") from None
+            raise UserError(
+                'flights need JSBSim, which is not installed; add it with: pip install "heronry[manager,fly]"'
+            ) from None
         self.fdm: Any = jsbsim.FGFDMExec(None)
         self.fdm.set_debug_level(0)
         self.fdm.set_aircraft_path(str(models / "aircraft"))

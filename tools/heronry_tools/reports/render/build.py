@@ -158,7 +158,10 @@ class _Builder:
 
 
 def accepted_versions(spec: Spec, leaf: Leaf) -> str:
-    """Write the versions that an input accepts, and its phases; an empty text where it always accepts all."""
+    """Write the versions that an input accepts (`@1`, `@<=2`) and the phases to which it is limited (` only in ...`).
+
+    The text is empty if the input accepts all versions in all phases.
+    """
     phases = f" only in {listed(sorted(leaf.only_in))}" if leaf.only_in is not None else ""
     if (leaf.best, leaf.worst) == (1, spec.variables[leaf.variable].versions):
         return phases

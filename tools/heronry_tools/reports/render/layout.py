@@ -243,7 +243,10 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Give the x at which an edge meets its target; at a circle it depends on the height."""
+        """Give the x at which an edge meets its target, or passes the column whose left side is `left`.
+
+        into: height of the edge's end, from the top of the target; near its top and bottom a circle is met later
+        """
         if not segment.last:
             return left
         round_ = self._graph.nodes[segment.target].kind == "variable"

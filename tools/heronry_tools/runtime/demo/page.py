@@ -68,6 +68,11 @@ class Page:
         return [self._said] if not self._is_told else [self._orders] if self._orders.fileno() >= 0 else []
 
     @property
+    def is_served(self) -> bool:
+        """Tell whether the page has sent its address."""
+        return self._is_told
+
+    @property
     def _said(self) -> IO[bytes]:
         assert self._process.stdout is not None
         return self._process.stdout

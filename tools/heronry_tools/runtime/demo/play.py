@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from heronry_dg.model import Spec
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.core.events import event
+from heronry_manager.shell.ordered_telling import Tell
 from heronry_tools.analysis.made_ahead import Ahead, Source, can_plan_ahead, contingencies_of, kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import expect_ending
@@ -19,7 +20,6 @@ from heronry_tools.runtime.demo import DEFAULT_SECONDS, LONGEST_SECONDS
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import NODE_PRIORITY, Fleet, run_folder
 from heronry_tools.runtime.demo.manager_name import manager_name
-from heronry_tools.runtime.demo.ordered_telling import Tell
 from heronry_tools.runtime.demo.page import Page
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.run import Show

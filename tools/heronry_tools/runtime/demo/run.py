@@ -16,13 +16,13 @@ from typing import IO, Any
 from heronry_dg.model import Spec
 from heronry_manager.core.events import event as make_event
 from heronry_manager.core.vocabulary import EnterPhase
+from heronry_manager.shell.ordered_telling import HELD_NS, OrderedTelling, Tell
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.demo.held_outages import HeldOutages
-from heronry_tools.runtime.demo.ordered_telling import HELD_NS, OrderedTelling, Tell
 from heronry_tools.runtime.demo.page import Page
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.processor_waits import ProcessorWaits
@@ -165,14 +165,15 @@ class Show:
         return not awaited or self._show_s() >= self._seconds + GRACE_S
 
     def _awaited(self) -> list[str]:
-        """Name the joins, deployments and functions that are not complete.
+        """Name the joins, deployments, functions and the page that are not complete.
 
         An end of the demo before that would look like a fault.
         """
         joining = [f"{pe} to join" for pe in sorted(self._coming_back)]
         deploying = [] if self._pending is None else [f"{self._pending} to be complete"]
         unserved = self._unserved()
-        return [*joining, *deploying, *([f"{', '.join(unserved)} to be heard"] if unserved else [])]
+        page = [] if self._page is None or self._page.is_served else ["the page to be served"]
+        return [*joining, *deploying, *([f"{', '.join(unserved)} to be heard"] if unserved else []), *page]
 
     def _show_s(self) -> float:
         return 0.0 if self._start_ns is None else (time.monotonic_ns() - self._start_ns) / 1e9
@@ -212,11 +213,9 @@ class Show:
     def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
         """Give an event of the manager with what the demo knows better.
 
-        The manager reads the reason of a failure later than the PE reported the failure. A PE that is lost although the
-        demo has not killed it: its process runs; `_pass_on` adds what that process waited for.
+        If a PE is lost although the demo has not killed it, its process runs; `_pass_on` adds what that process waited
+        for.
         """
-        if one["event"] == "module_failed":
-            return one | {"t_ns": one["heard_ns"]}
         if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
             return one | {"waited": None}
         return one

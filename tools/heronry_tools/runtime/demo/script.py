@@ -49,7 +49,7 @@ def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoA
             state = "runs" if action.pe in running else "does not run"
             element = action.pe if action.pe == MANAGER else f"pe:{action.pe}"
             raise UserError(
-                f"--{action.what} {element}@{action.at_s:g}: {action.pe} {state} then; kill and restore in turn"
+                f"--{action.what} {element}@{action.at_s:g}: {action.pe} {state} at that time; kill and restore in turn"
             )
         running ^= {action.pe}
     return sorted(actions)

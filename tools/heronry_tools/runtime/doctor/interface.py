@@ -16,7 +16,7 @@ def assess_interface(name: str, interface: CanInterface | None, bitrate: int | N
     if interface is None:
         make = f"ip link add {name} type vcan && ip link set {name} up" if name.startswith("vcan") else "ip link"
         hint = (
-            make if name.startswith("vcan") else f"{make}   (lists what there is; {name} wants its driver or overlay)"
+            make if name.startswith("vcan") else f"{make}   (lists what there is; {name} needs its driver or overlay)"
         )
         yield Finding("interface", f"there is no interface {name}", hint)
     elif not interface.is_can:
@@ -69,7 +69,7 @@ def _assess_errors(interface: CanInterface, bitrate: int | None) -> Iterator[Fin
     is_well = state in (None, ControllerState.ERROR_ACTIVE) and max(counters) < _ACTIVE_BELOW
     yield Finding("errors", f"{name} is {word}{told}", None if is_well else look)
     if interface.bus_offs:
-        yield Finding("bus-off", f"{name} has been bus-off {interface.bus_offs} times since it was made", look)
+        yield Finding("bus-off", f"{name} has been bus-off {interface.bus_offs} times since it was created", look)
 
 
 def _up(interface: CanInterface, bitrate: int | None) -> str:

@@ -14,11 +14,11 @@
                     session, and nonces, so that the manager's answer is one of many
     forged_all      all of these in random order
 
-The attacker sends only while the bus is free: it does not destroy the frames of the node that it imitates (`forger`
-says why).
+`Forgery` makes the frames, `Denier` sends them on a simulated bus. The attacker sends only while the bus is free: it
+does not destroy the frames of the node that it imitates (`forger` says why).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from random import Random
 
 from heronry_dg.model import Spec
@@ -79,15 +79,12 @@ _NONCES_AFTER_A_WELCOME = 6
 _NMT_ID = 0
 
 
-class Denier:
-    """An attacker that sends forged frames of one kind from its creation until it leaves the bus."""
+class Forgery:
+    """Makes the frames of one kind of forger, from what it has heard on the bus."""
 
-    def __init__(
-        self, clock: Clock, bus: SimulatedBus, random: Random, *, spec: Spec, kind: str, share_percent: int
-    ) -> None:
-        """Begin to send forged frames of this kind, which take `share_percent` of the bus."""
-        self._clock, self._bus, self._random = clock, bus, random
-        self._share = share_percent / 100
+    def __init__(self, random: Random, *, spec: Spec, kind: str) -> None:
+        """`kind`: one of `DENIALS`."""
+        self._random = random
         self._nodes = [pe.node_id for pe in spec.pes.values()]
         self._pages: dict[int, StatePage0] = {}  # by node: the last page 0 that it has sent
         self._forged: dict[str, Callable[[], list[Frame]]] = {
@@ -108,31 +105,29 @@ class Denier:
         self._victim, self._wrong, self._has_beaten = random.choice(self._nodes), 0, False
         self._due_nonces = 0  # before the next WELCOME
         self._nodes_of = {state_id(node): node for node in self._nodes}
-        self._station = bus.join(f"{STRANGER}{kind}", 0, self._hear, self._nodes_of)
-        self._attack()
 
-    def leave(self) -> None:
-        """Leave the bus."""
-        if self._station.present:
-            self._bus.leave(self._station)
+    @property
+    def listens_to(self) -> Collection[int]:
+        """Give the identifiers of the frames that `hear` must be given."""
+        return self._nodes_of.keys()
 
-    def _hear(self, event: Received) -> None:
-        node, page = self._nodes_of[event.frame.can_id], decode_state(event.frame.data)
-        if isinstance(page, StatePage0):
+    def hear(self, frame: Frame) -> None:
+        """Note what a PE says of itself; a frame with any other identifier is ignored."""
+        node = self._nodes_of.get(frame.can_id)
+        page = None if node is None else decode_state(frame.data)
+        if node is not None and isinstance(page, StatePage0):
             self._pages[node] = page
             self._has_beaten |= node == self._victim
 
-    def _attack(self) -> None:
-        if not self._station.present:
-            return
-        wait_ns = _AGAIN_NS
-        if self._bus.is_free and self._station.mailbox is None:
-            self._next = self._next or self._forged.get(self._kind, self._any)()
-            frame = self._next.pop(0)
-            self._bus.offer(self._station, frame)
-            even_ns = round(exact_bits(frame) * _NS_PER_S / (self._bus.bitrate * self._share))
-            wait_ns = self._random.randint(even_ns // 2, even_ns * 3 // 2)
-        self._clock.at(self._clock.now_ns + wait_ns, self._attack)
+    def next_frame(self) -> Frame:
+        """Make the next frame."""
+        self._next = self._next or self._forged.get(self._kind, self._any)()
+        return self._next.pop(0)
+
+    def pause_ns(self, frame: Frame, bitrate: int, share_percent: int) -> int:
+        """Draw the time from this frame to the next one, so that all of them take this share of the bus."""
+        even_ns = round(exact_bits(frame) * _NS_PER_S / (bitrate * (share_percent / 100)))
+        return self._random.randint(even_ns // 2, even_ns * 3 // 2)
 
     # What it makes up
 
@@ -237,3 +232,34 @@ class Denier:
 
     def _any(self) -> list[Frame]:
         return self._random.choice([*self._forged.values()])()
+
+
+class Denier:
+    """An attacker that sends forged frames of one kind from its creation until it leaves the bus."""
+
+    def __init__(
+        self, clock: Clock, bus: SimulatedBus, random: Random, *, spec: Spec, kind: str, share_percent: int
+    ) -> None:
+        """Begin to send forged frames of this kind, which take `share_percent` of the bus."""
+        self._clock, self._bus, self._share_percent = clock, bus, share_percent
+        self._forgery = Forgery(random, spec=spec, kind=kind)
+        self._station = bus.join(f"{STRANGER}{kind}", 0, self._hear, self._forgery.listens_to)
+        self._attack()
+
+    def leave(self) -> None:
+        """Leave the bus."""
+        if self._station.present:
+            self._bus.leave(self._station)
+
+    def _hear(self, event: Received) -> None:
+        self._forgery.hear(event.frame)
+
+    def _attack(self) -> None:
+        if not self._station.present:
+            return
+        wait_ns = _AGAIN_NS
+        if self._bus.is_free and self._station.mailbox is None:
+            frame = self._forgery.next_frame()
+            self._bus.offer(self._station, frame)
+            wait_ns = self._forgery.pause_ns(frame, self._bus.bitrate, self._share_percent)
+        self._clock.at(self._clock.now_ns + wait_ns, self._attack)

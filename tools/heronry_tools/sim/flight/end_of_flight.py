@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterable
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.oracles.silence import stopped_by_silence
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.sansio import InvariantError
 
@@ -25,7 +24,7 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
     injections.heal()
     silences = simulation.checks.silences(injections.injected, simulation.now_ns)
     violations = simulation.settle()
-    stopped = stopped_by_silence(simulation.spec, targets, simulation.witness, start_ns, simulation.now_ns)
+    stopped = simulation.checks.stopped(targets, range(start_ns, simulation.now_ns))
     return violations + silences + stopped + _denied(simulation, injections, targets, start_ns)
 
 

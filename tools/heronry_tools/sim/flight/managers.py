@@ -104,6 +104,7 @@ class Managers:
             ahead=self._prepared,
             decide_ns=self._decide_ns,
             tell=lambda told: self._tell(seat, told),
+            planned=self._checks.planning,
             witness=self._checks.copied,
         )
 

@@ -65,7 +65,7 @@ class Simulation:
         absent: Collection[str] = (),
         aloft_ns: int = 0,
         plant: PlantOfDevices | None = None,
-        judged: bool = True,
+        observed: bool = True,
     ) -> None:
         """Switch on all nodes, each at a random moment in the first 200 ms.
 
@@ -78,7 +78,7 @@ class Simulation:
         absent: PEs that are started only later, by `Fleet.arrive`
         aloft_ns: time of the scripted flight at which the simulation starts
         plant: what the devices read and move; None: the scripted flight
-        judged: whether the oracles observe the flight; if not, `broken`, `unsettled` and `settle` mean nothing
+        observed: whether the oracles observe the flight; if not, `broken`, `unsettled` and `settle` mean nothing
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
@@ -121,7 +121,7 @@ class Simulation:
         self.operator = Operator(spec, self.clock, self.managers, self.checks, self.truth)
         self.trace: list[Sent] = []
         self._frames = FrameDigest()
-        self._tap(keep_trace=keep_trace, judged=judged)
+        self._tap(keep_trace=keep_trace, observed=observed)
         self._switch_on(chance)
 
     @property
@@ -240,12 +240,12 @@ class Simulation:
         for pe in self.spec.pes:
             self.at(chance.randrange(_LATEST_START_NS), lambda pe=pe: self.fleet.restore(pe))  # type: ignore[misc]
 
-    def _tap(self, *, keep_trace: bool, judged: bool) -> None:
+    def _tap(self, *, keep_trace: bool, observed: bool) -> None:
         self.wiring.watch(self._frames.see, self.checks.carried)
-        if not judged:
+        if not observed:
             self.checks.rest()
         for bus in self.wiring.buses:
-            if judged:
+            if observed:
                 self.wiring.tap(bus, self.checks.see)
             if keep_trace:
                 self.wiring.tap(bus, self.trace.append)

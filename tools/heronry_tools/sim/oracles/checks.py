@@ -3,7 +3,7 @@
 Frames come in by `see`. The code that causes other events (steps of modules, faults, orders) reports them here.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
@@ -16,8 +16,10 @@ from heronry_tools.sim.oracles.known import Known
 from heronry_tools.sim.oracles.oracle import listeners
 from heronry_tools.sim.oracles.registry import oracles
 from heronry_tools.sim.oracles.service import Injected
+from heronry_tools.sim.oracles.silence import stopped_by_silence
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Clash, Sent
+from heronry_tools.sim.world.planning_seen import PlanningSeen
 from heronry_tools.sim.world.replicated_port import Copy
 from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_tools.sim.world.stranger import STRANGER
@@ -51,6 +53,7 @@ class Checks:
         self._of_driving = listeners(self._oracles, "driven")
         self._of_looks = listeners(self._oracles, "looked")
         self._of_moves = listeners(self._oracles, "moved")
+        self._of_planning = listeners(self._oracles, "planning")
         self._inspections: list[Violation] = []
 
     def rest(self) -> None:
@@ -89,6 +92,11 @@ class Checks:
         """Report to the oracles a step, with its inputs, of a module that drives no output."""
         for oracle in self._of_looks:
             oracle.looked(stepped)
+
+    def planning(self, seen: PlanningSeen) -> None:
+        """Report to the oracles that a manager has requested a plan, or is given the answer to a request."""
+        for oracle in self._of_planning:
+            oracle.planning(seen)
 
     # What is done to the aircraft
 
@@ -254,6 +262,13 @@ class Checks:
         """
         check = self._known.availability
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
+
+    def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
+        """Return a violation for each function that was silent though only managers have failed.
+
+        targets: all targets into which faults were injected. span_ns: begin and end of the time that is verified.
+        """
+        return stopped_by_silence(self._spec, targets, self.witness, span_ns, self._known.left_out)
 
     def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
         """Return a violation for each critical function that was silent without need.

@@ -65,11 +65,11 @@ class ExclusionCheck(Oracle):
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """Record that some manager was heard, so that no driver may stop by itself for T_lease."""
+        """Record that some manager was heard; during T_lease from then, no driver counts as stopped by itself."""
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """Record that a PE was heard, so that its drivers may not stop by themselves for T_lease."""
+        """Record that a PE was heard; during T_lease from then, its drivers do not count as stopped by themselves."""
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:

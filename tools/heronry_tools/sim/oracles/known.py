@@ -20,6 +20,7 @@ from heronry_tools.sim.oracles.priorities import PriorityCheck
 from heronry_tools.sim.oracles.proven_states import ProvenStates
 from heronry_tools.sim.oracles.scripts import ScriptCheck
 from heronry_tools.sim.oracles.service import ServiceCheck
+from heronry_tools.sim.oracles.silence import LeftOut
 from heronry_tools.sim.oracles.solitude import Solitude
 from heronry_tools.sim.oracles.terms import TermCheck
 from heronry_wire.authentication import Key
@@ -41,6 +42,7 @@ class Known:
         self.epochs = EpochCheck(spec, has_digests=key is None)
         self.blame = BlameCheck(spec)
         self.service = ServiceCheck(spec, self.solitude.ended_ns)
+        self.left_out = LeftOut(spec, self.commanded.epochs, self.service.in_force)
         self.phases = PhaseCheck(spec, self.service.entered)
         self.priorities = PriorityCheck(spec, self.service.prioritized)
         self.scripts = ScriptCheck()

@@ -14,6 +14,7 @@ from heronry_dg.situation import Situation
 from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.planning_seen import PlanningSeen
 from heronry_tools.sim.world.replicated_port import Copy
 from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_wire.frame import Malformed
@@ -111,6 +112,9 @@ class Oracle:
 
     def entered(self, t_ns: int, phase: str | None) -> None:
         """Called when a mission phase has begun."""
+
+    def planning(self, seen: PlanningSeen) -> None:
+        """Called when a manager has requested a plan, and when it is given the answer to a request."""
 
     # What modules do
 

@@ -1,41 +1,92 @@
 """An aircraft reaches a new epoch even if changes come fast.
 
-A manager that prepares one epoch after the other must activate one of them. The oracle reads PREPARE and ACTIVATE of
-the active manager. A violation is more than `_EPOCHS` epochs prepared in a row, over more than `_STORM_NS`, without one
-ACTIVATE. Fewer are allowed, since the manager answers each change by a plan for the newest situation.
+*Epochs.* A manager that prepares one epoch after the other must activate one of them. The oracle reads PREPARE and
+ACTIVATE of the active manager. A violation is more than `_IN_A_ROW` epochs prepared in a row, over more than
+`_STORM_NS`, without one ACTIVATE.
 
-Not verified: whether the manager was right to abandon a single epoch.
+*Requests.* A manager that requests one plan after the other must use an answer. The oracle sees the requests, and the
+answers that a manager is given. A request is *in vain* if the manager replaces it before its answer has come, or makes
+another request in the same step in which it is given a plan other than what runs. A violation is more than `_IN_A_ROW`
+requests in vain, one after the other, over more than `_STORM_NS`, without one ACTIVATE.
+
+Fewer are allowed, since the manager answers each change by a plan for the newest situation.
+
+Not verified: whether the manager was right to abandon a single epoch or request, and a request that is never answered
+(if a plan was needed, `end_state` sees that).
 """
+
+from dataclasses import dataclass
 
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.planning_seen import PlanGiven, PlanningSeen, PlanRequested
 from heronry_wire.management import Activate, ManagementMessage, Prepare
 
-_EPOCHS = 20
+_IN_A_ROW = 20
 _STORM_NS = 2_000_000_000  # twice the time for which a manager answers the newest situation first
 
 
+@dataclass(slots=True)
+class _Requests:
+    """The requests in vain of one manager since it last used an answer, and its present request."""
+
+    in_vain: int = 0
+    since_ns: int = 0  # time of the first of them
+    number: int | None = None  # of the present request; None: there was none
+    answer: PlanGiven | None = None  # to the present request
+
+
 class ProgressCheck(Oracle):
-    """Counts the epochs that were prepared since the last ACTIVATE."""
+    """Counts the epochs that were prepared, and the requests in vain, since the last ACTIVATE."""
 
     def __init__(self) -> None:
         super().__init__()
         self._epochs: set[int] = set()
         self._since_ns = 0
+        self._requests: dict[str, _Requests] = {}  # by station
 
     def began(self, _t_ns: int) -> None:
         """Count from zero again, since another manager has begun a mastership."""
         self._epochs.clear()
+        self._requests.clear()
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
         """Count the epoch that a PREPARE opens; at an ACTIVATE count from zero again."""
         if isinstance(message, Activate):
             self._epochs.clear()
+            self._requests.clear()
         elif isinstance(message, Prepare):
             if not self._epochs:
                 self._since_ns = t_ns
             self._epochs.add(message.epoch)
-            if len(self._epochs) > _EPOCHS and t_ns - self._since_ns > _STORM_NS:
-                story = f"{len(self._epochs)} epochs were prepared in a row, and none was activated"
-                self.violations.append(Violation(t_ns, "progress", story, self._since_ns))
+            if self._is_stuck(len(self._epochs), self._since_ns, t_ns):
+                self._complain(t_ns, f"{len(self._epochs)} epochs were prepared", "activated", self._since_ns)
                 self._epochs.clear()
+
+    def planning(self, seen: PlanningSeen) -> None:
+        """Count a request if the request before it was in vain; else count from zero again."""
+        requests = self._requests.setdefault(seen.station, _Requests())
+        match seen:
+            case PlanGiven(request=number):
+                requests.answer = seen if number == requests.number else requests.answer
+            case PlanRequested(t_ns, _, number):
+                if requests.number is not None and _is_in_vain(requests.answer, t_ns):
+                    requests.in_vain += 1
+                else:
+                    requests.in_vain, requests.since_ns = 0, t_ns
+                requests.number, requests.answer = number, None
+                if self._is_stuck(requests.in_vain, requests.since_ns, t_ns):
+                    self._complain(t_ns, f"{requests.in_vain} plans were requested", "used", requests.since_ns)
+                    requests.in_vain, requests.since_ns = 0, t_ns
+
+    @staticmethod
+    def _is_stuck(count: int, since_ns: int, t_ns: int) -> bool:
+        return count > _IN_A_ROW and t_ns - since_ns > _STORM_NS
+
+    def _complain(self, t_ns: int, what: str, done: str, since_ns: int) -> None:
+        self.violations.append(Violation(t_ns, "progress", f"{what} in a row, and none was {done}", since_ns))
+
+
+def _is_in_vain(answer: PlanGiven | None, t_ns: int) -> bool:
+    """Tell whether a request with this answer is in vain if the manager makes another request at `t_ns`."""
+    return answer is None or (answer.is_new and answer.t_ns == t_ns)

@@ -88,7 +88,7 @@ class ServiceCheck(Oracle):
     def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
         """Begin; the order of elements in `spec` gives the indices in CONTROL and EMCY.
 
-        missed_ns: returns when a PE last heard a node again after it may have missed a command; 0 if never
+        missed_ns: for a PE, returns the end of its last silence in which it may have missed a command; 0 if none
         """
         super().__init__()
         self._spec = spec
@@ -173,7 +173,7 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """Record that a mastership begins, whose manager may not know every fault that PEs have reported."""
+        """Record that a mastership begins; its manager may not know every fault that PEs have reported."""
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
@@ -230,13 +230,11 @@ class ServiceCheck(Oracle):
         absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
         planned_ns = min(epoch.prepared_ns, t_ns) - _UNDER_WAY_NS
         failed = self._held_at(planned_ns, t_ns)
-        known = dict.fromkeys((phase, *self._phases_in(planned_ns, t_ns)))
-        nows = (
-            Situation(frozenset(absent | failed), self._limits(t_ns), one, priorities)
-            for one in known
-            for priorities in self._priorities_in(planned_ns, t_ns)
-        )
-        stories = [self._falls_short(epoch, now) for now in nows]
+        limits = self._limits(t_ns)
+        stories = [
+            self._falls_short(epoch, Situation(frozenset(absent | failed), limits, now.phase, now.priorities))
+            for now in self._in_force(planned_ns, t_ns, phase)
+        ]
         if None not in stories:
             yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
@@ -248,6 +246,17 @@ class ServiceCheck(Oracle):
         if served >= possible:
             return None
         return f"epoch {epoch.number} serves {served} by criticality, but a plan serves {possible}"
+
+    def in_force(self, prepared_ns: int, to_ns: int) -> list[Situation]:
+        """Return, with nothing down, the situations that an epoch prepared at `prepared_ns` may be planned for.
+
+        There is one for each phase and each set of priorities in force from shortly before that time to `to_ns`.
+        """
+        return self._in_force(prepared_ns - _UNDER_WAY_NS, to_ns)
+
+    def _in_force(self, from_ns: int, to_ns: int, *phases: str | None) -> list[Situation]:
+        known = dict.fromkeys((*phases, *self._phases_in(from_ns, to_ns)))
+        return [Situation(phase=one, priorities=p) for one in known for p in self._priorities_in(from_ns, to_ns)]
 
     def _phases_in(self, from_ns: int, to_ns: int) -> list[str | None]:
         """Return the phases that were in effect at any moment from `from_ns` to `to_ns`."""

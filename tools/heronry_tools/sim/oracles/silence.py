@@ -5,33 +5,97 @@ With `without_manager: safe_mode` this is promised only for critical functions.
 A function counts as silent from its last output on. The fault that silenced it was injected between that output and the
 moment at which the next one was due.
 
+A function may fall silent because the phase or a priority has changed: the aircraft cannot serve it beside what is now
+more important. This is allowed if an epoch that was activated before the next output was due leaves the function out,
+and the best plan for a phase and priorities in force when that epoch was planned leaves it out, too. If two plans are
+equally good, either may be activated.
+
 Not verified: a run in which a fault was injected into anything but managers.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
-from heronry_tools.runtime.witness import Witness
+from heronry_dg.objective import score, serving_modules
+from heronry_dg.situation import Situation
+from heronry_tools.runtime.witness import Outage, Witness
 from heronry_tools.sim.faults.fault import MANAGERS
+from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.safe_mode import is_critical
 from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.planning import best_at_all
+
+_COMPARED = 6  # levels of a plan's value: classes A to D, utility, inputs
+
+InForce = Callable[[int, int], Iterable[Situation]]
+"""Gives the situations with nothing down, by phase and priorities, that were in force between two times (ns)."""
+
+
+class LeftOut:
+    """Tells which functions the plan leaves out since the phase or a priority has changed."""
+
+    def __init__(self, spec: Spec, epochs: Mapping[int, Epoch], in_force: InForce) -> None:
+        """Begin; `epochs`: the activated ones, which are read whenever a question is asked."""
+        self._spec, self._epochs, self._in_force = spec, epochs, in_force
+
+    def explains(self, outage: Outage, patience_ns: int) -> bool:
+        """Tell whether an activated epoch rightly leaves out the function that has fallen silent.
+
+        patience_ns: the time after its last output within which the function had to be heard again
+        """
+        return any(
+            self._is_right(outage.function, epoch, epoch.configuration)
+            for epoch in self._running(outage.from_ns, outage.from_ns + patience_ns)
+            if epoch.configuration is not None
+        )
+
+    def _running(self, from_ns: int, to_ns: int) -> Iterator[Epoch]:
+        """Yield the epochs that were the last activated one at any moment from `from_ns` to `to_ns`."""
+        for epoch in sorted(self._epochs.values(), key=_begins_ns, reverse=True):
+            if _begins_ns(epoch) <= to_ns:
+                yield epoch
+            if _begins_ns(epoch) <= from_ns:
+                return
+
+    def _is_right(self, function: str, epoch: Epoch, configuration: Configuration) -> bool:
+        """Tell whether a configuration leaves a function out as the best plan for its situation does."""
+        if _serves(self._spec, configuration, function):
+            return False
+        for now in self._in_force(epoch.prepared_ns, _begins_ns(epoch)):
+            best = best_at_all(self._spec, now)
+            value = score(self._spec, now, configuration, None)
+            is_as_good = value.key()[:_COMPARED] >= best.objective.key()[:_COMPARED]
+            if is_as_good or not _serves(self._spec, best.configuration, function):
+                return True
+        return False
 
 
 def stopped_by_silence(
-    spec: Spec, targets: Iterable[str], witness: Witness, since_ns: int, now_ns: int
+    spec: Spec, targets: Iterable[str], witness: Witness, span_ns: range, left_out: LeftOut
 ) -> list[Violation]:
     """Return a violation for each function that was silent though nothing but managers has failed.
 
-    It looks at the time from `since_ns` to `now_ns`. If any of `targets`, into which faults were injected, is no
-    manager, nothing is returned. witness: has the silences of all functions.
+    If any of `targets`, into which faults were injected, is no manager, nothing is returned.
+
+    witness: has the silences of all functions. span_ns: begin and end of the time that is verified.
     """
     if any(target not in MANAGERS for target in targets):
         return []
     story = "was not heard, though only managers had failed"
     keeps = spec.manager.without_manager == "keep"
     promised = {function for function in spec.functions if keeps or is_critical(spec, function)}
-    silent = [o for o in witness.outages(now_ns) if o.function in promised and o.from_ns >= since_ns]
+    silent = [o for o in witness.outages(span_ns.stop) if o.function in promised and o.from_ns >= span_ns.start]
     return [
         Violation(o.from_ns + witness.patience_ns(o.function), "silence", f"{o.function} {story}", o.from_ns)
         for o in silent
+        if not left_out.explains(o, witness.patience_ns(o.function))
     ]
+
+
+def _begins_ns(epoch: Epoch) -> int:
+    return epoch.prepared_ns if epoch.activated_ns is None else epoch.activated_ns
+
+
+def _serves(spec: Spec, configuration: Configuration, function: str) -> bool:
+    return any(one.name == function and module is not None for one, module in serving_modules(spec, configuration))

@@ -14,12 +14,12 @@ from heronry_wire.management import SLICE_BYTES_PER_FRAME, Prepare, SliceBody, S
 from heronry_wire.pe_table import PeTable
 
 
-def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable]) -> str | None:
+def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable] | None) -> str | None:
     """Return a sentence if a mastership was flown with another spec; None if it may have been flown with this one.
 
-    on_board: the tables with the contingencies; None if there are none.
+    on_board: the tables with the contingencies; None: these are not known, so a PREPARE by a number shows nothing.
     """
-    called = {one.digest for table in on_board for one in table.preloaded()}
+    called = None if on_board is None else {one.digest for table in on_board for one in table.preloaded()}
     clues = list(_clues(spec, mastership, called))
     if not clues or any(fits for _, fits in clues):
         return None
@@ -30,7 +30,7 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
     return f"{name} is no configuration of {spec.name}: give the spec of the recording"
 
 
-def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tuple[Prepare, bool]]:
+def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Iterator[tuple[Prepare, bool]]:
     """Yield each PREPARE that shows which spec was flown, and True if it agrees with this spec."""
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
@@ -40,7 +40,7 @@ def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tup
         match message:
             case Prepare() if message != prepared:
                 prepared, heads, bodies = message, {}, {}
-                if message.contingency:
+                if message.contingency and called is not None:
                     yield message, message.digest in called
             case SliceHead(node=node):
                 heads[node] = message

@@ -12,12 +12,17 @@ prepared next:
   the plan was no better than what ran.
 - If a LEASE names a configuration that would be planned now, the manager adopted it.
 
+If the whole bus is silent for longer than two heartbeat periods, nothing ran on the manager's computer, or the bus was
+lost. A manager that wakes takes the frames that have come before it handles a deadline. So deadlines in such a silence
+are due when the manager sends again.
+
 The operator's orders are not on the bus. Their consequences are shown as recorded, but neither they nor anything that
 depends on them is replayed.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from heronry_dg.configuration import Configuration
@@ -140,6 +145,7 @@ class Rerun:
         self._ended = False
         began_ns = mastership.first_ns - t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
         memory = Memory(term=mastership.term - 1)  # the core begins the next term, which is the recorded one
+        self._standstills = _standstills(mastership, 2 * spec.buses[spec.manager.bus].heartbeat_ns)
         self._core = ManagerCore(spec, mastership.node, memory, began_ns, on_board=planners.ahead.numbers)
 
     def run(self) -> None:
@@ -152,8 +158,7 @@ class Rerun:
     def _until(self, t_ns: int) -> None:
         """Call the core for all deadlines, and with all answers of the planner, that are due before `t_ns`."""
         while not self._ended:
-            deadline_ns = self._core.next_deadline_ns()
-            answer = self._answer
+            deadline_ns, answer = self._due_ns(self._core.next_deadline_ns()), self._answer
             if answer is not None and answer.at_ns <= t_ns and (deadline_ns is None or answer.at_ns <= deadline_ns):
                 self._answer = None
                 self.remarks.append(answer.remark)
@@ -162,6 +167,12 @@ class Rerun:
                 self._step(deadline_ns, Tick())
             else:
                 return
+
+    def _due_ns(self, deadline_ns: int | None) -> int | None:
+        """Give the time at which the manager can handle a deadline: in a standstill, at its end."""
+        if deadline_ns is None:
+            return None
+        return next((end_ns for begin_ns, end_ns in self._standstills if begin_ns < deadline_ns < end_ns), deadline_ns)
 
     def _step(self, now_ns: int, event: ManagerEvent) -> None:
         if self._ended:
@@ -243,6 +254,14 @@ def _answer(at_ns: int, request: RequestPlan, name: str, plan: Plan) -> _Answer:
     without = f" without {', '.join(sorted(request.now.down))}" if request.now.down else ""
     phase = f" in phase {request.now.phase}" if request.now.phase is not None else ""
     return _Answer(at_ns, PlanReady(request.request, plan), Remark(at_ns, f"{name}{without}{phase}"))
+
+
+def _standstills(mastership: Mastership, longest_ns: int) -> list[tuple[int, int]]:
+    """Return the times in which the bus was silent for more than `longest_ns`, each until the manager's next frame."""
+    own = [t_ns for t_ns, _, _ in mastership.said]
+    times = sorted([*own, *(t_ns for t_ns, _ in mastership.heard)])
+    silences = [(begin_ns, end_ns) for begin_ns, end_ns in pairwise(times) if end_ns - begin_ns > longest_ns]
+    return [(begin_ns, next((t_ns for t_ns in own if t_ns >= end_ns), end_ns)) for begin_ns, end_ns in silences]
 
 
 def _configurations(planners: Planners, mastership: Mastership) -> dict[int, Configuration]:

@@ -98,7 +98,7 @@ _EXAMPLES = {
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """Something that is done at a time: if `what` is "fault", `fault` is injected, else `what` is done to `target`."""
+    """An action of a scenario: if `what` is "fault", `fault` is injected, else `what` is done to `target`."""
 
     line: int
     at_ns: int

@@ -59,7 +59,10 @@ _LINES: Mapping[str, str] = {
 
 
 def deed_line(seconds: float, text: str) -> str:
-    """Return the line of the trace for a deed of the script."""
+    """Return the line of the trace for what a line of the scenario does.
+
+    seconds: time of the flight; text: the line of the scenario, without its time
+    """
     return f"--- at {seconds:g}s {text}"
 
 

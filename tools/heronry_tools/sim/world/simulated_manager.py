@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_dg.objective import Placement, placement
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.planning_policy import FromPlanner
 from heronry_manager.core.vocabulary import (
@@ -20,6 +21,8 @@ from heronry_manager.core.vocabulary import (
     ManagerEvent,
     OperatorSaid,
     Order,
+    PlanFailed,
+    PlanReady,
     Reply,
     RequestPlan,
     Settled,
@@ -32,6 +35,7 @@ from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.node import VALIDATED_EVERY, Node
 from heronry_tools.sim.world.planning import Planners, Prepared
 from heronry_tools.sim.world.planning_driver import PlanningDriver
+from heronry_tools.sim.world.planning_seen import PlanGiven, PlanningSeen, PlanRequested
 from heronry_tools.sim.world.replicated_port import Copy
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
@@ -55,6 +59,7 @@ class SimulatedManager(Node):
         name: str,
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
+        planned: Callable[[PlanningSeen], None],
         advise: bool = False,
         standby: bool = False,
         key: Key | None = None,
@@ -68,10 +73,12 @@ class SimulatedManager(Node):
         name: name of its station
         decide_ns: returns the time that the next planning run takes
         tell: is called with every event
+        planned: is called with every request for a plan, and with every answer that the core is given
         ahead: the contingencies; None if there are none
         """
         super().__init__(clock, time)
-        self._tell = tell
+        self._tell, self._planned, self._name = tell, planned, name
+        self._ran: Placement | None = None  # what ran when a plan was requested last
         self.planning_driver = PlanningDriver(clock, spec, planners, ahead.made, decide_ns=decide_ns, tell=self._told)
         self._ready: list[ManagerEvent | FromPlanner] = []
         self._replies: list[Reply] = []
@@ -141,7 +148,11 @@ class SimulatedManager(Node):
         match action:
             case Send(_, frame):
                 self._offers[0](frame, self._clock.now_ns + self.core.lease_ns)
-            case RequestPlan() | Settled():
+            case RequestPlan(request, _, running):
+                self._ran = running
+                self._planned(PlanRequested(self._clock.now_ns, self._name, request))
+                self.planning_driver.take(action)
+            case Settled():
                 self.planning_driver.take(action)
             case Emit(event):
                 self._tell({**event, "t_ns": self._clock.now_ns})
@@ -168,6 +179,9 @@ class SimulatedManager(Node):
         elif isinstance(ready, FromPlanner):
             self.planning_driver.take(ready)
         else:
+            if isinstance(ready, PlanReady | PlanFailed):
+                is_new = isinstance(ready, PlanReady) and placement(ready.plan.configuration) != self._ran
+                self._planned(PlanGiven(self._clock.now_ns, self._name, ready.request, is_new))
             self._hand_over(ready)
 
     def _caught_up(self) -> None:

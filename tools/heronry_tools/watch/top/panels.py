@@ -34,6 +34,7 @@ LEGEND = (
     "loops      C closed   O open   ? not known",
     "modules    r runs   d in a lesser mode   . not needed   x cannot run",
     "events     E error   W warning   N notice   + good",
+    "reconfigurations   times in ms; m/s/s: so many modules moved, started, stopped",
 )
 
 
@@ -97,7 +98,7 @@ def _bus(name: str, bus: Bus, cells: int) -> Text:
 
 def pes(view: Snapshot, look: Look) -> list[Text]:
     """Give one line for each PE."""
-    lines = [Text("  PE         heard  epoch CPU      mod rst", "bold")]
+    lines = [Text("  PE         heard epoch CPU     mod rst", "bold")]
     for name, pe in view.pes.items():
         if _matches(look, name, pe.why):
             lines.append(_pe(view, name, pe, is_selected=name == look.selected))
@@ -197,7 +198,7 @@ def _module(name: str, module: Module) -> Text:
 
 def reconfigurations(view: Snapshot, look: Look) -> list[Text]:
     """Give the last reconfigurations, newest first."""
-    lines = [Text("epoch  detect decide distr. activ. ms  moved/started/stopped  lost <- why", "bold")]
+    lines = [Text("epoch  detect decide distr. activ.  m/s/s    lost <- why", "bold")]
     shown = (one for one in reversed(view.reconfigurations) if _matches(look, one.sentence, *one.lost))
     lines += map(_reconfiguration, shown)
     return lines if len(lines) > 1 else [*lines, Text("none yet", "dim")]
@@ -206,7 +207,8 @@ def reconfigurations(view: Snapshot, look: Look) -> list[Text]:
 def _reconfiguration(one: Reconfiguration) -> Text:
     times = (one.times_ns.detect, one.times_ns.decide, one.times_ns.distribute, one.times_ns.activate)
     four = " ".join(f"{'-' if ns is None else f'{ns / 1e6:.1f}':>6}" for ns in times)
-    line = Text(f"{one.epoch:>5}  {four}     {len(one.moved)}/{len(one.started)}/{len(one.stopped)}  ")
+    moves = f"{len(one.moved)}/{len(one.started)}/{len(one.stopped)}"
+    line = Text(f"{one.epoch:>5}  {four}  {moves:<7}  ")
     line.append(f"lost {', '.join(one.lost)} " if one.lost else "", "bold red")
     line.append(f"back {', '.join(one.gained)} " if one.gained and one.number > 1 else "", "green")
     line.append(f"<- {one.causes[0]}" if one.causes else "<- not known")

@@ -50,7 +50,9 @@ function draw(parts, name, bus) {
   const kinds = [...new Set(loads.flatMap((load) => Object.keys(load.bits_per_s)))].sort();
   const began = store.snapshot.began_ns ?? 0;
   const from = Math.max(began, store.snapshot.t_ns - MOST_NS);
-  const last = Math.max(store.snapshot.t_ns, from + SPAN_NS);
+  const { recording } = store;
+  const least = recording ? Math.min(SPAN_NS, recording.last_ns - recording.first_ns) : SPAN_NS;
+  const last = Math.max(store.snapshot.t_ns, from + least);
   wide = Math.max(240, parts.picture.clientWidth);
   parts.picture.setAttribute("viewBox", `0 0 ${wide} ${HIGH + FOOT}`);
   const x = (ns) => SIDE + ((wide - SIDE) * (ns - from)) / Math.max(1, last - from);

@@ -3,7 +3,7 @@
 
 import { byId, h, listed } from "./dom.js";
 import { post } from "./stream.js";
-import { store } from "./store.js";
+import { asPriorities, limitsNow, store } from "./store.js";
 
 const MOST_PRIORITY = 32767;
 const ORDERS = {
@@ -85,13 +85,13 @@ function form(title, fields, order, ...more) {
 
 // The question to the planner: what runs after an order. Null: no plan follows from it.
 function question({ do: name, what, to }) {
-  const { down, phase, priorities, buses, modules } = store.snapshot;
+  const { down, phase, modules } = store.snapshot;
+  const priorities = { ...store.snapshot.priorities };
   const asked = { ask: "plan", down: down.filter((one) => one !== what), phase: name === "phase" ? what : phase };
   if (name === "fail" || name === "kill") asked.down.push(what);
-  const wanted = Object.entries(priorities).filter(([one]) => name !== "priority" || one !== what);
-  if (name === "priority" && to !== null) wanted.push([what, to]);
-  asked.priorities = wanted.map(([one, number]) => `${one}=${number}`);
-  asked.limits = Object.entries(buses).filter(([, bus]) => bus.link).map(([one, bus]) => `bus:${one}=${bus.link === "gone" ? "0%" : bus.link}`);
+  if (name === "priority") delete priorities[what];
+  if (name === "priority" && to !== null) priorities[what] = to;
+  Object.assign(asked, { priorities: asPriorities(priorities), limits: limitsNow(store.snapshot) });
   if (name === "script") Object.assign(asked, { ask: "script", script: what, modules: running(modules) });
   return name === "unlock" ? null : asked;
 }

@@ -38,7 +38,7 @@ function build(bar) {
   }));
   const time = h("span", {});
   const play = (times) => h("button", { type: "button", "data-speed": times, on: { click: () => go(store.at_ns >= last_ns ? first_ns : store.at_ns, times) } }, `▶ ${times}×`);
-  const pause = h("button", { type: "button", on: { click: () => go(store.at_ns, 0) } }, "❚❚ Pause");
+  const pause = h("button", { type: "button", "aria-label": "Pause", on: { click: () => go(store.at_ns, 0) } }, "❚❚", h("span", { class: "long" }, "Pause"));
   const step = (way) => () => {
     const now = store.at_ns;
     const next = way > 0 ? marks.find((mark) => mark.t_ns > now + 1e6) : [...marks].reverse().find((mark) => mark.t_ns < now - LEAD_NS);
@@ -46,7 +46,7 @@ function build(bar) {
   };
   bar.append(h("span", { class: "group" },
     h("button", { type: "button", id: "replay-previous", "aria-label": "Previous reconfiguration", on: { click: step(-1) } }, "|◀"), play(1), play(4), pause,
-    h("button", { type: "button", id: "replay-next", on: { click: step(1) } }, "Next reconfiguration ▶|")),
+    h("button", { type: "button", id: "replay-next", "aria-label": "Next reconfiguration", on: { click: step(1) } }, h("span", { class: "long" }, "Next reconfiguration"), "▶|")),
   h("span", { class: "track" }, slider, ticks), time);
   return { slider, time, pause };
 }

@@ -13,8 +13,26 @@ function addLoads(loads) {
   }
 }
 
+// A hundred reconfigurations name the same few places again and again: each place is kept once.
+const places = new Map();
+
+function place({ pe, mode }) {
+  const name = `${pe} ${mode}`;
+  if (!places.has(name)) places.set(name, { pe, mode });
+  return places.get(name);
+}
+
+function lean(reconfigurations) {
+  for (const one of reconfigurations) {
+    for (const side of [one.before, one.after]) {
+      for (const module of Object.keys(side)) side[module] = place(side[module]);
+    }
+  }
+}
+
 export function takeWhole(data) {
   store.snapshot = data.snapshot;
+  lean(data.snapshot.reconfigurations);
   store.loads = {};
   addLoads(data.loads);
   store.recording = data.recording ?? null;
@@ -27,6 +45,7 @@ export function takeChange(data) {
   Object.assign(snapshot, data.set);
   for (const [name, entries] of Object.entries(data.merge)) Object.assign(snapshot[name], entries);
   for (const [part, entries] of Object.entries(data.graph)) Object.assign(snapshot.graph[part], entries);
+  lean(data.reconfigurations ?? []);
   for (const [name, most] of Object.entries(KEPT)) {
     if (data[name]) snapshot[name] = numbered(snapshot[name], data[name], most);
   }
@@ -44,6 +63,14 @@ export function stateOf(one) {
   if (one.served === null) return "idle";
   if (!one.served) return "lost";
   return one.degraded ? "degraded" : "served";
+}
+
+// What a question to the planner says of changed priorities and limited links.
+export const asPriorities = (priorities) => Object.entries(priorities).map(([name, to]) => `${name}=${to}`);
+
+export function limitsNow(snapshot) {
+  const limited = Object.entries(snapshot.buses).filter(([, bus]) => bus.link);
+  return limited.map(([name, bus]) => `bus:${name}=${bus.link === "gone" ? "0%" : bus.link}`);
 }
 
 // The modules that have moved lately, with the PE that they came from: moves are shown as moves.

@@ -2,7 +2,7 @@
 
 import { badge, byId, h, named, WORDS } from "./dom.js";
 import { post } from "./stream.js";
-import { store } from "./store.js";
+import { asPriorities, limitsNow, store } from "./store.js";
 import { colour, drawing } from "./graph.js";
 import { explanation } from "./details.js";
 
@@ -18,7 +18,7 @@ export function begin() {
   const form = byId("what-if-form");
   form.addEventListener("submit", (event) => event.preventDefault());
   form.append(
-    h("p", { class: "muted" }, "Tick what is down. This is only planned: nothing that flies is touched."),
+    h("p", { class: "muted" }, "Tick what is down. Changed priorities and limited links count as they are now. This is only planned: nothing that flies is touched."),
     h("div", { class: "bar" }, store.facts.phases.length ? h("label", {}, "Phase ", phase) : null,
       h("button", { type: "button", on: { click: asNow } }, "As it is now"), h("button", { type: "button", on: { click: () => set([]) } }, "Nothing down")));
   for (const [kind, title] of Object.entries(KINDS)) {
@@ -71,7 +71,10 @@ async function ask() {
     await new Promise((resolve) => setTimeout(resolve, 200));
     if (number !== waiting) return;
     const asked = question();
-    const answer = await post("/api/ask", { ask: "plan", ...asked }, signal);
+    const { snapshot } = store;
+    asked.priorities = snapshot.priorities;
+    const more = { priorities: asPriorities(snapshot.priorities), limits: limitsNow(snapshot) };
+    const answer = await post("/api/ask", { ask: "plan", ...asked, ...more }, signal);
     parts ??= await drawing("");
     if (number === waiting) answered(into, asked, answer);
   } catch (error) {
@@ -91,26 +94,28 @@ function answered(into, asked, answer) {
   parts.svg.style.width = `${Math.round(parts.width * 0.7)}px`;
   parts.svg.style.height = "auto";
   for (const { element } of parts.nodes) element.setAttribute("role", "img");
-  const served = Object.values(plan.functions).filter((one) => one.served).length;
+  const wanted = Object.entries(plan.functions).filter(([name]) => isWanted(name, asked));
+  const served = wanted.filter(([, one]) => one.served).length;
   const rows = Object.entries(plan.functions).map(([name, one]) => functionRow(name, one, asked));
   into.replaceChildren(
-    h("section", { class: "card" }, h("h3", {}, `${served} of ${rows.length} functions would be served`),
+    h("section", { class: "card" }, h("h3", {}, `${served} of ${wanted.length} wanted functions would be served`),
       h("table", { "data-plan": JSON.stringify(plan) }, h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Function"), h("th", { scope: "col" }, "Then"), h("th", { scope: "col" }, "Now"), h("th", { scope: "col" }, "Why"))), h("tbody", {}, rows))),
     h("section", { class: "card" }, h("h3", {}, "Modules that would run elsewhere than now"), moves(plan.modules)),
     h("div", { class: "sheet", tabindex: "0", role: "region", "aria-label": "The graph as it would be" }, parts.svg));
 }
 
+const isWanted = (name, asked) => name in asked.priorities ? asked.priorities[name] > 0 : store.facts.functions[name].wanted_in.includes(asked.phase);
 
 function functionRow(name, then, asked) {
   const now = store.snapshot.functions[name];
-  const wanted = store.facts.functions[name].wanted_in.includes(asked.phase);
+  const wanted = isWanted(name, asked);
   const isBest = !wanted || (then.served && then.value >= 100);
   const state = !wanted ? "idle" : then.served ? (then.value < (now.value ?? 0) ? "degraded" : "served") : "lost";
   const into = h("div", { "aria-live": "polite" });
   const why = h("button", { type: "button", on: { click: async () => {
     why.disabled = true;
     into.replaceChildren(h("p", { class: "muted" }, "The planner is asked …"));
-    into.replaceChildren(...explanation(await post("/api/ask", { ask: "why", function: name, ...asked })));
+    into.replaceChildren(...explanation(await post("/api/ask", { ask: "why", function: name, down: asked.down, phase: asked.phase })));
     why.disabled = false;
   } } }, "Why?");
   return h("tr", { "data-what-if": name, "data-served": String(then.served) }, h("td", {}, named(name)),

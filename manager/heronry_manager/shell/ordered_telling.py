@@ -1,0 +1,35 @@
+"""Passes events on to a reader in the order of their times.
+
+Two kinds of events come later than they happened: what a manager has to read from a PE first (`heard_ns` is when it
+happened), and, in a demo, what comes from another process. So each event is held for a moment, in case an earlier
+event comes within it. An event that comes even later is passed on when it comes.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+Tell = Callable[[Mapping[str, Any]], None]
+
+HELD_NS = 200_000_000
+
+
+class OrderedTelling:
+    """Holds events, and passes each of them on when it has been held long enough."""
+
+    def __init__(self, tell: Tell) -> None:
+        self._tell = tell
+        self._held: list[Mapping[str, Any]] = []
+
+    def take(self, event: Mapping[str, Any]) -> None:
+        """Hold an event until it is passed on; its `heard_ns` becomes its time."""
+        self._held.append({**event, "t_ns": event["heard_ns"]} if "heard_ns" in event else event)
+
+    def tell_until(self, until_ns: int | None = None) -> None:
+        """Pass on the held events with times up to `until_ns`, the earliest first; with None, all of them."""
+        self._held.sort(key=lambda one: one["t_ns"])
+        while self._held and (until_ns is None or self._held[0]["t_ns"] <= until_ns):
+            self._tell(self._held.pop(0))
+
+    def due_ns(self) -> int | None:
+        """Give the time at which the first held event has been held long enough; None: no event is held."""
+        return min(one["t_ns"] for one in self._held) + HELD_NS if self._held else None

@@ -1,0 +1,26 @@
+"""The reports of a simulated manager's driver about its plans: each request, and each answer that the core is given."""
+
+from typing import NamedTuple
+
+
+class PlanRequested(NamedTuple):
+    """A manager has requested a plan, under this number; it drops answers to its earlier requests."""
+
+    t_ns: int
+    station: str
+    request: int
+
+
+class PlanGiven(NamedTuple):
+    """A manager is given the answer to the request with this number.
+
+    is_new: the answer is a plan that differs from what ran at the time of the request
+    """
+
+    t_ns: int
+    station: str
+    request: int
+    is_new: bool
+
+
+PlanningSeen = PlanRequested | PlanGiven
