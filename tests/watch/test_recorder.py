@@ -168,7 +168,7 @@ def test_it_says_where_it_records_and_how_that_ended(
 ) -> None:
     folder = tmp_path / "flight"
     handlers: dict[int, Any] = {}
-    monkeypatch.setattr("heronry_tools.watch.source_arguments.opened_source", lambda _arguments: _Quiet())
+    monkeypatch.setattr("heronry_tools.watch.source_arguments.opened_feed", lambda _arguments: _Quiet())
     monkeypatch.setattr("signal.signal", handlers.__setitem__)
     assert main(["record", "big_blue", "-o", str(folder), "--for", "0.3"]) == 0
     assert capsys.readouterr().out.splitlines() == [
