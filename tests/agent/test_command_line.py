@@ -1,5 +1,6 @@
 """Arguments of `pe-agent`, and its messages."""
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -8,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from agent.one_pe import GATEWAY_TABLE, TABLE
+from heronry_agent.core.vocabulary import Note
+from heronry_agent.shell import cli
 from heronry_agent.shell.cli import main
 
 
@@ -100,6 +103,13 @@ def test_a_bus_that_is_not_there(capsys: pytest.CaptureFixture[str], table: str,
     code, line = complaint(capsys, "--table", table, "-q", "--bus", f"can0=softbus:{tmp_path / 'none.sock'}")
     assert code == 2
     assert "no bus answers there" in line
+
+
+def test_each_line_of_an_agent_begins_with_the_time_of_day_as_those_of_all_programs_do(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    cli._print_note(Note("late", "this computer stood still for 140 ms"))
+    assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} late: this computer stood still for 140 ms\n", capsys.readouterr().err)
 
 
 def test_the_small_install_is_enough() -> None:

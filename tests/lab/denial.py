@@ -108,14 +108,15 @@ class _Attack:
         self._events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
         self._events.wait("reconfigured")
+        self._lost: set[str] = set()
         self._renewed = self._bits = 0
         self._listen(QUIET_S)
 
     def endure(self, seconds: float, percent: int) -> Endured:
         """Let the forger send for so long at this share of the bus, or only listen (0)."""
         self._listen(QUIET_S)
-        self._events.take()
         refused = self._refused()
+        self._lost.clear()
         self._renewed = self._bits = 0
         self._silences.begin()
         self._listen(seconds, percent)
@@ -130,7 +131,7 @@ class _Attack:
             silent_ms=silent_ms,
             lease_ms=lease_ms(self._flown.spec),
             renewed=renewed,
-            lost=tuple(sorted({told["pe"] for told in self._events.take() if told["event"] == "pe_lost"})),
+            lost=tuple(sorted(self._lost)),
             refused=self._refused() - refused,
         )
 
@@ -152,6 +153,7 @@ class _Attack:
             select.select(self._intruder.readers, [], [], min(_LOOK_S, max(0.0, wait_s)))
             for arrival in self._intruder.hear():
                 self._hear(arrival)
+            self._lost |= {told["pe"] for told in self._events.take() if told["event"] == "pe_lost"}
 
     def _hear(self, arrival: Arrival) -> None:
         at_ns, frame = arrival

@@ -21,7 +21,7 @@ from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
 from heronry_tools.cli import main
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Malformed, parse_log_line
-from thoroughness import mostly_soak
+from thoroughness import IS_WHOLE, mostly_soak
 
 pytestmark = pytest.mark.live
 BIG_BLUE = Path("dg_specs/big_blue.dg.yaml")
@@ -69,18 +69,27 @@ def nothing_left(home: Path) -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def planned_ahead() -> None:
-    """The plans for every single fault of big_blue, made before the flight."""
-    contingencies_of(load(BIG_BLUE), Ahead.SINGLE_FAULTS)
+def planned_ahead(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
+    """Make plans for single faults of big_blue before the flight; give the demo's options that fly with them.
+
+    In `make test` these are plans for the loss of a PE in the first phase, in a file; else all, where demos find them.
+    """
+    if IS_WHOLE:
+        contingencies_of(load(BIG_BLUE), Ahead.SINGLE_FAULTS)
+        return ()
+    file = str(tmp_path_factory.mktemp("plans") / "pes.contingencies")
+    scope = ["--faults", "1", "--kinds", "pe", "--phase", str(load(BIG_BLUE).initial_phase())]
+    assert main(["contingencies", "big_blue", *scope, "-o", file, "--jobs", "1"]) == 0
+    return ("--contingencies", file)
 
 
 @pytest.mark.timing
 @pytest.mark.parametrize("pe", mostly_soak(PES, ["flight"]))
 def test_after_the_kill_of_any_pe_what_a_plan_can_serve_is_heard_on_the_bus(
-    pe: str, tmp_path: Path, planned_ahead: None, nothing_left: None
+    pe: str, tmp_path: Path, planned_ahead: tuple[str, ...], nothing_left: None
 ) -> None:
     log = tmp_path / "flight.log"
-    ran = demo("--kill", f"pe:{pe}@1", "--for", "3", "--json", "--record", str(log))
+    ran = demo("--kill", f"pe:{pe}@1", "--for", "3", "--json", "--record", str(log), *planned_ahead)
     assert ran.returncode == 0, ran.stderr
     spec = load(BIG_BLUE)
     oracle = plan(spec, situation(spec, [f"pe:{pe}"]), None)

@@ -20,7 +20,9 @@ LONG = {
     "one_frame_in_a_thousand_is_lost",  # one_frame_in_ten_is_lost_while_a_pe_dies
     "the_receiver_of_the_standby_failed_and_its_manager_dies",  # the_receiver_of_the_standby_fails_again_and_again
     "a_keyed_standby_takes_over",  # the_standby_takes_over, a_keyed_standby_came_too_late_to_know_the_pes
-    "a_phase_in_flight_and_a_lost_computer",  # a_takeover_in_another_phase, big_blue_loses_its_flight_computer
+    "a_phase_in_flight_and_a_lost_computer",  # a_keyed_takeover_in_another_phase, big_blue_loses_its_flight_computer
+    "a_takeover_in_another_phase",  # a_keyed_takeover_in_another_phase, the_standby_takes_over
+    "both_channels_are_lost",  # tests/live/test_replicated_bus.py pulls both wires of real processes
     "big_blue_loses_two",  # big_blue_loses_its_flight_computer, a_loss_without_a_contingency
     "forged_commands_silence_no_output",  # forged_states_silence_no_output, forged_requests_end_no_session
     "a_held_script_ends_when_its_computer_dies",  # a_script_ends_with_its_manager, a_kill_while_a_script_is_prepared

@@ -23,7 +23,7 @@ from heronry_tools.sim.compiled.machine_code import (
 )
 from heronry_tools.sim.world import clock
 
-SMALL = (Path("heronry_tools/sim/world/local_clock.py"),)
+SMALL = (Path("heronry_wire/layout.py"), Path("heronry_tools/sim/world/local_clock.py"))
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
 

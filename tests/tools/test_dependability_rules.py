@@ -129,6 +129,7 @@ def test_a_phase_that_does_not_fit_with_everything_up_is_not_asked_what_it_loses
     assert found_in(bad) == []
 
 
+@pytest.mark.soak  # `make lint` checks big_blue with these rules, and drawn specs are planned completely in every run
 def test_big_blue_keeps_its_promise() -> None:
     """No single processor carries a class A function alone; what class A depends on is the bus, and pieces of logic."""
     data = shipped_spec_path("big_blue").read_bytes()

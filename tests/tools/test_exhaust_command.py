@@ -48,7 +48,7 @@ def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_a_victim(
 
 
 def test_cases_with_a_key_plans_on_board_and_two_managers_end_well(capsys: pytest.CaptureFixture[str]) -> None:
-    cases = ["takeover: 3 lost everybody", "crash pe:tail_a: 9 crash primary", "start: 12 doubled pe:flight"]
+    cases = ["takeover: 3 lost everybody", "crash pe:tail_a: 2 crash primary", "return pe:tail_a: 3 doubled everybody"]
     words = [*HOWS[-1].split(), *(word for case in cases for word in ("--case", case))]
     assert main(["exhaust", str(FILE), *words]) == 0
     assert capsys.readouterr().out.endswith("0 failed\n")

@@ -21,6 +21,7 @@ from heronry_tools.sim.faults.fault import MANAGER
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.priorities import PriorityCheck
 from heronry_tools.sim.oracles.silence import LeftOut, stopped_by_silence
 from heronry_tools.sim.world.bus import Clash, Sent
 from heronry_tools.sim.world.planning import best_plan
@@ -429,3 +430,23 @@ def test_oracles_share_no_more_with_what_they_verify_than_is_listed_here() -> No
                 if name.startswith(("heronry_agent", "heronry_manager")):
                     import_of[name].add(file.stem)
     assert import_of == ORACLES_KNOW
+
+
+def test_requested_priorities_change_seldom_but_what_a_new_mastership_remembers_is_no_change() -> None:
+    oracle = PriorityCheck(load(LIGHT_OR_NOISE), lambda _t_ns, _priorities: None)
+    noise = 1 << 8
+
+    def tell(t_ns: int, term: int, priority: int) -> None:
+        told = Control(term, 0, Operation.HOLDS, noise | ElementKind.PRIORITY, priority)
+        oracle.commanded(t_ns, "manager", told)
+
+    for priority in (60, 90):
+        oracle.wanted_priority(Emergency(FaultCode.PRIORITY_REQUEST, 0, ElementKind.PRIORITY, noise, priority))
+    tell(1 * S, 1, 60)
+    tell(3 * S, 1, 90)
+    tell(3 * S + 500, 2, 60)  # the HOLDS of before had not reached this manager
+    tell(3 * S + 900, 2, 90)
+    assert oracle.violations == []
+    tell(3 * S + 950, 2, 60)
+    (violation,) = oracle.violations
+    assert violation.story == "priority 60 of noise: changed after 0 ms"

@@ -94,6 +94,22 @@ def test_a_recording_that_is_not_there_or_is_no_recording_is_named(
     assert "does not say of which spec it is" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["record", "big_blue", "-o", "f"], "big_blue is watched on a bus: add -i and -c; to follow the manager that"),
+        (["top", "big_blue", "--json"], "big_blue is watched on a bus or in a log: add -i and -c, or --log FILE; to"),
+        (["record", "-o", "f", "--of", "x", "-c", "y"], "a manager (--of, --socket) and a bus (-i, -c, --bus): name"),
+        (["top", "--json", "--of", "x", "--log", "y"], "and a recording (--log): name only one of them"),
+    ],
+)
+def test_a_view_names_only_the_sources_that_it_has(
+    words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 2
+    assert sentence in capsys.readouterr().err
+
+
 def test_a_line_cut_by_a_kill_is_left_out(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "flight")
     for file in (*folder.glob("*.log"), *folder.glob("*.jsonl")):
@@ -152,7 +168,7 @@ def test_it_says_where_it_records_and_how_that_ended(
 ) -> None:
     folder = tmp_path / "flight"
     handlers: dict[int, Any] = {}
-    monkeypatch.setattr("heronry_tools.watch.source_arguments.opened_source", lambda _arguments: _Quiet())
+    monkeypatch.setattr("heronry_tools.watch.source_arguments.opened_feed", lambda _arguments: _Quiet())
     monkeypatch.setattr("signal.signal", handlers.__setitem__)
     assert main(["record", "big_blue", "-o", str(folder), "--for", "0.3"]) == 0
     assert capsys.readouterr().out.splitlines() == [

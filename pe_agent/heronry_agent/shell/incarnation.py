@@ -71,7 +71,7 @@ class BootCount:
             return count
         if self._problem is None:
             self._told(f"{self._file}: the disk takes longer than {LONGEST_START_S:g} s")
-        return (count + randbelow(_COUNTS - 1)) % _COUNTS  # not the one that the disk has
+        return (count + 1 + randbelow(_COUNTS - 2)) % _COUNTS  # neither that of the last start nor that of the next one
 
     def _left(self) -> int:
         """How many counts may be used before the file must be written again; 0 if it could not be written."""

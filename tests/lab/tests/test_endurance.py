@@ -19,7 +19,7 @@ def test_minutes_without_a_fault_and_reboots_are_reported(capsys: pytest.Capture
     assert main(["--hours", "0.004", "--reboots", "3"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[1:2] == ["elevator_and_chute"]
-    assert lines[2].startswith("  0.00 h without a fault")
+    assert lines[2].startswith("  0.004 h without a fault")
     assert lines[4] == "  0 false alarms"
     assert lines[5] == "  3 reboots inside the window: 100.0% noticed within one heartbeat of the return,"
 

@@ -61,8 +61,9 @@ def digest_in_another_process():
 
 
 def test_one_seed_is_one_flight():
-    """Twice in this process, whose planner has met the situations before, and in another one."""
-    digests = {flown(seed=7, longest_s=2.5)[0].digest for _ in range(2)} | {digest_in_another_process()}
+    """Twice in this process, whose planner has met the situations before, with oracles too, and in another process."""
+    digests = {flown(seed=7, longest_s=2.5, judged=judged)[0].digest for judged in (False, True)}
+    digests.add(digest_in_another_process())
     assert len(digests) == 1
     assert flown(seed=8, longest_s=1.0)[0].digest not in digests
 

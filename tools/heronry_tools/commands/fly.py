@@ -118,7 +118,8 @@ def add_parsers(subparsers: Any) -> None:
         action="append",
         default=[],
         metavar="ACT",
-        help="inject this fault, written as for 'heronry sim --act'; seconds count from the start; may be repeated",
+        help="inject this fault, written as for 'heronry sim --act'; seconds count from the start; may be repeated; "
+        "with --live only faults of a bus",
     )
     parser.add_argument("--one-fault", action="store_true", help="inject one fault, drawn with its time by the seed")
     parser.add_argument("--judged", action="store_true", help="check each flight by the oracles of 'heronry sim'")

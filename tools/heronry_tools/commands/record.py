@@ -39,7 +39,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--for", dest="seconds", metavar="SECONDS", type=float, help="end after this time (default: at Ctrl-C)"
     )
-    add_source_arguments(parser)
+    add_source_arguments(parser, is_live=True)
     parser.set_defaults(run=run)
 
 
@@ -56,14 +56,11 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.console.spec_argument import spec_path  # noqa: PLC0415
     from heronry_tools.watch.recorder import LEAST_BYTES, Recorder  # noqa: PLC0415
-    from heronry_tools.watch.recordings import Recording  # noqa: PLC0415
-    from heronry_tools.watch.source_arguments import opened_source  # noqa: PLC0415
+    from heronry_tools.watch.source_arguments import opened_feed  # noqa: PLC0415
 
     if arguments.limit < LEAST_BYTES:
         raise UserError(f"--limit {arguments.limit}: a folder needs {LEAST_BYTES // 10**6}M or more")
-    feed = opened_source(arguments)
-    if isinstance(feed, Recording):
-        raise UserError("--log is recorded already: leave it out, and name a manager or a bus")
+    feed = opened_feed(arguments)
     stopped: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: stopped.append(number))

@@ -84,8 +84,9 @@ class ReleasedPlant:
 class EavFlight:
     """One flight of the EAV, with the simulator that runs it."""
 
-    def __init__(self, spec: Spec, mission: Mission) -> None:
-        self._spec, self._mission = spec, mission
+    def __init__(self, spec: Spec, mission: Mission, *, is_recorded: bool = True) -> None:
+        """is_recorded: whether the record gets rows; without rows the flight and its result are the same."""
+        self._spec, self._mission, self._is_recorded = spec, mission, is_recorded
         self._recorder = Recorder(spec.name, _title(mission), mission.seed)
         self.probe = LatencyProbe() if mission.probed else None
         plant = eav_on_final(mission, self._recorder, self.probe)
@@ -129,22 +130,29 @@ class EavFlight:
         """Add a row to the record, and inject the faults that are due."""
         self._released.plant.advance(self._flown_ns)
         truth = self._released.plant.truth()
-        known = {**self._observer.columns(), **self._loads.columns(), **self._surfaces()}
-        self._recorder.sample(truth, known)
+        if self._is_recorded:
+            known = {**self._observer.columns(), **self._loads.columns(), **self._surfaces()}
+            self._recorder.sample(truth, known)
+        else:
+            self._recorder.watch(truth)
         stage = self._observer.stage()
         self._recorder.state(truth.time_s, "mode", "flight_management", stage)
         if stage == LABELS[Stage.GO_AROUND] and self._went_around_ns is None:
             self._went_around_ns = self._flown_ns
             self._recorder.mark(truth.time_s, "refused", "the landing is refused: the aircraft goes around")
         self._observer.weigh(truth)
-        height = known.get("estimate_height_m")
-        if height is not None and truth.height_m < 10.0 and self._recorder.touchdown is None:
-            self._errors_m.append(abs(height - truth.height_m))
+        if truth.height_m < 10.0 and self._recorder.touchdown is None:
+            self._note_error(truth.height_m)
         self._happenings.inject_due(truth.time_s, truth.height_m)
         lost_s = self._mission.corrections_lost_s
         if lost_s is not None and self._flown_ns >= lost_s * NS_PER_S and self._recorder.touchdown is None:
             self.simulation.truth.failed("device:differential_receiver")
         self._happenings.note(self._begin_ns)
+
+    def _note_error(self, height_m: float) -> None:
+        management = self._observer.management()
+        if management is not None and management.known is not None:
+            self._errors_m.append(abs(management.known.height_m - height_m))
 
     def _surfaces(self) -> dict[str, float | None]:
         return {f"{name}_deg": self._plant.servos.surfaces[name].position for name in FIRST_SURFACE_DEG}
@@ -169,7 +177,7 @@ class EavFlight:
 
 def fly_landing(spec: Spec, mission: Mission) -> Landing:
     """Run a flight, and return its result without its record."""
-    return EavFlight(spec, mission).fly()[0]
+    return EavFlight(spec, mission, is_recorded=False).fly()[0]
 
 
 def _title(mission: Mission) -> str:

@@ -16,18 +16,18 @@ class SensorError:
         seed: int,
         name: str,
         *,
+        period_s: float,
         white: float = 0.0,
         bias: float = 0.0,
         drift: float = 0.0,
         drift_s: float = 60.0,
-        period_s: float,
     ) -> None:
         """Set the size of the error, in the unit of the quantity.
 
+        period_s: time between two samples
         white: standard deviation of the noise
         drift: standard deviation of the drift
         drift_s: correlation time of the drift
-        period_s: time between two samples
         """
         self._chance = Random(f"{seed} {name}")
         self._white, self.bias = white, bias

@@ -30,20 +30,26 @@ EXAMPLES = """\
 """
 
 
-def add_source_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that name a manager, buses or a recording."""
+def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = False) -> None:
+    """Add the arguments that name a manager, buses or, except where `is_live`, a recording."""
     from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
 
     parser.add_argument(
-        "spec", metavar="SPEC", nargs="?", help="of the bus or the log: a *.dg.yaml file, or a shipped spec"
+        "spec",
+        metavar="SPEC",
+        nargs="?",
+        help=f"of the bus{'' if is_live else ' or the log'}: a *.dg.yaml file, or a shipped spec",
     )
+    if not is_live:
+        parser.add_argument(
+            "--log",
+            type=Path,
+            metavar="FILE",
+            help="a candump log, a folder of 'heronry record', a *.scenario, or events of a manager (*.jsonl)",
+        )
     parser.add_argument(
-        "--log",
-        type=Path,
-        metavar="FILE",
-        help="a candump log, a folder of 'heronry record', a *.scenario, or events of a manager (*.jsonl)",
+        "--key", type=Path, metavar="FILE", help=f"the key of the flight, for a bus{'' if is_live else ' or a log'}"
     )
-    parser.add_argument("--key", type=Path, metavar="FILE", help="the key of the flight, for a bus or a log")
     parser.add_argument(
         "--bus",
         metavar="NAME=[INTERFACE:]CHANNEL",
@@ -57,30 +63,50 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
 
 def opened_source(arguments: argparse.Namespace) -> "Feed | Recording":
     """Open the feed or recording that the command line names; raises UserError, ControlError or LinkError."""
-    from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
-    from heronry_wire.key_file import read_key  # noqa: PLC0415
-
-    flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
-    key = None if arguments.key is None else read_key(arguments.key)
-    names_bus, names_manager = bool(flags or arguments.bus), bool(arguments.of or arguments.socket)
-    if sum((names_bus, names_manager, arguments.log is not None)) > 1:
+    if arguments.log is None:
+        return opened_feed(arguments)
+    if _bus_flags(arguments) or arguments.bus or _names_manager(arguments):
         raise UserError(
             "a manager (--of, --socket), a bus (-i, -c, --bus) and a recording (--log): name only one of them"
         )
-    if arguments.log is not None:
-        from heronry_tools.watch.recordings import open_recording  # noqa: PLC0415 - loads the solver
+    from heronry_tools.watch.recordings import open_recording  # noqa: PLC0415 - loads the solver
 
-        return open_recording(arguments.log, arguments.spec, key)
+    return open_recording(arguments.log, arguments.spec, _key(arguments))
+
+
+def opened_feed(arguments: argparse.Namespace) -> "Feed":
+    """Open the manager or the buses that the command line names; raises UserError, ControlError or LinkError."""
+    flags = _bus_flags(arguments)
+    names_bus = bool(flags or arguments.bus)
+    if names_bus and _names_manager(arguments):
+        raise UserError("a manager (--of, --socket) and a bus (-i, -c, --bus): name only one of them")
     if names_bus:
-        return _listened(arguments, flags, key)
+        return _listened(arguments, flags, _key(arguments))
     if arguments.spec is not None:
+        or_log = ("", "") if not hasattr(arguments, "log") else (" or in a log", ", or --log FILE")
         raise UserError(
-            f"{arguments.spec} is watched on a bus or in a log: add -i and -c, or --log FILE; to follow the manager "
+            f"{arguments.spec} is watched on a bus{or_log[0]}: add -i and -c{or_log[1]}; to follow the manager "
             "that runs here, leave it out"
         )
     from heronry_tools.watch.live_feeds import FollowedManager  # noqa: PLC0415
 
     return FollowedManager(manager_socket(arguments))
+
+
+def _bus_flags(arguments: argparse.Namespace) -> dict[str, object]:
+    from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
+
+    return {name: value for name, value in flagged_bus(arguments).items() if value is not None}
+
+
+def _names_manager(arguments: argparse.Namespace) -> bool:
+    return bool(arguments.of or arguments.socket)
+
+
+def _key(arguments: argparse.Namespace) -> "Key | None":
+    from heronry_wire.key_file import read_key  # noqa: PLC0415
+
+    return None if arguments.key is None else read_key(arguments.key)
 
 
 def _listened(arguments: argparse.Namespace, flags: dict[str, object], key: "Key | None") -> "Feed":

@@ -11,7 +11,7 @@ and announces in CLEAR that a function has the priority of the spec again. All o
 
 For a moment after an order an older HOLDS may still be on its way. A new mastership knows what its manager remembers,
 or has heard as a standby manager. So its first announcement about a function may be any priority that was ever ordered
-or requested.
+or requested, and is no change: a request may change it at once.
 """
 
 from collections.abc import Callable, Mapping
@@ -71,7 +71,8 @@ class PriorityCheck(Oracle):
             return
         is_first = self._told_in.get(function) != self._term
         self._told_in[function] = self._term
-        why_not = self._order(function, priority, is_first) if is_ordered else self._request(t_ns, function, priority)
+        check = self._order if is_ordered else self._request
+        why_not = check(t_ns, function, priority, is_first=is_first)
         if why_not is not None and t_ns - self._ordered_ns.get(function, -self._on_its_way_ns) > self._on_its_way_ns:
             word = "of the spec" if priority == _OF_THE_SPEC else priority
             self.violations.append(Violation(t_ns, "priorities", f"priority {word} of {function}: {why_not}"))
@@ -79,14 +80,16 @@ class PriorityCheck(Oracle):
         self.current |= {function: priority} if priority != _OF_THE_SPEC else {}
         self._changed(t_ns, dict(self.current))
 
-    def _order(self, function: str, priority: int, is_first: bool) -> str | None:
+    def _order(self, _t_ns: int, function: str, priority: int, *, is_first: bool) -> str | None:
         orders = self._orders.get(function, [])
         may_be = orders if is_first else orders[-1:]
         return None if priority in may_be else f"the operator's orders were {orders}"
 
-    def _request(self, t_ns: int, function: str, priority: int) -> str | None:
+    def _request(self, t_ns: int, function: str, priority: int, *, is_first: bool) -> str | None:
         bounds = next(one.priority_range for one in self._functions if one.name == function)
-        since_ns, self._last[self._term] = t_ns - self._last.get(self._term, -_CHANGE_NS), t_ns
+        since_ns = _CHANGE_NS
+        if not is_first:
+            since_ns, self._last[self._term] = t_ns - self._last.get(self._term, -_CHANGE_NS), t_ns
         if priority not in self._asked.get(function, ()):
             return "no PE has requested it"
         if bounds is None or (priority != _OF_THE_SPEC and not bounds[0] <= priority <= bounds[1]):
