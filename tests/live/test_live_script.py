@@ -99,7 +99,9 @@ def test_big_blue_is_moved_and_back_a_bad_script_changes_nothing_and_a_kill_in_t
         refused = fly(bad, file, socket)
         assert refused.returncode == 1
         assert "the script is refused, and nothing has changed: line 1: PCS201" in refused.stderr
-        assert [told["event"] for told in events.take()] == ["script_refused"]
+        events.wait("script_refused")
+        assert calm_plan(flown, CALM_S).configuration == running.configuration
+        assert "epoch_prepared" not in [told["event"] for told in events.take()]
 
         for number, script in enumerate(there_and_back):
             one = tmp_path / f"{number}.pcs.script"

@@ -229,6 +229,8 @@ class Fleet:
             raise UserError(f"pe:{pe} does not run, so it cannot be killed")
         process.kill()
         process.wait()
+        if process.stdin is not None:
+            process.stdin.close()
         return process.pid
 
     def processes(self) -> dict[str, int]:
