@@ -20,7 +20,7 @@ KINDS: Mapping[str, str] = {
     "pe_suspected": "pe, cause, silent_ns: a state frame is late; the manager sends the PE a PING",
     "pe_answered": "pe: a suspected PE is heard again in time",
     "pe_lost": "pe, cause, last_heard_ns: the PE is no longer available; a demo that has not killed it adds `waited`: "
-    "who waited for a processor (`who`), for how long (`for_ns`), and in a time of which length (`of_ns`)",
+    "who waited for a processor (`who`), for how long (`for_ns`), and the length of the interval in which that was measured (`of_ns`)",
     "pe_absent": "pe, cause: the PE was not heard in the start-up window",
     "pe_heard_again": "pe, cause: a PE that was lost is heard again; its hold-down begins",
     "pe_joined": "pe, cause: the PE is available from now on",
@@ -92,7 +92,7 @@ KINDS: Mapping[str, str] = {
     "a summary of the gathered `outage` events just before",
     "overtime": "awaited, at_most_s: the time of the demo is up, but it still awaits these effects",
     "summary": "served, unserved (planned, but not heard on the bus), never (of these, those never heard at all), "
-    "rivals (modules that drove one DEMUX in turn), pending (what the manager had not finished; null: nothing): "
+    "rivals (branches of one DEMUX that drove alternately), pending (what the manager had not finished; null: nothing): "
     "the end of the demo: what the plan serves, and what was heard of it",
 }
 
