@@ -117,7 +117,7 @@ def test_a_server_that_goes_away_is_a_lost_bus_and_is_found_again(server: Server
         select.select([joined], [], [], PATIENCE_S)
         assert joined.receive(time.monotonic_ns()) == []
         assert not joined.is_open
-        assert "its server has closed the connection" in " ".join(joined.take_link_events())
+        assert "the socketcand server has closed the connection" in " ".join(joined.take_link_events())
         server.expect()
         until_s = time.monotonic() + PATIENCE_S
         while not joined.readers:
