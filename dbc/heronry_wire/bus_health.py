@@ -19,7 +19,7 @@ _BAD = {
     ControllerState.ERROR_WARNING: "counts errors (error-warning)",
     ControllerState.ERROR_PASSIVE: "sees mostly errors (error-passive): look at its bit rate, termination and wiring",
 }
-_STUCK = "sends no frame: no other node acknowledges; look at bit rate, termination and wiring"
+_STUCK = "gets nothing out: no other node acknowledges; look at bit rate, termination and wiring"
 
 
 class BusHealth:
