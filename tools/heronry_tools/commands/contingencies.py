@@ -130,7 +130,5 @@ def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
     for sentence in wrong:
         print(sentence)
     if not wrong:
-        print(
-            f"{entries} plans and {len(made.phases)} plans for safe mode: each is legal and has the value in the file"
-        )
+        print(f"{entries} plans and {len(made.phases)} for safe mode: each is legal and has the value in the file")
     return 1 if wrong else 0
