@@ -96,7 +96,7 @@ class Key:
     def state_tag(
         self, node: int, session: Session, beat: int, said: bytes, digest: int, *, emergency: bytes = NO_EMERGENCY
     ) -> int:
-        """Compute the 24-bit tag of page 0 or 1 of a state frame.
+        """Compute the 24-bit tag of a state frame that is page 0 or 1.
 
         beat: number of this page 0 in its session; for page 1 the constant PAGE_1_BEAT. said: bytes of the page without
         its digest, as `state_frames.split_state` gives them. digest: of the running configuration (page 0) or the

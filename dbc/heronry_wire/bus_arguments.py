@@ -27,7 +27,7 @@ def add_bus_arguments(parser: argparse.ArgumentParser, title: str) -> None:
     """Add python-can's flags for a bus to `parser`, as a group with this title."""
     can.cli.add_bus_arguments(parser, group_title=title)
     flag = next(action for action in parser._actions if action.dest == "interface")  # noqa: SLF001 - no public way
-    flag.metavar, flag.help = "INTERFACE", "kind of the bus: socketcan, softbus, or any other of python-can"
+    flag.metavar, flag.help = "INTERFACE", "kind of the bus: socketcan, softbus, or any other interface of python-can"
 
 
 def flagged_bus(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -50,7 +50,7 @@ def named_buses(texts: Sequence[str], owner: str, buses: Collection[str]) -> dic
         if name not in buses:
             raise BusArgumentError(f"--bus {name}: {owner} has no such bus; it has {', '.join(buses)}")
         if name in named:
-            raise BusArgumentError(f"--bus {name} is given twice; name one channel")
+            raise BusArgumentError(f"--bus {name} is given twice; give it once")
         named[name] = _placed(place)
     return named
 

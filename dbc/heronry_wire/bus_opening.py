@@ -62,5 +62,5 @@ def open_bus(config: Mapping[str, Any]) -> Opened:
         return Opened(bus, bus.fileno())
     except NotImplementedError:
         bus.shutdown()
-        remedy = "use socketcan, softbus, or another that has one"
+        remedy = "use socketcan, softbus, or another interface that has one"
         raise LinkError(f"{name} has no file descriptor to wait on; {remedy}") from None

@@ -5,11 +5,12 @@ This file encodes and decodes the channel, direction and service of a frame, and
 its sender. Requests on channel c have the identifier 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115). Answers
 have the next identifier. Channel 110 is CANopen's (LSS) and is never used here.
 
-States: none. Every node of this project answers IDS on channel 0; a PE also answers TIS and STS there, and accepts NSS.
-The other services have their codes here and no sender: a request to a unit of another maker is made by `request`, and
-its answer is read as a message; nothing here cuts or joins the blocks of DDS and DUS. If no answer comes within 100 ms
-(V1.7), the sender repeats the request. Every node answers a broadcast: in this project node n waits
-(n - 92) ms, so that the answers do not all start together.
+This file keeps no state. Every node of this project answers IDS on channel 0; a PE also answers TIS and STS there, and
+accepts NSS. No program of this project sends the other services. To use one of them with a unit of another maker,
+encode the request with `request`, and decode the answer as any node service frame. The blocks of DDS and DUS are
+neither cut nor joined here. If no answer comes within 100 ms (V1.7), the sender repeats the request. A broadcast
+request that has an answer is answered by every node; node n waits (n - 92) ms first, so that the answers do not all
+start together.
 """
 
 from enum import IntEnum

@@ -41,7 +41,7 @@ class SlowOpening:
         try:
             found = open_bus()
         except Exception as error:  # noqa: BLE001 - a back-end may raise anything, and the thread must not
-            found = error if isinstance(error, HeronryError) else HeronryError(f"it cannot be opened: {error}")
+            found = error if isinstance(error, HeronryError) else HeronryError(f"the bus cannot be opened: {error}")
         with self._lock:
             if self._is_wanted:
                 self.result = found

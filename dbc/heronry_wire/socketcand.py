@@ -52,7 +52,7 @@ def see_whether_it_ended(connection: socket.socket) -> None:
     """
     with suppress(BlockingIOError):
         if not connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT):
-            raise ConnectionResetError("its server has closed the connection")
+            raise ConnectionResetError("the socketcand server has closed the connection")
 
 
 def _at_its_server(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -61,5 +61,7 @@ def _at_its_server(config: Mapping[str, Any]) -> dict[str, Any]:
         return dict(config)
     host, _, port = server.rpartition(":")
     if not channel or not host or not port.isdecimal():
-        raise ValueError(f"a socketcand is named INTERFACE@HOST:PORT, such as can0@192.168.1.5:29536, not '{server}'")
+        raise ValueError(
+            f"a socketcand bus is named INTERFACE@HOST:PORT, such as can0@192.168.1.5:29536, not '{server}'"
+        )
     return {**config, "channel": channel, "host": host, "port": int(port)}

@@ -130,7 +130,7 @@ def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
             return sentence, hint
     if any(key in keys for key in field_names(schema.SpecForm)):
         return None
-    return "none of its fields is one of a spec", "a spec begins with dg: 1; is this the right file?"
+    return "no field of the file is a field of a spec", "a spec begins with dg: 1; is this the right file?"
 
 
 class _DraftReader:

@@ -208,7 +208,7 @@ class ExpressionReader:
             numbers = "whole number" if lengths == "1" else "whole numbers"
             sentence = f"'worth' must be a list of {lengths} {numbers} from 0 to {MOST_POINTS}"
             self._findings.add(
-                rules.BAD_WORTH, node.place, sentence, "points for each version that is accepted, best first"
+                rules.BAD_WORTH, node.place, sentence, "write points for each accepted version, best version first"
             )
             return None
         return points if len(points) == accepted else points[best - 1 : worst]
@@ -283,7 +283,7 @@ class ExpressionReader:
         idle = [item for reading, item in zip(inputs, entry.node.items, strict=True) if reading.holds_unwired]
         for item in idle:
             sentence = "this input of a XOR holds with nothing wired below it"
-            self._findings.add(rules.XOR_UNWIRED, item.place, sentence, "give its OR a 'k' of 1 or more")
+            self._findings.add(rules.XOR_UNWIRED, item.place, sentence, "give the OR below it a 'k' of 1 or more")
         return None if idle else _joined(Xor(_expressions(inputs)), inputs, holds_unwired=False)
 
     def _inputs(self, place: Place, gate: str, node: Node, least: int, below_choice: bool) -> list[Reading] | None:

@@ -82,7 +82,9 @@ class _GateRules:
                 found = f"only '{modules[0]}'" if modules else "no module"
                 sentence = f"DEMUX '{demux}' needs two branches or more, and {found} names it"
                 place = self._draft.demuxes[demux].place
-                self._findings.add(rules.DEMUX_BRANCHES, place, sentence, "let each branch name it in its `needs`")
+                self._findings.add(
+                    rules.DEMUX_BRANCHES, place, sentence, "name the DEMUX in the `needs` of each branch"
+                )
 
     def check_values(self) -> None:
         """Check that a function has a value for each mode of its output, or none at all."""
@@ -171,8 +173,8 @@ class _GateRules:
         first = self._draft.modules[cycle[0][0]]
         route = shown_cycle([_shown(self._draft, node) for node in cycle])
         variables = list(dict.fromkeys(f"'{name}'" for name, step in cycle if isinstance(step, int)))
-        which = listed(variables, last="or") if len(variables) <= 12 else "one of the variables on it"
-        sentence = f"a cycle that nothing can start: {route}"
+        which = listed(variables, last="or") if len(variables) <= 12 else "one of the variables on the cycle"
+        sentence = f"nothing can start this cycle: {route}"
         self._findings.add(rules.CYCLE, first.place, sentence, f"give an 'initial' value to {which}")
 
 

@@ -34,7 +34,7 @@ class Objective:
     cpu_millis: int  # thousandths of a reference core: fewer
 
     def key(self) -> tuple[int, ...]:
-        """Ten integers that compare as objectives do: the greater key is the better one."""
+        """Ten integers (level 1 has four, for the classes A to D), of which the greater key is the better one."""
         costs = (self.changes, self.branches, self.bus_mbit_per_s, self.cpu_millis)
         return (*self.critical, self.utility, self.inputs, *(-cost for cost in costs))
 

@@ -79,7 +79,7 @@ def _number(text: str) -> int | Decimal | str | Surprise:
     if len(text) > _LONGEST_NUMBER:
         return Surprise(file.LONG_NUMBER, "this number is too long", f"write at most {_LONGEST_NUMBER} characters")
     if match["exponent"] and (len(match["exponent"]) > 4 or abs(int(match["exponent"])) > _LARGEST_EXPONENT):
-        hint = f"write one of at most {_LARGEST_EXPONENT}"
+        hint = f"write an exponent of at most {_LARGEST_EXPONENT}"
         return Surprise(file.LONG_NUMBER, f"the exponent of {text} is too large", hint)
     if match["fraction"] or match["exponent"]:
         return Decimal(text)

@@ -52,11 +52,14 @@ class PlanError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LevelReport:
-    """A level of the objective: its value, and a bound: the best value possible while all levels above keep theirs."""
+    """A level of the objective: its value, and a bound.
+
+    No legal configuration that has the same values at all levels above has a better value than the bound at this level.
+    """
 
     level: str
     value: int
-    bound: int | None  # no legal configuration has a better value; None: not known
+    bound: int | None  # None: not known
     proven: bool  # value and bound are equal, before bits per second are rounded
 
 
@@ -355,7 +358,7 @@ def _document(text: str) -> Json:
     try:
         document = json.loads(text, object_pairs_hook=_fields, parse_constant=_no_constant)
     except json.JSONDecodeError as error:
-        hint = "; a spec stands before the plan" if text.lstrip().startswith(("dg:", "#")) else ""
+        hint = "; write the spec before the plan" if text.lstrip().startswith(("dg:", "#")) else ""
         raise PlanError(f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg}){hint}") from None
     except RecursionError:
         raise PlanError("the file is nested too deeply to be a plan") from None

@@ -76,7 +76,7 @@ class _ReferenceRules:
             for index, bus in enumerate(form.buses):
                 if bus in self._draft.buses and not network.join(f"pe:{pe.name}", f"bus:{bus}"):
                     sentence = f"bus '{bus}' gives pe '{pe.name}' a second route to where its other buses lead"
-                    hint = "buses form a forest: between two PEs there is at most one route"
+                    hint = "buses must form a forest: between two PEs there is at most one route"
                     self._findings.add(graph.SECOND_ROUTE, _value_place(pe, "buses", index), sentence, hint)
 
     def manager(self) -> None:
@@ -99,7 +99,9 @@ class _ReferenceRules:
             self._findings.unknown(graph.UNKNOWN_NAME, place, "bus", form.bus, self._draft.buses.keys())
         elif form.bus is not None and wired and form.bus not in wired:
             sentence = f"the manager is on bus '{form.bus}', which is wireless"
-            self._findings.add(graph.MANAGER_BUS, place, sentence, f"put it on a wired one, such as {wired[0]}")
+            self._findings.add(
+                graph.MANAGER_BUS, place, sentence, f"put the manager on a wired bus, such as {wired[0]}"
+            )
 
     def plants(self) -> None:
         """Check that `moved_by` of each plant names actuators, `seen_by` names sensors, and `affects` names plants."""

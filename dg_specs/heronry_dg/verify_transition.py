@@ -202,7 +202,7 @@ def _bus_budgets(case: _Way, stage: Mapping[str, Sequence[str]]) -> Iterator[Vio
     for bus, room in case.left.bus_mbit_per_s.items():
         limit = max(room, before.get(bus, 0))
         if worst[bus] > limit:
-            text = f"up to {worst[bus] / 1000:.3f} bit/s in transition, and its limit is {limit / 1000:.3f}"
+            text = f"it carries up to {worst[bus] / 1000:.3f} bit/s in transition, but its limit is {limit / 1000:.3f}"
             yield Violation("t.bus", f"bus {bus}", text)
 
 

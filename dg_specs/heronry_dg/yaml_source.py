@@ -30,7 +30,7 @@ MOST_BYTES: Final = 4 << 20
 MOST_NODES: Final = 500_000
 MOST_LEVELS: Final = 64
 _TOO_DEEP: Final = f"this is nested deeper than {MOST_LEVELS} levels"
-_KEEP_FLAT: Final = "named gates keep `needs` flat"
+_KEEP_FLAT: Final = "give a part of `needs` a name under gates:, and write that name"
 MOST_REPEATED_KEYS: Final = 100  # a file with more was hardly written by hand, and a longer list does not help
 
 _PARSER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # without libyaml: the same events, ten times slower

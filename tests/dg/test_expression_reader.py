@@ -241,7 +241,7 @@ class TestWiringCycles:
 
     def test_nothing_can_start_it(self) -> None:
         said = complaint(self.ring("{type: FLOAT}"))
-        assert "a cycle that nothing can start: first -> speed -> second -> command -> first" in said
+        assert "nothing can start this cycle: first -> speed -> second -> command -> first" in said
         assert "give an 'initial' value to 'speed' or 'command'" in said
 
     def test_an_initial_value_starts_it(self) -> None:

@@ -55,7 +55,7 @@ MANAGER = [
     ({"»buses": "{can0: {bitrate: 1000, kind: wireless}}"}, "no bus is wired, and no bus is given for the manager"),
     (
         {"buses": "{can0: {bitrate: 1000}, air: {bitrate: 1000, kind: wireless}}", "manager": "{bus: »air}"},
-        "the manager is on bus 'air', which is wireless (put it on a wired one, such as can0)",
+        "the manager is on bus 'air', which is wireless (put the manager on a wired bus, such as can0)",
     ),
 ]
 
@@ -339,7 +339,7 @@ def test_a_section_without_a_value_counts_as_left_out(section: str) -> None:
         ('{"spec": "x", "modules": {}, "functions": {}, "objective": {}, "a": 1, "b": 2}', "it is a plan, as"),
         ('{"format": 1, "spec_digest": "x", "node_id": 92, "a": 1}', "it is the table of a PE"),
         ("pcs: 1\nname: g\n", "it is a component graph"),
-        ("a: 1\nb: 2\nc: 3\n", "none of its fields is one of a spec"),
+        ("a: 1\nb: 2\nc: 3\n", "no field of the file is a field of a spec"),
     ],
 )
 def test_a_file_of_another_kind_is_one_finding(keys: str, sentence: str) -> None:

@@ -293,7 +293,7 @@ def test_a_situation_of_another_spec_and_a_spec_in_place_of_a_plan_are_told() ->
     document = json.loads(chute_plan().to_json()) | {"spec": "0" * 64, "phase": "glide"}
     with pytest.raises(PlanError, match=r"^the plan is of another spec than elevator_and_chute: no phase is named"):
         read_situation(json.dumps(document), FIGURE_3)
-    with pytest.raises(PlanError, match=r"this is not JSON .*; a spec stands before the plan$"):
+    with pytest.raises(PlanError, match=r"this is not JSON .*; write the spec before the plan$"):
         read_configuration("dg: 1\nname: x\n")
 
 

@@ -71,7 +71,7 @@ def held(manager: OneManager) -> OneManager:
 def test_a_target_is_compared_with_the_best_plan_and_deployed(manager: OneManager) -> None:
     reply = say(manager, FlyTarget(target()))
     assert (reply.done, script(manager)) == (True, ("asked", None))
-    assert "it flies unless the best plan, which is being made, is better at level 1" in reply.sentence
+    assert "the script flies unless the best plan, now being made, is better at level 1" in reply.sentence
     request = manager.requests[-1]
     assert (request.in_background, request.target) == (True, target())
     manager.answer()

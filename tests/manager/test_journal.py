@@ -397,7 +397,7 @@ def test_a_folder_in_the_place_of_the_lock_is_named(tmp_path: Path) -> None:
 def test_an_empty_journal_is_begun_anew_and_that_is_told(tmp_path: Path) -> None:
     (tmp_path / "manager-126.journal").write_bytes(b"")
     with Journal(tmp_path, NODE, SPEC) as journal:
-        assert "was empty: terms, orders and latched faults of before are not known" in (journal.warning or "")
+        assert "was empty: earlier terms, orders and latched faults are not known" in (journal.warning or "")
         assert journal.memory == NOTHING
         journal.write(TermBegun(1))
     with Journal(tmp_path, NODE, SPEC) as journal:

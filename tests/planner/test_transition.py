@@ -338,7 +338,7 @@ def test_a_pe_that_fills_the_bus_stops_before_another_one_fills_it(
     assert way.peaks["can0"].mbit_per_s == 135 * 300_000
     (refusal,) = verify_transition(spec, before, after, now, direct(way))
     assert (refusal.rule, refusal.where) == ("t.bus", "bus can0")
-    assert "81000.000 bit/s in transition, and its limit is 70000.000" in refusal.sentence
+    assert "81000.000 bit/s in transition, but its limit is 70000.000" in refusal.sentence
 
 
 def test_where_the_wires_are_not_known_everything_given_may_be_on_the_bus(

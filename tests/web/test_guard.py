@@ -91,7 +91,7 @@ def test_a_server_on_all_addresses_is_opened_by_the_name_of_its_computer():
 
 def test_an_address_that_is_none_of_this_computer_is_a_sentence():
     for address, port in (("192.0.2.7", None), ("no such name", 0)):
-        with pytest.raises(UserError, match="name another one"):
+        with pytest.raises(UserError, match="name another address or port"):
             listening(address, port)
 
 

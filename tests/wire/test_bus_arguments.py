@@ -21,7 +21,7 @@ def test_only_a_known_interface_counts_as_one() -> None:
     [
         (["wlan=x"], "--bus wlan: the spec has no such bus; it has can0, radio"),
         (["can0"], "--bus can0: write it as NAME=[INTERFACE:]CHANNEL, such as can0=socketcan:can0"),
-        (["can0=x", "can0=y"], "--bus can0 is given twice; name one channel"),
+        (["can0=x", "can0=y"], "--bus can0 is given twice; give it once"),
     ],
 )
 def test_what_names_no_bus_is_one_clear_sentence(texts: list[str], sentence: str) -> None:

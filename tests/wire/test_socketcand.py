@@ -117,7 +117,7 @@ def test_a_server_that_goes_away_is_a_lost_bus_and_is_found_again(server: Server
         select.select([joined], [], [], PATIENCE_S)
         assert joined.receive(time.monotonic_ns()) == []
         assert not joined.is_open
-        assert "its server has closed the connection" in " ".join(joined.take_link_events())
+        assert "the socketcand server has closed the connection" in " ".join(joined.take_link_events())
         server.expect()
         until_s = time.monotonic() + PATIENCE_S
         while not joined.readers:
@@ -128,7 +128,7 @@ def test_a_server_that_goes_away_is_a_lost_bus_and_is_found_again(server: Server
 
 @pytest.mark.parametrize("channel", ["can0@nowhere", "can0@host:", "@host:29536", "can0@:29536", "can0@host:port"])
 def test_a_server_that_is_not_named_is_one_sentence(channel: str) -> None:
-    with pytest.raises(LinkError, match="a socketcand is named INTERFACE@HOST:PORT"):
+    with pytest.raises(LinkError, match="a socketcand bus is named INTERFACE@HOST:PORT"):
         open_bus({"interface": "socketcand", "channel": channel})
 
 

@@ -122,7 +122,7 @@ def _inputs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
             for place, (_, leaf) in zip(places, mode.leaves(), strict=True):
                 if leaf.variable not in wiring.givers:
                     sentence = f"module '{module.name}' reads '{leaf.variable}', which no module gives"
-                    hint = f"write gives: {{{leaf.variable}: 1}} in the module that should, or remove the input"
+                    hint = f"write gives: {{{leaf.variable}: 1}} in the module that should give it, or remove the input"
                     findings.add(rules.UNPRODUCED, place, sentence, hint)
                 elif not wiring.is_given(leaf):
                     there = listed([f"{leaf.variable}@{version}" for version in sorted(wiring.givers[leaf.variable])])
@@ -142,7 +142,7 @@ def _watched(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
         if phase.when is not None and phase.when.variable not in wiring.givers:
             sentence = f"phase '{phase.name}' watches '{phase.when.variable}', which no module gives"
             place = subject.place("phases", phase.name, "when", "variable")
-            findings.add(rules.UNPRODUCED, place, sentence, "watch another variable, or let a module give it")
+            findings.add(rules.UNPRODUCED, place, sentence, "watch another variable, or let a module give this one")
 
 
 def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
@@ -203,7 +203,7 @@ def _holds(when: When, value: Fraction) -> bool:
 def _why_it_never_fires(spec: Spec, wiring: _Wiring, phase: str, rule: When) -> tuple[str, str] | None:
     origins = [origin for origin in rule.origins if origin != phase]
     if not origins:
-        return "it leads here from no other phase", "write from: [...] with the phases in which it is to be watched"
+        return "it leads here from no other phase", "write from: [...] with the phases in which it is to be checked"
     least, most = value_range(DataType[spec.variables[rule.variable].type])
     if (rule.above is not None and rule.above >= most) or (rule.below is not None and rule.below <= least):
         return f"'{rule.variable}' is never beyond its threshold", f"'{rule.variable}' is {least:g} to {most:g}"
@@ -311,7 +311,9 @@ def _unused_variables(subject: Subject, findings: Findings) -> None:
     read |= {phase.when.variable for phase in spec.phases.values() if phase.when is not None}
     for name in spec.variables.keys() - read:
         sentence = f"variable '{name}' is read by no module and watched by no phase"
-        findings.add(rules.UNUSED_VARIABLE, subject.place("variables", name), sentence, "remove it, or read it")
+        findings.add(
+            rules.UNUSED_VARIABLE, subject.place("variables", name), sentence, "remove it, or let a module read it"
+        )
 
 
 def _unused_gates(subject: Subject, findings: Findings) -> None:
@@ -325,7 +327,10 @@ def _unused_gates(subject: Subject, findings: Findings) -> None:
     for name in draft.shorthands.keys() - named:
         sentence = f"no expression names gate '{name}'"
         findings.add(
-            rules.UNUSED_GATE, subject.place("gates", name), sentence, "remove the gate, or name it in `needs`"
+            rules.UNUSED_GATE,
+            subject.place("gates", name),
+            sentence,
+            "remove the gate, or name it in `needs` of a mode",
         )
 
 
@@ -361,5 +366,5 @@ def _unfed_functions(subject: Subject, wiring: _Wiring, findings: Findings) -> N
     for function in subject.spec.functions.values():
         if fed.isdisjoint(function.outputs):
             sentence = f"function '{function.name}' is fed by no device: no sensor leads to '{function.output}'"
-            hint = "give a module at the beginning of its graph the `device` that it reads"
+            hint = "write `device: SENSOR` in a module from which data reach the function"
             findings.add(rules.NO_SENSOR, subject.place("functions", function.name), sentence, hint)

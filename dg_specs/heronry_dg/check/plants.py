@@ -35,7 +35,7 @@ def _why(plant: Plant) -> str:
     lacking = [key for key in ("moved_by", "seen_by") if not getattr(plant, key)]
     if lacking and not plant.affects:
         return f"it has no {listed(lacking)}"
-    return "no way leads from what sees it to what moves it"
+    return "no way leads from a sensor that sees the plant to an actuator that moves it"
 
 
 def _on_path(spec: Spec) -> set[str]:

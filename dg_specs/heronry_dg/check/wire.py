@@ -150,7 +150,7 @@ def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIde
     if unit is None or not standard.unit or unit in (standard.unit, *_SAME_UNIT.get(standard.unit, ())):
         return
     sentence = f"variable '{name}' is in {shown(unit)}; {standard.can_id} ({standard.name}) is in '{standard.unit}'"
-    hint = _CONVERSIONS.get((unit, standard.unit), "let the producer convert, or leave the identifier out")
+    hint = _CONVERSIONS.get((unit, standard.unit), "let the producer convert it, or leave 'identifier' out")
     findings.add(rules.STANDARD_UNIT, subject.place("variables", name, "unit"), sentence, hint)
 
 

@@ -20,7 +20,8 @@ KINDS: Mapping[str, str] = {
     "pe_suspected": "pe, cause, silent_ns: a state frame is late; the manager sends the PE a PING",
     "pe_answered": "pe: a suspected PE is heard again in time",
     "pe_lost": "pe, cause, last_heard_ns: the PE is no longer available; a demo that has not killed it adds `waited`: "
-    "who waited for a processor (`who`), for how long (`for_ns`), and in a time of which length (`of_ns`)",
+    "who waited for a processor (`who`), for how long (`for_ns`), and the length of the interval in which that was "
+    "measured (`of_ns`)",
     "pe_absent": "pe, cause: the PE was not heard in the start-up window",
     "pe_heard_again": "pe, cause: a PE that was lost is heard again; its hold-down begins",
     "pe_joined": "pe, cause: the PE is available from now on",
@@ -66,7 +67,8 @@ KINDS: Mapping[str, str] = {
     "outputs_free": "pe, for_ns: the PE holds exclusive outputs back no longer; it did so for this time",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped: "
     "this epoch runs now",
-    "control_paths": "epoch, plants {name: on_path, open, unmoved or unseen}: which control loops this epoch closes",
+    "control_paths": "epoch, plants {name: on_path, open, unmoved (no module drives its actuators) or "
+    "unseen (none reads its sensors)}: which control loops this epoch closes",
     "script_taken": "reason: a script of the operator is accepted: its configuration is deployed, and held",
     "script_refused": "reason: a script of the operator was refused; what runs stays",
     "script_ended": "reason: the script that was held has ended",
@@ -92,8 +94,8 @@ KINDS: Mapping[str, str] = {
     "a summary of the gathered `outage` events just before",
     "overtime": "awaited, at_most_s: the time of the demo is up, but it still awaits these effects",
     "summary": "served, unserved (planned, but not heard on the bus), never (of these, those never heard at all), "
-    "rivals (modules that drove one DEMUX in turn), pending (what the manager had not finished; null: nothing): "
-    "the end of the demo: what the plan serves, and what was heard of it",
+    "rivals (branches of one DEMUX that drove alternately), pending (what the manager had not finished; null: "
+    "nothing): the end of the demo: what the plan serves, and what was heard of it",
 }
 
 

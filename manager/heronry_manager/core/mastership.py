@@ -72,9 +72,9 @@ TRANSITIONS = TransitionTable(
         ),
         (
             *(Mastership.LISTENING, MastershipEvent.LETS_126_GO_FIRST, Mastership.STANDBY),
-            "manager 127 hears no other manager, with --standby",
+            "manager 127, with --standby, hears no manager and lets 126 go first",
         ),
-        (Mastership.LISTENING, MastershipEvent.BEGINS, Mastership.STARTING, "no manager is heard"),
+        (Mastership.LISTENING, MastershipEvent.BEGINS, Mastership.STARTING, "the manager hears no other"),
         (
             *(Mastership.STANDBY, MastershipEvent.BEGINS, Mastership.STARTING),
             "the PEs hear no manager any more, or refuse its term as too low",

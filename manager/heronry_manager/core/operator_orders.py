@@ -170,7 +170,7 @@ class OperatorOrders:
             if not self._known.script.is_asked:
                 self._known.script.refuse(reason)
             return Outcome(False, f"the script is refused, and nothing has changed: {reason}")
-        follows = "it flies unless the best plan, which is being made, is better at level 1: see 'heronry status'"
+        follows = "the script flies unless the best plan, now being made, is better at level 1: see 'heronry status'"
         return Outcome(True, f"the script leads to a legal configuration; {follows}", (TargetAsked(target),))
 
     def _why_not_now(self) -> str | None:

@@ -81,7 +81,7 @@ class Question:
 
 
 class Source(Enum):
-    """Where a plan comes from; an event gives the value."""
+    """Where a plan comes from. The string of a member is what events show as the origin of a plan."""
 
     CONTINGENCIES = "contingencies"
     PRE_PLANNED = "pre-planned"

@@ -122,7 +122,7 @@ def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
 
 
 def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int = 0) -> Level:
-    """Make a level of terms; in each list of alternatives at most one term can count."""
+    """Make a level from its terms; of each list of alternatives at most one term can be true."""
     groups = [group for group in alternatives if group]
     return Level(
         position,

@@ -207,7 +207,7 @@ class Journal:
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(self.file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except IsADirectoryError as error:
-            raise JournalError(f"{error.filename} is a folder; remove it: a manager locks its journal there") from error
+            raise JournalError(f"{error.filename} is a folder; remove it: the manager needs a file there") from error
         except OSError:
             return  # `_put_down` reports what is wrong with the folder
         try:
@@ -228,7 +228,7 @@ class Journal:
                 f"{self.file}: {error.strerror}; make it readable, or name another folder with --state-dir"
             ) from error
         if not data:
-            self.warning = f"{self.file} was empty: terms, orders and latched faults of before are not known"
+            self.warning = f"{self.file} was empty: earlier terms, orders and latched faults are not known"
             return
         later = _format_of(data)
         if later > _FORMAT:

@@ -51,7 +51,7 @@ def add_parsers(subparsers: Any) -> None:
         "--decide",
         type=_milliseconds,
         metavar="MS",
-        help="time to make a plan, in milliseconds, instead of measuring it",
+        help="take MS milliseconds as the time to make a plan, instead of measuring it",
     )
     add_output(parser, "write every element as JSON")
     parser.set_defaults(run=run)

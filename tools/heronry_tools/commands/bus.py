@@ -109,5 +109,7 @@ def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Con
         now, configuration = evaluated_in(spec, text, arguments), read_configuration(text)
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
-            raise UserError(f"{arguments.plan}: {violation}; the messages of such a plan are not defined: correct it")
+            raise UserError(
+                f"{arguments.plan}: {violation}; the messages of such a plan are not defined: correct the plan"
+            )
     return now, configuration

@@ -79,7 +79,7 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
     phases = f" in {len(made.phases)} phases" if len(made.phases) > 1 else ""
     print(f"{file}: {written.size} bytes, bound to {spec.name} {spec.digest[:12]}")
     print(
-        f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, {in_use}and safe modes"
+        f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, {in_use}and safe mode"
     )
     print(
         f"{tally.searched} plans searched for, {tally.pruned_share():.1%} found without a search: "
@@ -130,5 +130,5 @@ def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
     for sentence in wrong:
         print(sentence)
     if not wrong:
-        print(f"{entries} plans and {len(made.phases)} safe modes: each is legal and has the value that the file says")
+        print(f"{entries} plans and {len(made.phases)} for safe mode: each is legal and has the value in the file")
     return 1 if wrong else 0

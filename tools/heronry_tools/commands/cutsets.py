@@ -35,8 +35,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry cutsets`."""
     parser = subparsers.add_parser(
         "cutsets",
-        description="Find the smallest sets of faults that lose a function: since its inputs are lost (logical), "
-        "or since what is left of PEs and buses has no room for it (resource-aware).",
+        description="Find the smallest sets of faults that lose a function: because its inputs are lost (logical), "
+        "or because what is left of PEs and buses has no room for it (resource-aware).",
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")

@@ -34,7 +34,7 @@ def add_parsers(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "demo",
-        description="Start the bus (if needed), the manager and every PE, each as its own process; kill and restore.",
+        description="Start the bus (if needed), the manager and every PE, each as a process; kill and restore some.",
         epilog=_EPILOG,
     )
     add_spec_argument(parser, default="big_blue")
@@ -65,7 +65,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="SECONDS",
         type=_seconds,
         default=0.0,
-        help="begin so many seconds after take-off: at 90 the balloon is about to be cut, from 240 on it has landed",
+        help="begin so long after take-off: at 90 the aircraft will soon leave the balloon, from 240 on it has landed",
     )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
     add_contingencies_argument(
@@ -87,7 +87,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="NAME=[INTERFACE:]CHANNEL",
         action="append",
         default=[],
-        help="another bus of the spec on this channel (default: a software bus)",
+        help="use this channel for another bus of the spec (default: a software bus)",
     )
     add_bus_arguments(parser, "the manager's bus (default: vcan0 where there is one, else a software bus)")
     parser.set_defaults(run=run)

@@ -70,7 +70,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry fly`."""
     parser = subparsers.add_parser(
         "fly",
-        description="Land an aircraft of a flight dynamics model by its avionics, in virtual time.",
+        description="Let the avionics land an aircraft that a flight dynamics model simulates, in virtual time.",
         epilog=_EPILOG,
     )
     parser.add_argument(
@@ -79,7 +79,9 @@ def add_parsers(subparsers: Any) -> None:
         help=f"a spec with the devices of the EAV or of BIG BLUE; shipped: {', '.join(FLOWN)}, big_blue",
     )
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
-    parser.add_argument("--runs", type=flights, default=1, metavar="N", help="number of seeds, one after the other")
+    parser.add_argument(
+        "--runs", type=flights, default=1, metavar="N", help="fly the N seeds from --seed on (default: 1)"
+    )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
@@ -93,7 +95,7 @@ def add_parsers(subparsers: Any) -> None:
         "--corrections-lost",
         default="2",
         metavar="S",
-        help=f"eav: seconds after which the differential receiver becomes inaccurate, or {_NEVER} (default: 2)",
+        help=f"eav: the differential receiver becomes inaccurate S s after the start, or {_NEVER} (default: 2)",
     )
     parser.add_argument(
         "--height-bias",
@@ -103,7 +105,7 @@ def add_parsers(subparsers: Any) -> None:
         help="eav: add a constant error to the receiver's height, drawn from -M to M metres; no monitor finds it",
     )
     parser.add_argument(
-        "--wind", type=float, metavar="M/S", help="strongest wind that is drawn (default: EAV 7.7, BIG BLUE 5)"
+        "--wind", type=float, metavar="M/S", help="strongest wind that is drawn, in m/s (default: EAV 7.7, BIG BLUE 5)"
     )
     parser.add_argument("--phase", choices=_PHASES, help="big_blue: begin in this phase (default: on the ground)")
     parser.add_argument(
@@ -118,8 +120,8 @@ def add_parsers(subparsers: Any) -> None:
         action="append",
         default=[],
         metavar="ACT",
-        help="inject this fault, written as for 'heronry sim --act'; seconds count from the start; may be repeated; "
-        "with --live only faults of a bus",
+        help="inject this fault, written as for 'heronry sim --act'; its seconds count from the start of the flight; "
+        "may be repeated; with --live only faults of a bus",
     )
     parser.add_argument("--one-fault", action="store_true", help="inject one fault, drawn with its time by the seed")
     parser.add_argument("--judged", action="store_true", help="check each flight by the oracles of 'heronry sim'")
@@ -198,7 +200,9 @@ def _run_live(arguments: argparse.Namespace) -> int:
         print(json.dumps(figures))
         return 0
     if len(ends) > 1:
-        print(f"{acceptable} of {len(ends)} are acceptable; the computer stood still in {figures['stood_still']}")
+        print(
+            f"{acceptable} of {len(ends)} landings are acceptable; the computer stood still in {figures['stood_still']}"
+        )
     if figures["latency_s"]:
         print(latency_line(figures["latency_s"]))
     return 0

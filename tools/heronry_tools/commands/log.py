@@ -28,7 +28,7 @@ def add_parsers(subparsers: Any) -> None:
     convert.add_argument(
         "-o", "--output", dest="file", metavar="FILE", type=Path, required=True, help="*.mcap or *.mf4"
     )
-    convert.add_argument("--key", type=Path, metavar="FILE", help="the key of the flight")
+    convert.add_argument("--key", type=Path, metavar="FILE", help="the key file of the flight")
     convert.set_defaults(run=run)
 
 

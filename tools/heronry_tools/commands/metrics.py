@@ -1,4 +1,4 @@
-"""`heronry metrics`: a system as metrics for Prometheus, once or served."""
+"""`heronry metrics`: writes the metrics of a system for Prometheus once, or serves them over HTTP."""
 
 import argparse
 import sys
@@ -23,7 +23,9 @@ _LISTENS_S = 1.5  # so long is listened before metrics are printed once: the tra
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry metrics`."""
-    parser = subparsers.add_parser("metrics", description="Write a system's metrics for Prometheus.", epilog=_EPILOG)
+    parser = subparsers.add_parser(
+        "metrics", description="Write the metrics of a system for Prometheus once, or serve them.", epilog=_EPILOG
+    )
     add_source_arguments(parser)
     add_output_file(parser, "the text format of Prometheus", ".prom")
     parser.add_argument("--port", type=whole_number, metavar="N", help="serve /metrics on this port of 127.0.0.1")

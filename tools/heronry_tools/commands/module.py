@@ -48,7 +48,7 @@ def add_parsers(subparsers: Any) -> None:
     trial.add_argument(
         "--reading", metavar="VALUE", help="reading of the module's device (default: the device does not answer)"
     )
-    trial.add_argument("--mode", metavar="NAME", default="only", help="name of the module's mode (default: only)")
+    trial.add_argument("--mode", metavar="NAME", default="only", help="name of the module's mode (default: 'only')")
     trial.add_argument("--rate-hz", metavar="HZ", type=float, default=10.0, help="steps in a second (default 10)")
     trial.add_argument("--steps", metavar="N", type=int, default=3, help="number of steps to compute (default 3)")
     trial.add_argument(

@@ -76,7 +76,7 @@ def add_parsers(subparsers: Any) -> None:
         "--effort",
         type=_effort,
         metavar="E",
-        help="limit on the search, in the solver's unit of work: about a second, equal on every computer (default 60)",
+        help="most work of the search, in units of about a second that are equal on every computer (default 60)",
     )
     add_output(plan, "write the plan as JSON")
     plan.set_defaults(run=run_plan)

@@ -59,7 +59,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     single = "the plans for every single fault, if a PREPARE names a contingency by its number"
     add_contingencies_argument(parser, "with which the manager flew", single)
-    parser.add_argument("--key", type=Path, metavar="FILE", help="key with which the manager flew")
+    parser.add_argument("--key", type=Path, metavar="FILE", help="key file with which the manager flew")
     add_output(parser, "write everything as JSON")
     parser.set_defaults(run=run)
 
@@ -119,7 +119,7 @@ def _spec_of(recording: Path, text: str | None) -> "Spec":
     if recording.name.endswith((".yaml", ".yml")):
         raise UserError(f"{recording} is a spec, and no recording: write 'heronry replay FILE.log SPEC'")
     if text is None:
-        raise UserError(f"{recording} does not say of which spec it is: name the spec behind it")
+        raise UserError(f"{recording} does not say of which spec it is: write SPEC after it")
     return load_spec(text)
 
 

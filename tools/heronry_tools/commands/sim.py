@@ -74,12 +74,14 @@ def add_parsers(subparsers: Any) -> None:
     )
     add_spec_argument(parser)
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
-    parser.add_argument("--runs", type=flights, default=1, metavar="N", help="number of seeds, one after the other")
+    parser.add_argument(
+        "--runs", type=flights, default=1, metavar="N", help="fly the N seeds from --seed on (default: 1)"
+    )
     parser.add_argument(
         "--seconds",
         type=seconds,
         metavar="S",
-        help="seconds in which faults occur, at least what the given ones need (default: 5, or one more than that)",
+        help="let faults occur for S seconds, not less than given faults last (default: 5, or 1 more than they last)",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"

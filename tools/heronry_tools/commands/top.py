@@ -35,7 +35,10 @@ def add_parsers(subparsers: Any) -> None:
     )
     add_source_arguments(parser)
     parser.add_argument(
-        "--at", type=float, metavar="SECONDS", help="begin a recording so long after its start (default: at its end)"
+        "--at",
+        type=float,
+        metavar="SECONDS",
+        help="show a recording from SECONDS after its start on (default: its end)",
     )
     parser.add_argument("--json", action="store_true", help="print a snapshot twice a second, one JSON object a line")
     parser.add_argument("--once", action="store_true", help="with --json: print one snapshot, and end")

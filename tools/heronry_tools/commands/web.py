@@ -35,9 +35,14 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--listen", metavar="ADDRESS", default="127.0.0.1", help="the address to listen on (default 127.0.0.1)"
     )
-    parser.add_argument("--port", type=_port, metavar="N", help="the port (default 8321, or a free one; 0: a free one)")
     parser.add_argument(
-        "--operate", action="store_true", help="let the page give orders; it shows first what each costs"
+        "--port",
+        type=_port,
+        metavar="N",
+        help="the port (default 8321, or a free one if that is in use; 0: a free one)",
+    )
+    parser.add_argument(
+        "--operate", action="store_true", help="let the page give orders; it shows first what each order would change"
     )
     parser.add_argument("--json", action="store_true", help="print the address as one JSON object")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")

@@ -107,7 +107,7 @@ def _buses(view: Snapshot) -> Iterator["Metric"]:
     buses = view.buses.items()
     loads: tuple[tuple[str, str, Any], ...] = (
         ("bus_load_ratio", "Share of the bit rate used in the last second.", lambda bus: bus.load),
-        ("bus_load_peak_ratio", "The same in the busiest 100 ms of that second.", lambda bus: bus.peak),
+        ("bus_load_peak_ratio", "Share used in the busiest 100 ms of the last second.", lambda bus: bus.peak),
         ("bus_load_planned_ratio", "Share of the bit rate that the configuration plans.", lambda bus: bus.planned),
         ("bus_frames_per_second", "Frames in the last second.", lambda bus: bus.frames_per_s),
         ("bus_bit_rate", "Bits per second of a bus.", lambda bus: bus.bit_rate),
@@ -120,7 +120,7 @@ def _buses(view: Snapshot) -> Iterator["Metric"]:
     lacking = (((name, channel), len(by)) for name, bus in buses for channel, by in bus.channels.items())
     yield _gauge("channel_lost_by_nodes", "Nodes that hear nothing on a channel.", ("bus", "channel"), lacking)
     links = (((name,), _link(bus)) for name, bus in buses if bus.link is not None)
-    yield _gauge("link_usable_ratio", "Usable share of a radio that is not whole.", ("bus",), links)
+    yield _gauge("link_usable_ratio", "Usable share of the bandwidth of a radio.", ("bus",), links)
 
 
 def _functions(view: Snapshot) -> Iterator["Metric"]:

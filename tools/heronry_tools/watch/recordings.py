@@ -63,7 +63,7 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
     if path.is_dir():
         raise UserError(f"{path} is a folder, and none of 'heronry record': name a log, or such a folder")
     if spec is None:
-        raise UserError(f"{path} does not say of which spec it is: name the spec behind it")
+        raise UserError(f"{path} does not say of which spec it is: write SPEC after it")
     loaded = load_spec(spec)
     if path.suffix == ".jsonl":
         events = list(read_events(path))

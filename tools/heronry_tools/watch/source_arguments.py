@@ -38,7 +38,7 @@ def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = Fal
         "spec",
         metavar="SPEC",
         nargs="?",
-        help=f"of the bus{'' if is_live else ' or the log'}: a *.dg.yaml file, or a shipped spec",
+        help=f"the spec of the bus{'' if is_live else ' or the log'}: a *.dg.yaml file, or a shipped spec",
     )
     if not is_live:
         parser.add_argument(
@@ -48,7 +48,10 @@ def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = Fal
             help="a candump log, a folder of 'heronry record', a *.scenario, or events of a manager (*.jsonl)",
         )
     parser.add_argument(
-        "--key", type=Path, metavar="FILE", help=f"the key of the flight, for a bus{'' if is_live else ' or a log'}"
+        "--key",
+        type=Path,
+        metavar="FILE",
+        help=f"the key file of the flight, for a bus{'' if is_live else ' or a log'}",
     )
     parser.add_argument(
         "--bus",
@@ -86,7 +89,7 @@ def opened_feed(arguments: argparse.Namespace) -> "Feed":
         or_log = ("", "") if not hasattr(arguments, "log") else (" or in a log", ", or --log FILE")
         raise UserError(
             f"{arguments.spec} is watched on a bus{or_log[0]}: add -i and -c{or_log[1]}; to follow the manager "
-            "that runs here, leave it out"
+            "that runs here, leave the spec out"
         )
     from heronry_tools.watch.live_feeds import FollowedManager  # noqa: PLC0415
 

@@ -36,7 +36,9 @@ def listening(address: str, port: int | None) -> socket.socket:
             listener.close()
             if port is None and number:
                 continue
-            raise UserError(f"--listen {address} --port {number}: {error.strerror}; name another one") from None
+            raise UserError(
+                f"--listen {address} --port {number}: {error.strerror}; name another address or port"
+            ) from None
         listener.listen(64)
         return listener
     raise AssertionError("unreachable: the kernel gives a free port, or an error")

@@ -4,10 +4,11 @@ Elements fail independently. An element with rate r fails within the hour with t
 most r. A function is lost when all elements of some set fail; only sets up to the scope's number of faults (its
 *order*) are known. The likelihood is
 
-    at least   the probability that some known set fails: the sum over the sets, less the sum over all pairs of them
-               (Bonferroni), or the likeliest set alone. Sets with an element without a rate are left out. For sets that
-               the best plan gives up this assumes that a further fault does not bring the function back
-    at most    the sum over the known sets, and the probability that more elements fail than the order. Not known where
+    at least   the greater of two values: the sum over the sets, less the sum over all pairs of them (Bonferroni); or
+               the probability of the likeliest set. Sets with an element without a rate are left out. Some sets only
+               make the best plan give the function up: for them it is assumed that a further fault does not bring the
+               function back
+    at most    the sum over the known sets, plus the probability that more elements fail than the order. Not known where
                an element of the scope has no rate
 
 The difference of the two shows what the order leaves open.

@@ -121,7 +121,7 @@ def _xor(dependence: Dependence, findings: Findings, place: Place, module: Modul
     shared = frozenset.intersection(*gate.inputs)
     if shared:
         sentence = f"all inputs of a XOR of '{module.name}' are lost with {dependence.shown(shared)}"
-        findings.add(rules.XOR_SHARES, place, sentence, "feed one of them from elsewhere")
+        findings.add(rules.XOR_SHARES, place, sentence, "feed one input from another PE, sensor and module")
 
 
 def _voter(dependence: Dependence, findings: Findings, place: Place, module: Module, gate: Alternatives) -> None:
@@ -153,7 +153,7 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
             if bound[one] == bound[other]:
                 sentence = f"'{one}' and '{other}' are to be separate here, and together by other rules"
                 findings.add(
-                    rules.SEPARATE_AND_TOGETHER, place, sentence, "only one of them can run at a time: remove a rule"
+                    rules.SEPARATE_AND_TOGETHER, place, sentence, "only one of the two can run at a time: remove a rule"
                 )
         _room_to_separate(spec, findings, place, group)
     for index, group in enumerate(spec.together):

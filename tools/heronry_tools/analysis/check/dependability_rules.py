@@ -120,7 +120,7 @@ PLANT_LOST = FAMILY.warning(
     what="A plant of class A or B is on no control path any more when one element fails.",
     why="Its function may still be served, by a module that no longer sees what it moves: the loop is open. Each plan "
     "is the best one without the element, in every phase whose plan with everything up has the plant on a path.",
-    fix="Let another sensor see the plant, or another actuator move it, that the same fault does not take away; or "
+    fix="Add a sensor that sees the plant, or an actuator that moves it, which that fault does not take away; or "
     "accept it with a reason.",
     bad=doubled("E", pitot_pe="nav") + ROOM,
     good=doubled("E", pitot_pe="tail") + ROOM,

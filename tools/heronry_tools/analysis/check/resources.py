@@ -59,7 +59,9 @@ def _fits(subject: Subject, findings: Findings, module: Module) -> None:
     for mode in large:
         sentence = f"mode '{mode.name}' of module '{module.name}' fits no PE: {_too_large(spec, module, mode, hosts)}"
         place = subject.place("modules", module.name, "modes", mode.name)
-        findings.add(rules.MODE_FITS_NOWHERE, place, sentence, "let it need less, enlarge a PE, or remove the mode")
+        findings.add(
+            rules.MODE_FITS_NOWHERE, place, sentence, "let the mode need less, enlarge a PE, or remove the mode"
+        )
 
 
 def _why_no_pe(spec: Spec, module: Module, hosts: Collection[str]) -> str:

@@ -65,7 +65,7 @@ def load_subject(text: str, plan_file: str | None = None) -> Subject:
     path = graph_path(text)
     if path is not None:
         if plan_file is not None:
-            raise UserError(f"{text} is a graph: --plan is for specs")
+            raise UserError(f"{text} is a graph, and --plan needs a spec: leave --plan out")
         return Subject(load_graph(path))
     if not Path(text).suffix and not Path(text).exists() and text not in SHIPPED:
         graphs, specs = ", ".join(shipped_graph_names()), ", ".join(SHIPPED)

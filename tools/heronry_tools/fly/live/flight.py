@@ -43,7 +43,9 @@ def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | 
     """
     unfit = [str(blow) for blow in mission.blows if blow.element.startswith("bus:")]
     if unfit:
-        raise UserError(f"--kill {unfit[0]}: with --live a PE or a device can fail, and no bus; a bus has --act")
+        raise UserError(
+            f"--kill {unfit[0]}: with --live only a PE or a device can be killed; write a bus fault with --act"
+        )
     deeds = [_deed(act) for act in mission.acts]
     with ExitStack() as stack:
         folder = run_folder()
@@ -64,7 +66,9 @@ def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | 
 def _deed(act: Fault) -> Deed:
     """Return a fault of a bus as a deed; raises UserError for other faults."""
     if act.kind not in KINDS or act.during:
-        raise UserError(f"--act '{act}': with --live these are possible, at a time: {', '.join(KINDS)}")
+        raise UserError(
+            f"--act '{act}': with --live only these faults can be injected, each at a given time: {', '.join(KINDS)}"
+        )
     return Deed(0, act.at_ms * _NS_PER_MS, "fault", act.target, str(act), act)
 
 

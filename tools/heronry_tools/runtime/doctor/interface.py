@@ -40,7 +40,7 @@ def _assess_controller(interface: CanInterface, bitrate: int | None) -> Iterator
         return
     yield _assess_bitrate(interface, bitrate)
     if interface.restart_ms == 0:
-        says = f"Linux leaves {name} bus-off for ever; where its driver cannot restart it, pe-agent must"
+        says = f"Linux leaves {name} bus-off for ever; where its driver cannot restart it, pe-agent must do so"
         yield Finding("restart", says, f"ip link set {name} down && {_up(interface, bitrate)}")
     else:
         yield Finding("restart", f"Linux restarts {name} {interface.restart_ms} ms after bus-off")

@@ -4,8 +4,10 @@ The hub decides which clients may connect. It passes the frames that clients off
 frame that has left the line to the clients.
 
 Each round notes the time, reads everything that has arrived by then, and only then lets the line advance to the noted
-time: so no offer made earlier is overlooked. After a round that slept, the next round looks again without sleeping
-before it decides. `select` is used because its time-out counts microseconds; that of `epoll` counts whole milliseconds.
+time: so no offer made earlier is overlooked. After a sleep the noted time is older than the offers that ended the
+sleep, so the round starts none of them; the next round reads once more without sleeping, and lets all offers made until
+then take part in the arbitration. `select` is used because its time-out counts microseconds; that of `epoll` counts
+whole milliseconds.
 
 Frames are stamped with CLOCK_MONOTONIC. Clients date them by the system clock as it stood when the hub started. So if
 the clock is set later, neither the date of a frame nor the interval between two frames changes.

@@ -6,7 +6,9 @@ import argparse
 def add_compiled_argument(parser: argparse.ArgumentParser) -> None:
     """Add the option --compiled to a parser."""
     parser.add_argument(
-        "--compiled", action="store_true", help="fly machine code of the same source, compiled once: four times as fast"
+        "--compiled",
+        action="store_true",
+        help="run the simulator as machine code, four times as fast; its first use compiles it",
     )
 
 

@@ -125,7 +125,7 @@ KINDS: Mapping[str, Kind] = {
     "late": Kind(
         "gateway",
         (100, 2000),
-        "frames of a gateway are sent late and out of order (level: by up to so many ms)",
+        "frames of a gateway are sent late and out of order (level: longest delay in ms)",
         levels=(30, 90),
     ),
     "inspect": Kind(
@@ -203,12 +203,16 @@ KINDS: Mapping[str, Kind] = {
     "rogue": Kind("bus", (5, 400), "a foreign node sends under an identifier of the aircraft"),
     "twin": Kind("pe", (5, 1000), "a foreign node with a PE's node-ID reports that it has just started"),
     "corrupt": Kind(
-        "bus", (100, 2000), "data are altered past the CRC", unpromised=frozenset(("foreign",)), excuses=True
+        "bus",
+        (100, 2000),
+        "data are altered, and the CRC does not show it",
+        unpromised=frozenset(("foreign",)),
+        excuses=True,
     ),
     "forge": Kind(
         "bus",
         (20, 500),
-        "commands are altered past the CRC",
+        "commands are altered, and the CRC does not show it",
         unpromised=_COMMANDED,
         excuses=True,
         lasting=True,
@@ -251,7 +255,7 @@ KINDS: Mapping[str, Kind] = {
     "order_storm": Kind(
         "element",
         (1500, 4000),
-        "the operator fails and clears an element again and again (level: every so many ms)",
+        "the operator fails and clears an element again and again (level: period in ms)",
         levels=(2, 12),
         drawn=False,
         is_order=True,

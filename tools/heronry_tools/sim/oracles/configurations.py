@@ -2,11 +2,12 @@
 
 `Commanded` reads each configuration back from the frames. At the first ACTIVATE of its epoch:
 
-- `heronry_dg.verify` must find no fault in it for a situation in which nothing is down. Gates, wires, budgets, bus
-  loads, deadlines and placement rules must hold whatever has failed. (Whether a module serves a purpose depends on the
-  phase, and is not verified for a spec with several phases.)
-- No module may be on a PE that takes no part. Every PE reached by wire that runs a module must have reported this epoch
-  as staged. So nothing runs on a dead or unconfigured PE.
+- `heronry_dg.verify` must find no violation in it. It is called as if nothing were down, since the rules verified here
+  (gates, wires, budgets, bus loads, deadlines, placement) do not depend on what has failed. (Whether a module serves a
+  purpose depends on the phase, and is not verified for a spec with several phases.)
+- No module may be on a PE that neither was sent a slice of this epoch nor has staged one that it had on board. Every PE
+  reached by wire that runs a module must have reported this epoch as staged. So nothing runs on a dead or unconfigured
+  PE.
 """
 
 from heronry_dg.configuration import Configuration

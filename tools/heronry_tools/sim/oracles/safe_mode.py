@@ -76,7 +76,7 @@ class SafeModeCheck(Oracle):
             self._tell(sent.end_ns, f"{sent.sender} sends {sent.frame.can_id} of {producer}")
 
     def driven(self, driven: Driven) -> None:
-        """Verify that a PE without a manager drives nothing with modules that serve nothing critical."""
+        """Record a violation if a module that serves nothing critical drives on a PE without a manager."""
         if driven.module in self._orphans.get(driven.pe, (0, frozenset()))[1]:
             self._tell(driven.t_ns, f"{driven.module} drives on {driven.pe}")
 

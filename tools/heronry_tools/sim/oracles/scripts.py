@@ -1,7 +1,8 @@
-"""A manager announces a script of the operator only in the term in which it accepted it, and not after its release.
+"""A script of the operator is announced only in the term in which a manager accepted it, and not after its release.
 
-While a manager holds a script, the aircraft may serve less than the best plan does, but not at level 1 (`end_state`).
-Only the announcements (CONTROL, HOLDS) show whether a script is held: each is repeated within `ANNOUNCED_WITHIN_NS`.
+While a script is held, the aircraft may be worse than the best plan on every level but the first; the oracle
+`end_state` asks here whether a script is held. Only the announcements (CONTROL, HOLDS) show that. They are repeated, so
+when none has come for `ANNOUNCED_WITHIN_NS`, no script is held.
 """
 
 from heronry_tools.sim.oracles.oracle import Oracle
