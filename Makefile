@@ -1,7 +1,7 @@
 # The commands for developers; `make` alone lists them. Nothing has to be installed by hand but Python 3.11 or newer.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test soak on-vcan new-flights scenario-files coverage lint clean
+.PHONY: help demo test soak with-processes scenarios on-vcan new-flights scenario-files coverage lint clean
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 
@@ -31,8 +31,9 @@ demo: .venv/ready-to-run
 # at a time than there are processors; tests that pass only where this computer keeps up with heartbeats, one by one; and
 # tests that need a CAN bus. Processes fly by this computer's clock, which may stand still for longer than a heartbeat: a
 # test of these that fails is run once more, and reported as such. And flights with seeds never flown before: one that
-# goes wrong prints the command that replays it. In `test` they fly beside the tests on a CAN bus, and so do the scenario
-# files: a user-mode Linux has one processor. `test` and `soak` do all of this; `test` runs the long tests
+# goes wrong prints the command that replays it. `test` leaves no processor idle: the flights in tests/scenarios take what
+# tests with processes leave over, at the lowest priority; new flights and the scenario files fly beside the tests on a
+# CAN bus, since a user-mode Linux has one processor. `test` and `soak` do all of this; `test` runs the long tests
 # (tests/thoroughness.py) in part, `soak` completely.
 SCENARIO_FILES := tests/scenarios/test_scenario_files.py
 test: BUT := and not soak
@@ -44,10 +45,16 @@ soak: FLIGHTS_OF_BIG_BLUE := 100
 soak: AT_A_TIME := -j 1 JOBS=0
 soak coverage: export HERONRY_SOAK := 1
 test soak: .venv/ready-to-test
-	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal --ignore $(SCENARIO_FILES)
-	$(PYTEST) -m 'live and not timing and not vcan $(BUT)' -n 5 --dist loadgroup --reruns 1 -r R
+	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal --ignore tests/scenarios
+	$(MAKE) $(AT_A_TIME) with-processes scenarios 'BUT=$(BUT)'
 	$(PYTEST) -m 'timing and not vcan $(BUT)' --reruns 1 -r R
 	$(MAKE) $(AT_A_TIME) on-vcan new-flights scenario-files 'BUT=$(BUT)' FLIGHTS=$(FLIGHTS) FLIGHTS_OF_BIG_BLUE=$(FLIGHTS_OF_BIG_BLUE)
+
+with-processes:
+	$(PYTEST) -m 'live and not timing and not vcan $(BUT)' -n 6 --dist loadgroup --reruns 1 -r R
+
+scenarios:
+	nice -n 19 $(PYTEST) -m 'not live and not vcan $(BUT)' tests/scenarios --ignore $(SCENARIO_FILES)
 
 on-vcan:
 	tools/with-vcan --timeout 1800 $(PYTEST) -m 'vcan $(BUT)' --reruns 1 -r R </dev/null
@@ -61,7 +68,7 @@ new-flights:
 	$(FRESH) big_blue --runs $(FLIGHTS_OF_BIG_BLUE)
 
 scenario-files:
-	$(PYTEST) -m 'not live $(BUT)' $(SCENARIO_FILES)
+	$(PYTEST) -m 'not live and not vcan $(BUT)' $(SCENARIO_FILES)
 
 # Every branch of cores and codec has to be run, by the tests of one part alone: a flight that happens to come by proves
 # little of a branch. Not part of `make test`.

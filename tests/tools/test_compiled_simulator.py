@@ -1,5 +1,6 @@
 """The compiled simulator: another folder, the same frames."""
 
+import ast
 import json
 import os
 import shutil
@@ -55,6 +56,16 @@ def test_every_oracle_is_compiled_since_its_base_is() -> None:
     oracles = {folder / file.name for file in (root / folder).glob("*.py") if "(Oracle)" in file.read_text()}
     assert oracles
     assert oracles <= set(sources())
+
+
+def test_arguments_by_name_with_a_default_come_last_since_mypyc_writes_no_other_signature() -> None:
+    roots = {package.__name__: Path(package.__path__[0]) for package in compiled._PACKAGES}
+    for file in sources():
+        tree = ast.parse((roots[file.parts[0]].parent / file).read_text())
+        for function in ast.walk(tree):
+            if isinstance(function, ast.FunctionDef):
+                has_default = [one is not None for one in function.args.kw_defaults]
+                assert has_default == sorted(has_default), f"{file}: {function.name}"
 
 
 @needs_compiler
