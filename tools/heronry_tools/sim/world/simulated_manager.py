@@ -60,12 +60,12 @@ class SimulatedManager(Node):
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
         planned: Callable[[PlanningSeen], None],
+        ahead: Prepared,
+        witness: Callable[[Copy], None],
         advise: bool = False,
         standby: bool = False,
         key: Key | None = None,
         planners: Planners = Planners.BEST,
-        ahead: Prepared,
-        witness: Callable[[Copy], None],
     ) -> None:
         """Join the bus on each of its channels, and start the manager.
 
