@@ -135,12 +135,12 @@ def test_what_real_time_cannot_do_is_said(option, capsys):
 
 def test_a_bus_cannot_be_killed_in_real_time(capsys):
     assert main(["fly", "eav", "--live", "--kill", "bus:radio@10m"]) == 2
-    assert "a PE or a device can fail, and no bus" in capsys.readouterr().err
+    assert "only a PE or a device can be killed; write a bus fault with --act" in capsys.readouterr().err
 
 
 def test_in_real_time_only_a_bus_can_be_disturbed(capsys):
     assert main(["fly", "eav", "--live", "--act", "3 pause pe:nav_a for 0.3"]) == 2
-    assert "with --live these are possible" in capsys.readouterr().err
+    assert "with --live only these faults can be injected" in capsys.readouterr().err
 
 
 @pytest.mark.live
