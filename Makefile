@@ -1,7 +1,7 @@
 # The commands for developers; `make` alone lists them. Nothing has to be installed by hand but Python 3.11 or newer.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test soak with-processes scenarios on-vcan new-flights scenario-files coverage lint clean
+.PHONY: help demo test soak with-processes simulated-faults on-vcan new-flights scenario-files coverage lint clean
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 
@@ -31,10 +31,11 @@ demo: .venv/ready-to-run
 # at a time than there are processors; tests that pass only where this computer keeps up with heartbeats, one by one; and
 # tests that need a CAN bus. Processes fly by this computer's clock, which may stand still for longer than a heartbeat: a
 # test of these that fails is run once more, and reported as such. And flights with seeds never flown before: one that
-# goes wrong prints the command that replays it. `test` leaves no processor idle: the flights in tests/scenarios take what
-# tests with processes leave over, at the lowest priority; new flights and the scenario files fly beside the tests on a
-# CAN bus, since a user-mode Linux has one processor. `test` and `soak` do all of this; `test` runs the long tests
-# (tests/thoroughness.py) in part, `soak` completely.
+# goes wrong prints the command that replays it. `test` leaves no processor idle: simulated flights with one and two
+# faults take what tests with processes leave over, at the lowest priority; new flights and the scenario files fly beside
+# the tests on a CAN bus, since a user-mode Linux has one processor. `test` and `soak` do all of this; `test` runs the
+# long tests (tests/thoroughness.py) in part, `soak` completely.
+FAULTS := $(wildcard tests/scenarios/test_single_*.py tests/scenarios/test_two_*.py)
 SCENARIO_FILES := tests/scenarios/test_scenario_files.py
 test: BUT := and not soak
 test: FLIGHTS := 7
@@ -45,16 +46,16 @@ soak: FLIGHTS_OF_BIG_BLUE := 100
 soak: AT_A_TIME := -j 1 JOBS=0
 soak coverage: export HERONRY_SOAK := 1
 test soak: .venv/ready-to-test
-	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal --ignore tests/scenarios
-	$(MAKE) $(AT_A_TIME) with-processes scenarios 'BUT=$(BUT)'
+	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal $(addprefix --ignore ,$(FAULTS) $(SCENARIO_FILES))
+	$(MAKE) $(AT_A_TIME) with-processes simulated-faults 'BUT=$(BUT)'
 	$(PYTEST) -m 'timing and not vcan $(BUT)' --reruns 1 -r R
 	$(MAKE) $(AT_A_TIME) on-vcan new-flights scenario-files 'BUT=$(BUT)' FLIGHTS=$(FLIGHTS) FLIGHTS_OF_BIG_BLUE=$(FLIGHTS_OF_BIG_BLUE)
 
 with-processes:
 	$(PYTEST) -m 'live and not timing and not vcan $(BUT)' -n 6 --dist loadgroup --reruns 1 -r R
 
-scenarios:
-	nice -n 19 $(PYTEST) -m 'not live and not vcan $(BUT)' tests/scenarios --ignore $(SCENARIO_FILES)
+simulated-faults:
+	nice -n 19 $(PYTEST) -m 'not live and not vcan $(BUT)' $(FAULTS)
 
 on-vcan:
 	tools/with-vcan --timeout 1800 $(PYTEST) -m 'vcan $(BUT)' --reruns 1 -r R </dev/null

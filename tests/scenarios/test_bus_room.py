@@ -121,7 +121,7 @@ def test_without_a_look_at_the_buses_it_would_carry_both(monkeypatch: pytest.Mon
     assert step is Step.GO_ALL
     (violation,) = flown().broken()
     assert violation.rule == "transition"
-    assert violation.story.startswith("from epoch 1 to 2: rule t.bus, bus can0: up to 81000")
+    assert violation.story.startswith("from epoch 1 to 2: rule t.bus, bus can0: it carries up to 81000")
     simulation = flown(receive_failed_from(frame, "left"))
     assert views(simulation, "look_left", "view_left")[-1] > views(simulation, "look_right", "view_right")[10]
     assert most_data_bits(simulation) > MOST_BITS
