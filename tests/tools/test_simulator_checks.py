@@ -446,7 +446,10 @@ def test_requested_priorities_change_seldom_but_what_a_new_mastership_remembers_
     tell(3 * S, 1, 90)
     tell(3 * S + 500, 2, 60)  # the HOLDS of before had not reached this manager
     tell(3 * S + 900, 2, 90)
+    tell(5 * S, 2, 60)
+    oracle.manager_jumped(5 * S + 1, 999_000_000)
+    tell(5 * S + 2, 2, 90)
     assert oracle.violations == []
-    tell(3 * S + 950, 2, 60)
+    tell(5 * S + 950, 2, 60)
     (violation,) = oracle.violations
     assert violation.story == "priority 60 of noise: changed after 0 ms"

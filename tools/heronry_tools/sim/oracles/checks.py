@@ -147,6 +147,11 @@ class Checks:
         for oracle in self._oracles:
             oracle.set_priority(t_ns, function, priority)
 
+    def manager_jumped(self, t_ns: int, ahead_ns: int) -> None:
+        """Report to the oracles that the clock of a manager has jumped ahead."""
+        for oracle in self._oracles:
+            oracle.manager_jumped(t_ns, ahead_ns)
+
     def script_ordered(self, t_ns: int, term: int | None) -> None:
         """Report to the oracles that a manager has accepted, in this term, a script of the operator.
 

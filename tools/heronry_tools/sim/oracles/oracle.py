@@ -156,6 +156,9 @@ class Oracle:
         A `priority` of None is the priority of the spec.
         """
 
+    def manager_jumped(self, t_ns: int, ahead_ns: int) -> None:
+        """Called when the clock of a manager has jumped ahead by `ahead_ns`."""
+
     def script_ordered(self, t_ns: int, term: int | None) -> None:
         """Called when a manager has accepted, in this term, a script of the operator.
 

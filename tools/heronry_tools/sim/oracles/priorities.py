@@ -11,7 +11,8 @@ and announces in CLEAR that a function has the priority of the spec again. All o
 
 For a moment after an order an older HOLDS may still be on its way. A new mastership knows what its manager remembers,
 or has heard as a standby manager. So its first announcement about a function may be any priority that was ever ordered
-or requested, and is no change: a request may change it at once.
+or requested, and is no change: a request may change it at once. The time between two changes is that of the manager's
+clock, which runs ahead of true time if it jumps.
 """
 
 from collections.abc import Callable, Mapping
@@ -40,6 +41,7 @@ class PriorityCheck(Oracle):
         self._ordered_ns: dict[str, int] = {}
         self._stands: dict[str, bool] = {}  # whether the last order is not that of the spec's priority
         self._last: dict[int, int] = {}  # by term: when a requested priority was told first
+        self._jumps: list[tuple[int, int]] = []  # of the clock of any manager: when, and by how much
         self._told_in: dict[str, int] = {}  # by function: the term that told it last
         self._term = 0
 
@@ -50,6 +52,10 @@ class PriorityCheck(Oracle):
         """
         self._orders.setdefault(function, []).append(_OF_THE_SPEC if priority is None else priority)
         self._ordered_ns[function], self._stands[function] = t_ns, priority is not None
+
+    def manager_jumped(self, t_ns: int, ahead_ns: int) -> None:
+        """Record that the clock of a manager has jumped ahead."""
+        self._jumps.append((t_ns, ahead_ns))
 
     def wanted_priority(self, message: Emergency) -> None:
         """Record that a PE requests a priority."""
@@ -89,7 +95,8 @@ class PriorityCheck(Oracle):
         bounds = next(one.priority_range for one in self._functions if one.name == function)
         since_ns = _CHANGE_NS
         if not is_first:
-            since_ns, self._last[self._term] = t_ns - self._last.get(self._term, -_CHANGE_NS), t_ns
+            before_ns, self._last[self._term] = self._last.get(self._term, -_CHANGE_NS), t_ns
+            since_ns = t_ns - before_ns + sum(ahead_ns for at_ns, ahead_ns in self._jumps if at_ns >= before_ns)
         if priority not in self._asked.get(function, ()):
             return "no PE has requested it"
         if bounds is None or (priority != _OF_THE_SPEC and not bounds[0] <= priority <= bounds[1]):

@@ -77,8 +77,10 @@ def _pause(manager: SimulatedManager, fault: Fault, _: Random) -> End:
     return nothing
 
 
-def _clock_jump(manager: SimulatedManager, fault: Fault, _: Random) -> End:
-    manager.jump(fault.level * MS)
+def _clock_jump(simulation: Simulation, seat: int, fault: Fault, _random: Random) -> End:
+    ahead_ns = fault.level * MS
+    simulation.managers.running[seat].jump(ahead_ns)
+    simulation.checks.manager_jumped(simulation.now_ns, ahead_ns)
     return nothing
 
 
@@ -99,7 +101,7 @@ ON_MANAGERS: dict[str, Inject] = {
     "disk_full": _in_seat(_disk_full),
     "manager_loose": _in_seat(_loose),
     "manager_pause": _on_manager(_pause),
-    "manager_clock_jump": _on_manager(_clock_jump),
+    "manager_clock_jump": _in_seat(_clock_jump),
     "manager_cut": _wire("cut_off"),
     "manager_mute": _wire("transmit_failed"),
     "manager_deaf": _wire("receive_failed"),
