@@ -241,3 +241,17 @@ def test_the_stream_of_a_live_system_tells_what_comes_and_when_nothing_does():
     assert [one.split("\n")[0] for one in found] == ["event: whole", "event: beat", "event: change", "event: beat"]
     assert json.loads(found[2].split("data: ")[1])["set"]["events"] == live.snapshot.events == 40
     assert "the manager has ended" in found[3]
+
+
+def test_an_event_right_after_a_change_is_sent_at_once_and_not_when_the_next_one_comes():
+    async def read():
+        live, events = Live(Reducer(big_blue()), "manager"), flown()
+        stream = live_stream(live, asyncio.Event())
+        found = [await anext(stream), await anext(stream)]
+        for event in events[:2]:
+            live.take(event)
+            async with asyncio.timeout(0.5):  # the next beat is due in a second
+                found.append(await anext(stream))
+        return found
+
+    assert [one.split("\n")[0] for one in asyncio.run(read())[2:]] == ["event: change", "event: change"]

@@ -4,8 +4,8 @@
     event: change    the difference to the snapshot sent before (`changes`)
     event: beat      every second, whatever comes: how long nothing has come from the feed
 
-The first change is sent at once, and then at most ten a second. If a page gets no beat any more, it knows that the
-server itself is gone.
+A change with a line of events is sent at once, at most fifty a second; other changes at most ten a second. If a page
+gets no beat any more, it knows that the server itself is gone.
 """
 
 import asyncio
@@ -22,6 +22,7 @@ from heronry_tools.web.recording import Recording
 
 _BEAT_S: Final = 1.0
 _BETWEEN_S: Final = 0.1
+_BETWEEN_LINES_S: Final = 0.02
 
 
 def sent(kind: str, data: Any) -> str:
@@ -42,17 +43,20 @@ async def live_stream(live: Live, closing: asyncio.Event) -> AsyncIterator[str]:
     known = live.snapshot
     yield _whole(known, live.loads(0))
     yield _live_beat(live)
-    beat_s, told = time.monotonic(), live.trouble
+    beat_s, told, sent_s = time.monotonic(), live.trouble, 0.0
     while not closing.is_set():
-        await live.changed(max(0.01, _BEAT_S - (time.monotonic() - beat_s)))
-        now = live.snapshot
-        if now is not known:
+        now, due_s = live.snapshot, beat_s + _BEAT_S
+        if now is not known:  # perhaps since before the last change was sent: nothing else may come that would wake
+            between_s = _BETWEEN_S if now.told is known.told else _BETWEEN_LINES_S
+            due_s = min(due_s, sent_s + between_s)
+        if (rest_s := due_s - time.monotonic()) > 0 and live.trouble == told:
+            await live.changed(rest_s)
+        elif now is not known:
             yield _changed(known, now, live.loads(known.events))
-            known = now
+            known, sent_s = now, time.monotonic()
         if time.monotonic() - beat_s >= _BEAT_S or live.trouble != told:
             beat_s, told = time.monotonic(), live.trouble
             yield _live_beat(live)
-        await asyncio.sleep(_BETWEEN_S)
 
 
 def _live_beat(live: Live) -> str:
