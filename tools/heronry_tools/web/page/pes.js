@@ -10,8 +10,8 @@ export function show() {
   const up = Object.values(pes).filter((pe) => pe.standing === "up").length;
   setText(byId("pes-count"), `${up} of ${Object.keys(pes).length} up`);
   const rows = Object.entries(pes).map(([name, pe]) => ({
-    name, standing: pe.standing, why: pe.why, cpu: pe.cpu, ram: pe.ram, flash: pe.flash, load: pe.load_percent,
-    node: pe.node_id, restarts: pe.restarts, reboots: pe.reboots, incarnation: pe.incarnation, runs: pe.runs,
+    name, standing: pe.standing, why: pe.why, cpu: pe.cpu, ram: pe.ram, flash: pe.flash,
+    node: pe.node_id, restarts: pe.restarts, reboots: pe.reboots, incarnation: pe.incarnation,
     modules: pe.modules.map((one) => [one, modules[one].mode, modules[one].degraded, moves[one] ?? null]),
   }));
   list(byId("pes"), rows, (row) => row.name, card);
