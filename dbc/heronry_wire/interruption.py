@@ -48,6 +48,14 @@ class _State:
     takes_time = False
 
 
+def noted() -> list[int]:
+    """Let SIGINT and SIGTERM only be noted from now on, for a program that serves until one comes; returns the list."""
+    came: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: came.append(number))
+    return came
+
+
 def begin() -> None:
     """Let a signal end the process at once from now on; for a process that has nothing to clean up yet."""
     _open_standard_streams()

@@ -19,6 +19,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.core.standing import Standing
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call, follow
 from heronry_tools.analysis.made_ahead import Source, add_contingencies_argument, contingencies_of
@@ -99,7 +100,7 @@ def _wait_until_up(fleet: Fleet, pe: str) -> None:
     until_s = time.monotonic() + LONGEST_S
     while time.monotonic() < until_s:
         status = call(fleet.control_socket(), AskStatus()).status
-        if status is not None and status["pes"][pe]["state"] == "up":
+        if status is not None and status["pes"][pe]["state"] == Standing.UP.value:
             return
         time.sleep(_LOOK_S)
     raise SystemExit(f"the benchmark ends here: pe:{pe} is not up within {LONGEST_S:g} s")

@@ -3,12 +3,12 @@
 import argparse
 import re
 import select
-import signal
 import time
 from pathlib import Path
 from typing import Any
 
 from heronry_tools.watch.source_arguments import add_source_arguments
+from heronry_wire.interruption import noted
 
 _EPILOG = """\
 examples:
@@ -61,9 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.limit < LEAST_BYTES:
         raise UserError(f"--limit {arguments.limit}: a folder needs {LEAST_BYTES // 10**6}M or more")
     feed = opened_feed(arguments)
-    stopped: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda number, _: stopped.append(number))
+    stopped = noted()
     end_s = None if arguments.seconds is None else time.monotonic() + arguments.seconds
     text = (feed.spec_file or spec_path(arguments.spec)).read_bytes()
     try:

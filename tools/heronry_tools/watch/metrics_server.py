@@ -4,22 +4,20 @@ There is one page, served by one thread, on the loopback address only.
 """
 
 import select
-import signal
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.watch.metrics import CONTENT_TYPE, exposition
 from heronry_tools.watch.top.sources import TopSource
+from heronry_wire.interruption import noted
 
 _LOOK_S = 0.1
 
 
 def serve(source: TopSource, port: int) -> None:
     """Serve until SIGINT or SIGTERM; raises UserError where the port cannot be used."""
-    stopped: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda number, _: stopped.append(number))
+    stopped = noted()
     try:
         server = HTTPServer(("127.0.0.1", port), _page(source))
     except (OSError, OverflowError) as error:

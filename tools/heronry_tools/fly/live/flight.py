@@ -6,8 +6,6 @@ process; a fault of a bus happens in its hub. All processes end with the flight,
 """
 
 import json
-import os
-import select
 import subprocess
 import sys
 import time
@@ -23,6 +21,7 @@ from heronry_tools.fly.mission import Blow, Mission
 from heronry_tools.fly.plant import NS_PER_S
 from heronry_tools.fly.record import place_labels
 from heronry_tools.runtime.demo.buses import choose, hub_paths
+from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.scenario.bad_radios import KINDS, BadRadios
@@ -60,7 +59,7 @@ def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | 
             if mission.has_rover or pe not in _ROVER:
                 fleet.start_pe(pe)
         radios = stack.enter_context(BadRadios(deeds, hub_paths(choices)))
-        return _Flight(fleet, plant, radios, mission, events.fileno()).run()
+        return _Flight(fleet, plant, radios, mission, EventStream(events)).run()
 
 
 def _deed(act: Fault) -> Deed:
@@ -91,7 +90,8 @@ class _Plant:
             process_group=0,
         )
         self._readings = folder / READINGS
-        self._rest = b""
+        assert self._process.stdout is not None
+        self._messages = EventStream(self._process.stdout)
         begun_s = time.monotonic()
         while not self._readings.exists():
             if self._process.poll() is not None or time.monotonic() - begun_s > _LONGEST_START_S:
@@ -127,39 +127,19 @@ class _Plant:
 
         Raises UserError if the process has ended.
         """
-        assert self._process.stdout is not None
-        stream = self._process.stdout.fileno()
-        if not select.select([stream], [], [], wait_s)[0]:
-            return []
-        data = os.read(stream, 65536)
-        if not data:
+        messages = self._messages.take(wait_s)
+        if self._messages.has_ended:
             raise UserError("the plant process has ended before the flight")
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        return [json.loads(line) for line in lines]
-
-
-class _Places:
-    """Reads the manager's events, and keeps the places of the modules in the newest plan."""
-
-    def __init__(self, events: int) -> None:
-        self._events, self._rest = events, b""
-        self.newest: dict[str, str] = {}
-
-    def read(self) -> None:
-        """Read the events that have arrived, without waiting."""
-        while select.select([self._events], [], [], 0.0)[0] and (data := os.read(self._events, 65536)):
-            *lines, self._rest = (self._rest + data).split(b"\n")
-            for event in map(json.loads, lines):
-                if event["event"] == "plan_ready":
-                    self.newest = place_labels(event["plan"])
+        return messages
 
 
 class _Flight:
     """One flight, from the start of its processes to its end."""
 
-    def __init__(self, fleet: Fleet, plant: _Plant, radios: BadRadios, mission: Mission, events: int) -> None:
+    def __init__(self, fleet: Fleet, plant: _Plant, radios: BadRadios, mission: Mission, events: EventStream) -> None:
         self._fleet, self._plant, self._radios = fleet, plant, radios
-        self._places = _Places(events)
+        self._events = events
+        self._places: dict[str, str] = {}  # of the modules in the newest plan
         self._due = list(mission.blows)
         self._released_ns: int | None = None
 
@@ -169,9 +149,11 @@ class _Flight:
         while True:
             for line in self._plant.said(_LOOK_S):
                 if "released_ns" not in line:
-                    return {**line, "places": self._places.newest}
+                    return {**line, "places": self._places}
                 self._released_ns = line["released_ns"]
-            self._places.read()
+            for event in self._events.take():
+                if event["event"] == "plan_ready":
+                    self._places = place_labels(event["plan"])
             problem = self._fleet.ended()
             if problem is None and self._released_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
                 problem = f"no servo was driven within {_LONGEST_START_S:.0f} s"

@@ -1,4 +1,4 @@
-"""The events of a manager that runs as a process of its own: a line of JSON each, read as they come.
+"""The events of a manager, or of a plant, that runs as a process of its own: a line of JSON each, read as they come.
 
 An event is given when its line is complete; the beginning of a line is kept until its end comes.
 """
@@ -12,7 +12,7 @@ _MOST_BYTES = 65536  # what a pipe holds
 
 
 class EventStream:
-    """The events of one manager; `select` can wait for them."""
+    """The events of one process; `select` can wait for them."""
 
     def __init__(self, pipe: IO[bytes]) -> None:
         """Take over the pipe; no other reader may use it."""

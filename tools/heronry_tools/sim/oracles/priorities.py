@@ -77,8 +77,11 @@ class PriorityCheck(Oracle):
             return
         is_first = self._told_in.get(function) != self._term
         self._told_in[function] = self._term
-        check = self._order if is_ordered else self._request
-        why_not = check(t_ns, function, priority, is_first=is_first)
+        why_not = (
+            self._order(function, priority, is_first=is_first)
+            if is_ordered
+            else self._request(t_ns, function, priority, is_first=is_first)
+        )
         if why_not is not None and t_ns - self._ordered_ns.get(function, -self._on_its_way_ns) > self._on_its_way_ns:
             word = "of the spec" if priority == _OF_THE_SPEC else priority
             self.violations.append(Violation(t_ns, "priorities", f"priority {word} of {function}: {why_not}"))
@@ -86,7 +89,7 @@ class PriorityCheck(Oracle):
         self.current |= {function: priority} if priority != _OF_THE_SPEC else {}
         self._changed(t_ns, dict(self.current))
 
-    def _order(self, _t_ns: int, function: str, priority: int, *, is_first: bool) -> str | None:
+    def _order(self, function: str, priority: int, *, is_first: bool) -> str | None:
         orders = self._orders.get(function, [])
         may_be = orders if is_first else orders[-1:]
         return None if priority in may_be else f"the operator's orders were {orders}"
