@@ -240,6 +240,27 @@ def test_a_function_may_fall_silent_if_the_plan_for_changed_priorities_leaves_it
     assert not light_falls_silent(spec, noisy)
 
 
+def monitor_falls_silent(*pes: str) -> bool:
+    """Tell whether the oracle accepts that servo_monitoring is heard last at 1.5 s, and was due again at 2.5 s.
+
+    The best plan is activated each second, with servo_monitor on the next one of `pes`.
+    """
+    best = best_plan(SPEC, WELL, None).configuration
+    epochs = {}
+    for number, pe in enumerate(pes, start=1):
+        modules = {**best.modules, "servo_monitor": replace(best.modules["servo_monitor"], pe=pe)}
+        t_ns = number * S
+        epochs[number] = Epoch(number, 0, t_ns, 1, activated_ns=t_ns, configuration=Configuration(modules))
+    left_out = LeftOut(SPEC, epochs, lambda _from_ns, _to_ns: [WELL])
+    return left_out.explains(Outage("servo_monitoring", 3 * S // 2, None), S)
+
+
+def test_a_function_may_fall_silent_while_its_module_moves() -> None:
+    assert monitor_falls_silent("sensor_pe", "tail_pe")
+    assert not monitor_falls_silent("sensor_pe", "sensor_pe")
+    assert not monitor_falls_silent("sensor_pe", "sensor_pe", "tail_pe")  # it was due half a second before the move
+
+
 def test_a_flight_in_which_a_priority_takes_a_function_away_breaks_no_rule(capsys: pytest.CaptureFixture[str]) -> None:
     acts = ["--act", "0.2 manager_pause manager for 0.005"]
     assert main(["sim", str(LIGHT_OR_NOISE), *acts, "--seconds", "2"]) == 0, capsys.readouterr().out

@@ -10,10 +10,15 @@ more important. This is allowed if an epoch that was activated before the next o
 and the best plan for a phase and priorities in force when that epoch was planned leaves it out, too. If two plans are
 equally good, either may be activated.
 
+A function may fall silent while the module that serves it moves: the PE that begins to run the module holds its outputs
+until ALIVE names the PE (protocol rule 6), and a manager that falls silent right after ACTIVATE sends no ALIVE. With
+faults in managers alone, a module moves where the operator's script or the end of the script says so.
+
 Not verified: a run in which a fault was injected into anything but managers.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import pairwise
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
@@ -33,22 +38,26 @@ InForce = Callable[[int, int], Iterable[Situation]]
 
 
 class LeftOut:
-    """Tells which functions the plan leaves out since the phase or a priority has changed."""
+    """Tells which functions an activated epoch rightly leaves out, or moves to another PE."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch], in_force: InForce) -> None:
         """Begin; `epochs`: the activated ones, which are read whenever a question is asked."""
         self._spec, self._epochs, self._in_force = spec, epochs, in_force
 
     def explains(self, outage: Outage, patience_ns: int) -> bool:
-        """Tell whether an activated epoch rightly leaves out the function that has fallen silent.
+        """Tell whether an activated epoch rightly leaves out, or moves, the function that has fallen silent.
 
         patience_ns: the time after its last output within which the function had to be heard again
         """
-        return any(
-            self._is_right(outage.function, epoch, epoch.configuration)
+        running = [
+            (epoch, epoch.configuration)
             for epoch in self._running(outage.from_ns, outage.from_ns + patience_ns)
             if epoch.configuration is not None
-        )
+        ]
+        if any(self._is_right(outage.function, epoch, configuration) for epoch, configuration in running):
+            return True
+        places = (_serving_pe(self._spec, configuration, outage.function) for _, configuration in running)
+        return any(None not in both and both[0] != both[1] for both in pairwise(places))
 
     def _running(self, from_ns: int, to_ns: int) -> Iterator[Epoch]:
         """Yield the epochs that were the last activated one at any moment from `from_ns` to `to_ns`."""
@@ -97,5 +106,12 @@ def _begins_ns(epoch: Epoch) -> int:
     return epoch.prepared_ns if epoch.activated_ns is None else epoch.activated_ns
 
 
+def _serving_pe(spec: Spec, configuration: Configuration, function: str) -> str | None:
+    for one, module in serving_modules(spec, configuration):
+        if one.name == function and module is not None:
+            return configuration.modules[module].pe
+    return None
+
+
 def _serves(spec: Spec, configuration: Configuration, function: str) -> bool:
-    return any(one.name == function and module is not None for one, module in serving_modules(spec, configuration))
+    return _serving_pe(spec, configuration, function) is not None
