@@ -6,8 +6,8 @@
     page 3   with a key: the digest of the running configuration, and the number of refused commands
 
 Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. A new
-flag is a bit of that byte and a member of `PeFlags`; a new field of a page is a `Field` of its layout and one of its
-dataclass, in the same order.
+flag is a member of `PeFlags` and takes the bit of `state` that no state uses yet; a new field of a page is a `Field` of
+its layout and one of its dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state` and
 `joined_state` take it out and put it in. A caller that needs a single field of a page quickly uses one of the functions

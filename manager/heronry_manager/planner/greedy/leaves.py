@@ -2,16 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import assert_never
 
 from heronry_dg.configuration import Wire
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
+from heronry_dg.gates import Expression, Leaf, bounds, child_path
 from heronry_manager.planner.greedy.numbering import Numbering
 
-LEAF, ALL, SOME, ONE = range(4)
+LEAF = 0  # the largest number of inputs of a leaf, which has none
 Node = tuple[int, int, tuple["Node", ...], tuple["Node", ...]]
-"""A gate: kind; number of the leaf, or of inputs that must hold; inputs by worth, highest first; inputs by price,
-cheapest first."""
+"""A gate: how many inputs may hold at most; how many must hold; inputs by worth, highest first; inputs by price,
+cheapest first. A leaf: `LEAF`; its number; no inputs, twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +51,8 @@ class _Numberer:
             return (LEAF, self._leaf(mode, gate, path), (), ())
         inputs = (self.node(mode, child, child_path(path, index)) for index, child in enumerate(gate.inputs))
         nodes = tuple(node for node in inputs if node is not None)
-        match gate:
-            case And():
-                return (ALL, len(nodes), nodes, nodes)
-            case Or(k, _):
-                return (ALL if k == len(nodes) else SOME, k, nodes, nodes)
-            case Xor():
-                return (ONE, 1, nodes, nodes)
-            case _:
-                assert_never(gate)
+        least, most = bounds(gate)
+        return (most, least, nodes, nodes)
 
     def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
         """Number a leaf, and list the modes to whose module it may be wired.

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from heronry_dg.gates import most_together
-from heronry_manager.planner.greedy.leaves import LEAF, ONE, SOME, Leaves, Node
+from heronry_manager.planner.greedy.leaves import LEAF, Leaves, Node
 
 _PRICE_ROUNDS = 8  # depth of producers that prices include; deeper graphs are ordered less well
 _UNPRICED = 1 << 40
@@ -74,35 +74,35 @@ class _Order:
 
     def price_of(self, node: Node) -> int:
         """Return the least CPU with which a gate can hold: the sum of the prices of its cheapest inputs."""
-        kind, number, inputs, _ = node
-        if kind == LEAF:
+        most, number, inputs, _ = node
+        if most == LEAF:
             return min((self.price[giver] for giver in self._worth[number]), default=_UNPRICED)
         prices = sorted(map(self.price_of, inputs))
         return min(sum(prices[:number]), _UNPRICED)
 
     def most_points(self, node: Node) -> int:
         """Return the most points that the leaves of a gate can have together."""
-        kind, number, inputs, _ = node
-        if kind == LEAF:
+        most, number, inputs, _ = node
+        if most == LEAF:
             return max(self._worth[number].values(), default=0)
         points = [self.most_points(one) for one in inputs]
-        return most_together(points, 1 if kind == ONE else len(points))
+        return most_together(points, most)
 
     def has_choice(self, node: Node) -> bool:
         """Tell whether the inputs of a gate can be supplied in ways of different worth."""
-        kind, number, inputs, _ = node
-        if kind == LEAF:
+        most, number, inputs, _ = node
+        if most == LEAF:
             return len(set(self._worth[number].values())) > 1
-        return kind in (SOME, ONE) or any(map(self.has_choice, inputs))
+        return number < len(inputs) or any(map(self.has_choice, inputs))
 
     def ordered(self, node: Node) -> Node:
         """Return a gate with its inputs sorted twice: by worth and by price."""
-        kind, number, inputs, _ = node
+        most, number, inputs, _ = node
         parts = tuple(map(self.ordered, inputs))
-        if kind not in (SOME, ONE):
-            return (kind, number, parts, parts)
+        if number >= len(inputs):  # all inputs are needed, or this is a leaf
+            return (most, number, parts, parts)
         return (
-            kind,
+            most,
             number,
             tuple(sorted(parts, key=lambda one: (-self.most_points(one), self.price_of(one)))),
             tuple(sorted(parts, key=self.price_of)),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from heronry_dg.situation import Situation
-from heronry_manager.planner.greedy.leaves import ALL, LEAF, Node
+from heronry_manager.planner.greedy.leaves import LEAF, Node
 from heronry_manager.planner.greedy.numbering import element_numbers
 from heronry_manager.planner.greedy.orders import Orders
 from heronry_manager.planner.greedy.tables import Tables
@@ -149,9 +149,9 @@ class Scenery:
 
 
 def _attainable(orders: Orders, node: Node, possible: int) -> bool:
-    kind, number, inputs, _ = node
-    if kind == LEAF:
+    most, number, inputs, _ = node
+    if most == LEAF:
         return orders.givers[number] & possible != 0
-    if kind == ALL:
+    if number == len(inputs):
         return all(_attainable(orders, one, possible) for one in inputs)
     return number == 0 or sum(_attainable(orders, one, possible) for one in inputs) >= number

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from heronry_manager.planner.greedy.draft import Draft
-from heronry_manager.planner.greedy.leaves import ALL, LEAF, Node
+from heronry_manager.planner.greedy.leaves import LEAF, Node
 from heronry_manager.planner.greedy.scene import Scene
 from heronry_manager.planner.greedy.tables import Tables
 from heronry_manager.planner.greedy.wanted import Goal, Wanted
@@ -205,10 +205,10 @@ class Server:
 
         may_start: producers that do not run may be started.
         """
-        kind, number, inputs, cheapest = node
-        if kind == LEAF:
+        most, number, inputs, cheapest = node
+        if most == LEAF:
             return self.feed(number, consumer, may_start=may_start)
-        if kind == ALL:
+        if number == len(inputs):
             for one in inputs:  # noqa: SIM110 - a chain of modules is as deep as its calls: no generators between
                 if not self.hold(one, consumer, may_start=may_start):
                     return False

@@ -8,7 +8,7 @@ only restores inputs as they were before, so that no new input takes their room;
 from typing import Final
 
 from heronry_manager.planner.greedy.draft import Draft
-from heronry_manager.planner.greedy.leaves import ALL, LEAF, ONE, Node
+from heronry_manager.planner.greedy.leaves import LEAF, Node
 from heronry_manager.planner.greedy.serving import Server
 from heronry_manager.planner.greedy.tables import Tables
 
@@ -45,15 +45,20 @@ class _Supplier:
 
     def supply(self, node: Node) -> None:
         """Wire more inputs below a gate that holds already."""
-        kind, number, inputs, _ = node
-        if kind == LEAF:
+        most, number, inputs, _ = node
+        if most == LEAF:
             self._improve(number)
-        elif kind == ONE:
+        elif number == most == 1:
             self._choose(inputs)
         else:
             for one in inputs:
-                if kind == ALL or self._holds(one) or self._try(one):
+                if number == len(inputs) or self._holds(one) or (self._has_room(node) and self._try(one)):
                     self.supply(one)
+
+    def _has_room(self, node: Node) -> bool:
+        """Tell whether one more input of a gate may hold."""
+        most, _, inputs, _ = node
+        return most == len(inputs) or sum(map(self._holds, inputs)) < most
 
     def _try(self, node: Node) -> bool:
         mark = self._draft.mark()
@@ -78,7 +83,7 @@ class _Supplier:
             draft.undo(mark)
 
     def _choose(self, inputs: tuple[Node, ...]) -> None:
-        """Exchange the input of a XOR that holds for another one that is worth more."""
+        """Exchange the only input that may hold for another one that is worth more."""
         held = next(one for one in inputs if self._holds(one))
         now = self._points(held)
         for one in inputs[: inputs.index(held)]:
@@ -91,21 +96,21 @@ class _Supplier:
         self.supply(held)
 
     def _unwire(self, node: Node) -> None:
-        kind, number, inputs, _ = node
-        if kind == LEAF and self._draft.feeder[number] >= 0:
+        most, number, inputs, _ = node
+        if most == LEAF and self._draft.feeder[number] >= 0:
             self._draft.unwire(number, self._module)
         for one in inputs:
             self._unwire(one)
 
     def _points(self, node: Node) -> int:
-        kind, number, inputs, _ = node
-        if kind == LEAF:
+        most, number, inputs, _ = node
+        if most == LEAF:
             feeder = self._draft.feeder[number]
             return self._tables.leaves.worth[number][self._draft.mode[feeder]] if feeder >= 0 else 0
         return sum(map(self._points, inputs))
 
     def _holds(self, node: Node) -> bool:
-        kind, number, inputs, _ = node
-        if kind == LEAF:
+        most, number, inputs, _ = node
+        if most == LEAF:
             return self._draft.feeder[number] >= 0
         return sum(map(self._holds, inputs)) >= number
