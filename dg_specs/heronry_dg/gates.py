@@ -6,9 +6,8 @@ only names in a tree are those of variables. A leaf is addressed by its index pa
 
 A leaf holds iff it is wired. A gate holds iff the number of its inputs that hold lies between the two numbers of
 `bounds`; everything else about a gate follows from these numbers. So a new kind of gate needs a class, a case in
-`bounds` and in `words`, a syntax (`expression_reader`, `check.json_schema`), and code in the greedy planner, which
-distinguishes the kinds for speed. A DEMUX is no node of the tree: the leaf of each of its branches carries the DEMUX's
-name.
+`bounds` and in `words`, and a syntax (`expression_reader`, `check.json_schema`). A DEMUX is no node of the tree: the
+leaf of each of its branches carries the DEMUX's name.
 
 Source: the paper, section 3.1 and Figure 2; the numbers (worth, accepted versions) are this project's.
 """
