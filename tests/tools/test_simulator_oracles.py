@@ -56,6 +56,7 @@ from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from lab.peers import command_frame
 from scenarios.flights import KEY, MS, big_blue, elevator_and_chute, flying, two_tails
 
+FAIL_OVER = Path(__file__).parents[2] / "dg_specs/examples/fail_over.dg.yaml"
 PES = frozenset(elevator_and_chute().pes)
 S = 1000 * MS
 TAIL = 94
@@ -432,6 +433,24 @@ def test_what_is_cleared_was_reported_rightly_and_is_well_until_it_is_reported_a
     assert reply.done
     assert "module:servo_driver_1" not in simulation.truth.situation.down
     assert simulation.settle() == []
+
+
+def test_a_module_that_has_failed_everywhere_is_down_until_it_is_cleared_itself() -> None:
+    simulation = flying(load(FAIL_OVER))
+    raises = tuple(read_fault(simulation.spec, f"0 raise module:chute_logic@{pe} for 9") for pe in ("right", "left"))
+    injections = Injections(simulation, raises, simulation.now_ns)
+    simulation.run_for(600 * MS)
+    assert simulation.operator.latched() == ["module:chute_logic", "module:chute_logic@right"]
+    for pe in ("right", "left"):  # the manager clears the first place, and refuses the second: it is not latched
+        simulation.operator.clear(f"module:chute_logic@{pe}")
+        assert "module:chute_logic" in simulation.truth.situation.down
+    simulation.run_for(600 * MS)
+    assert simulation.unsettled() == []
+    injections.heal()
+    simulation.operator.clear("module:chute_logic")
+    assert simulation.truth.situation.down == frozenset()
+    simulation.run_for(600 * MS)
+    assert simulation.unsettled() == []
 
 
 def test_what_the_operator_says_is_the_truth_and_is_repeated_to_a_manager_that_may_not_know() -> None:

@@ -1,8 +1,9 @@
 """The operator of a simulated aircraft: gives orders to the active manager, which accepts or refuses each at once.
 
 For the oracles, an accepted order is the truth: an element that was declared failed counts as down until it is cleared.
-Without an active manager no order can be given, with one exception: the order to clear an element is kept, and given as
-soon as a manager is active.
+A module that has failed everywhere stays down on every PE until the module itself is cleared; an order to clear one of
+its places changes nothing. Without an active manager no order can be given, with one exception: the order to clear an
+element is kept, and given as soon as a manager is active.
 
 With two managers, a term can end before the other manager has heard of an order, and the protocol does not promise that
 the next manager learns of it. A real operator sees that in the status, and repeats the order. This operator does the
@@ -11,7 +12,7 @@ same after `insist`. To a manager that has restarted with its journal it does no
 
 from heronry_dg.losses import lost_elements
 from heronry_dg.model import Spec
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, is_place, module_of
 from heronry_manager.core.vocabulary import (
     AskStatus,
     ClearElement,
@@ -104,19 +105,25 @@ class Operator:
             for element, cleared_in in list(self._well.items()):
                 if cleared_in == term or not (cleared_in is None or self._insists):
                     continue
-                manager.say(ClearElement(element))  # a manager that refuses does not have it latched
+                manager.say(ClearElement(element))  # a manager that refuses does not have this element latched
                 self._is_well(element, term)
         if self._insists or None in self._well.values():
             self._clock.at(self._clock.now_ns + _AGAIN_NS, self._look)
 
     def _is_well(self, element: str, term: int) -> None:
-        """Update the truth after a manager has accepted the order to clear an element."""
-        everywhere = not self._managers.are_two
-        self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)
-        if element.startswith("module:"):
-            self._truth.is_back(element)
+        """Update the truth after an order to clear an element: the active manager does not have it latched any more."""
+        if not self._has_failed_everywhere(element):
+            everywhere = not self._managers.are_two
+            self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)
+            if element.startswith("module:"):
+                self._truth.is_back(element)
         self._truth.declared.pop(element, None)
         self._well[element] = term
+
+    def _has_failed_everywhere(self, element: str) -> bool:
+        """Tell whether an element is a place of a module that is down, and latched, everywhere."""
+        module = module_of(element)
+        return is_place(element) and module in self._truth.situation.down and module in self.latched()
 
     def _excuse_idle(self, element: str) -> None:
         """Allow false reports about actuators that are idle because of an order: a monitor may find them stuck."""
