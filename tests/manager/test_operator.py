@@ -80,6 +80,18 @@ def test_a_module_that_was_stopped_and_is_cleared_before_a_plan_runs_again_with_
     assert len(manager.of("plan_unchanged")) == (not stopped)
 
 
+def test_who_clears_one_place_of_a_module_that_has_failed_everywhere_is_told_what_to_clear(manager: OneManager) -> None:
+    module = list(manager.spec.modules).index("control")
+    failed = Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, module, 0)
+    manager.report("left", failed)
+    manager.report("right", failed)
+    assert {"module:control@left", "module:control"} <= manager.requests[-1].now.down
+    for done in (True, False):
+        reply = say(manager, ClearElement("module:control@left"))
+        assert reply.done is done
+        assert reply.sentence.endswith("module:control counts as failed on every PE: clear module:control")
+
+
 def test_a_cleared_fault_that_is_reported_again_is_latched_again(manager: OneManager) -> None:
     manager.report("left", LEFT_SERVO_FAILED)
     say(manager, ClearElement("device:servo_left"))

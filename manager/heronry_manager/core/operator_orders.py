@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
-from heronry_dg.situation import UnknownElementError, checked_element, checked_function, checked_phase
+from heronry_dg.situation import UnknownElementError, checked_element, checked_function, checked_phase, module_of
 from heronry_dg.verify import verify
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.known_situation import Changes, TargetAsked, TargetReleased
@@ -149,13 +149,18 @@ class OperatorOrders:
 
     def _clear(self, element: str) -> Outcome:
         changes = self._known.situation.clear(element, OPERATOR)
+        failed = self._known.situation.failed
+        module = module_of(element)
+        is_down = module != element and module in failed.elements
+        everywhere = f"{module} counts as failed on every PE: clear {module}" if is_down else None
         if changes is None:
-            sentence = f"no fault is latched on {element}, and it is not in quarantine: see 'heronry status'"
-            return Outcome(False, sentence)
-        named = self._known.situation.failed.field(element)
+            hint = everywhere or "see 'heronry status'"
+            return Outcome(False, f"no fault is latched on {element}, and it is not in quarantine: {hint}")
+        named = failed.field(element)
         told = None if named is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *named)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
-        return Outcome(True, f"{element} no longer counts as failed; {self._what_follows(waits)}", changes, told)
+        follows = everywhere or self._what_follows(waits)
+        return Outcome(True, f"{element} no longer counts as failed; {follows}", changes, told)
 
     def _fly(self, target: Configuration | None, problem: str) -> Outcome:
         """Order the configuration of a script if it is legal now; else refuse it.
