@@ -6,6 +6,7 @@ bus, or an oracle.
     SteppedCore     a core, whose time passes by hand
     PlayedManager   makes commands, each with its TAG where there is a key, and answers nonces
     ProvenStates    adds tags to a PE's states, in the session that its manager has opened
+    PlayedObjects   answers the requests of an SDO client, as the PEs that store the objects
 """
 
 from collections.abc import Iterable
@@ -27,6 +28,24 @@ from heronry_wire.management import (
     SliceHead,
 )
 from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sdo import (
+    EXPEDITED,
+    EXPEDITED_BYTES,
+    LAST_SEGMENT,
+    SEGMENT_BYTES,
+    SEGMENT_UPLOAD,
+    SIZE_GIVEN,
+    TOGGLE,
+    UPLOAD,
+    UPLOAD_ANSWER,
+    Abort,
+    abort_message,
+    command_of,
+    read_head,
+    segment,
+    with_data,
+    with_number,
+)
 from heronry_wire.state_frames import StatePage0, StatePage1, StatePage2, decode_state, joined_state, split_state
 
 Event_contra = TypeVar("Event_contra", contravariant=True)
@@ -156,3 +175,32 @@ class ProvenStates:
             self.session, self.beat = Session(manager, control.term, control.a << 16 | control.b), 0
         elif control.node == self.node and control.operation is Operation.RENEW:
             self.session = None
+
+
+class PlayedObjects:
+    """The SDO servers of PEs: they answer with what `values` holds, by node, index and sub-index."""
+
+    def __init__(self) -> None:
+        self.values: dict[tuple[int, int, int], bytes] = {}
+        self.asked: list[tuple[int, int, int]] = []
+        self._rest = b""
+        self._toggle = 0
+
+    def answer(self, node: int, message: bytes) -> bytes:
+        """Give the answer of a PE to a request; raises AssertionError where the client breaks CiA 301."""
+        if command_of(message) == UPLOAD:
+            index, sub_index, _ = read_head(message)
+            self.asked.append((node, index, sub_index))
+            value = self.values.get((node, index, sub_index))
+            if value is None:
+                return abort_message(index, sub_index, Abort.NO_DATA)
+            if 0 < len(value) <= EXPEDITED_BYTES:
+                command = UPLOAD_ANSWER | EXPEDITED | SIZE_GIVEN | EXPEDITED_BYTES - len(value) << 2
+                return with_data(command, index, sub_index, value)
+            self._rest, self._toggle = value, 0
+            return with_number(UPLOAD_ANSWER | SIZE_GIVEN, index, sub_index, len(value))
+        assert command_of(message) == SEGMENT_UPLOAD | self._toggle
+        part, self._rest = self._rest[:SEGMENT_BYTES], self._rest[SEGMENT_BYTES:]
+        answer = segment(self._toggle | SEGMENT_BYTES - len(part) << 1 | (0 if self._rest else LAST_SEGMENT), part)
+        self._toggle ^= TOGGLE
+        return answer

@@ -12,22 +12,9 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, sdo_request_id, sdo_response_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 from heronry_wire.sansio import Send
-from heronry_wire.sdo import (
-    EXPEDITED,
-    LAST_SEGMENT,
-    SEGMENT_UPLOAD,
-    SIZE_GIVEN,
-    TOGGLE,
-    UPLOAD,
-    UPLOAD_ANSWER,
-    Abort,
-    abort_message,
-    read_head,
-    segment,
-    with_data,
-    with_number,
-)
+from heronry_wire.sdo import LAST_SEGMENT, SIZE_GIVEN, TOGGLE, UPLOAD, UPLOAD_ANSWER, with_data, with_number
 from heronry_wire.standstill import StoodStill
+from lab.peers import PlayedObjects
 from manager.one_manager import MS, OneManager
 
 LEFT = 92
@@ -36,17 +23,15 @@ TEXT = "ValueError: no such angle (control.py:12)"
 
 
 class Reading(OneManager):
-    """A manager that reads objects; the PEs answer with what `objects` holds, by node, index and sub-index."""
+    """A manager that reads objects, which played PEs answer unless they are deaf."""
 
     def __init__(self) -> None:
         super().__init__(reads_objects=True)
-        self.objects: dict[tuple[int, int, int], bytes] = {}
-        self.asked: list[tuple[int, int, int]] = []
+        self.played = PlayedObjects()
+        self.objects, self.asked = self.played.values, self.played.asked
         self.replies: list[Reply] = []
         self.spoil: Callable[[bytes], bytes] = lambda answer: answer
         self.is_deaf = False
-        self._rest = b""
-        self._toggle = 0
 
     def give(self, event: Any) -> list[ManagerAction]:
         actions = super().give(event)
@@ -57,27 +42,9 @@ class Reading(OneManager):
         return actions
 
     def _answer(self, frame: Frame) -> None:
-        node, message = frame.can_id - 0x600, frame.data
+        node = frame.can_id - 0x600
         self.now_ns += MS
-        self.hear(Frame(sdo_response_id(node), self.spoil(self._said(node, message))))
-
-    def _said(self, node: int, message: bytes) -> bytes:
-        if message[0] == UPLOAD:
-            index, sub_index, _ = read_head(message)
-            self.asked.append((node, index, sub_index))
-            value = self.objects.get((node, index, sub_index))
-            if value is None:
-                return abort_message(index, sub_index, Abort.NO_DATA)
-            if 0 < len(value) <= 4:
-                command = UPLOAD_ANSWER | EXPEDITED | SIZE_GIVEN | 4 - len(value) << 2
-                return with_data(command, index, sub_index, value)
-            self._rest, self._toggle = value, 0
-            return with_number(UPLOAD_ANSWER | SIZE_GIVEN, index, sub_index, len(value))
-        assert message[0] == SEGMENT_UPLOAD | self._toggle
-        part, self._rest = self._rest[:7], self._rest[7:]
-        answer = segment(self._toggle | 7 - len(part) << 1 | (0 if self._rest else LAST_SEGMENT), part)
-        self._toggle ^= TOGGLE
-        return answer
+        self.hear(Frame(sdo_response_id(node), self.spoil(self.played.answer(node, frame.data))))
 
     def emcy(self, code: FaultCode, module: int, detail: int = 0) -> None:
         self.hear(Frame(emcy_id(LEFT), Emergency(code, 0x81, ElementKind.MODULE, module, detail).encode()))
@@ -259,7 +226,7 @@ def test_a_late_answer_of_another_node_or_none_at_all_is_dropped(manager: Readin
     manager.hear(Frame(sdo_response_id(93), bytes(8)))
     manager.is_deaf = False
     manager.objects[LEFT, MODULE_FAILURES, 1] = b"no"
-    manager.hear(Frame(sdo_response_id(LEFT), manager._said(LEFT, with_data(UPLOAD, MODULE_FAILURES, 1))))
+    manager.hear(Frame(sdo_response_id(LEFT), manager.played.answer(LEFT, with_data(UPLOAD, MODULE_FAILURES, 1))))
     assert [one["text"] for one in manager.told("module_failed")] == ["no"]
 
 

@@ -4,10 +4,10 @@
                              each module is kept. A PE that is busy just then may not answer, so it is asked up to
                              three times, two seconds apart; after that nothing is told until its next EMCY
     traceback                read when the operator asks for it, from the PE that reported the last failure
-    standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
-                             the status. If there were more long standstills than before, an event reports that, as
-                             they may be the reason why the PE was not heard. The event gives the longest of them if
-                             the PE never had a longer one
+    standstills of a PE      read when the PE joins, or when this manager becomes active after that; when the PE answers
+                             a PING, or is heard again; and when the operator asks for the status. If there were more
+                             long standstills than before, an event reports that, as they may be the reason why the PE
+                             was not heard. The event gives the longest of them if the PE never had a longer one
 
 Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
 What was read stays until this manager ends; another manager reads again. Lost, late, doubled, forged: as in
@@ -60,6 +60,7 @@ class PeDetails:
         self._failures: dict[str, dict[str, Any]] = {}  # by element
         self._standstills: dict[str, dict[str, int]] = {}  # by PE
         self._compared: dict[str, dict[str, int]] = {}  # by PE: with which the next ones are compared
+        self._joined: set[str] = set()  # PEs that joined while this manager was not active: read once it is
         self._position = cache(self._position_in_table)
 
     def stood_still(self, event: StoodStill) -> None:
@@ -105,6 +106,9 @@ class PeDetails:
 
     def look_at_standstills(self, pe: str, look: Look) -> None:
         """Read how often the computer of a PE has stood still, and for how long; `look`: the reason for reading."""
+        if look is Look.BEGIN and not self._claim.is_active:
+            self._joined.add(pe)
+            return
         found: dict[str, int] = {}
 
         def take(key: str, value: bytes | None) -> None:
@@ -117,9 +121,16 @@ class PeDetails:
             self._read(pe, COUNTERS, sub_index, partial(take, key))
 
     def end_of_step(self) -> None:
-        """Stop reading if this manager is not active any more; to be called after each event."""
+        """Stop reading if this manager is not active any more; to be called after each event.
+
+        A manager that has become active reads the standstills of the PEs that joined before.
+        """
         if not self._claim.is_active:
             self.reader.give_up()
+        elif self._joined:
+            for pe in sorted(self._joined):
+                self.look_at_standstills(pe, Look.BEGIN)
+            self._joined.clear()
 
     def failures(self) -> list[dict[str, Any]]:
         """Give the last failure of each module, oldest first: element, by, text, for_ns."""

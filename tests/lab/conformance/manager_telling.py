@@ -12,14 +12,16 @@ from heronry_manager.core.memory import Latched
 from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.planning import best_plan
+from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES
 from heronry_wire.configuration_slice import Slice, decode_slice
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState
-from heronry_wire.identifiers import GATEWAY_IDS
+from heronry_wire.identifiers import GATEWAY_IDS, sdo_request_id
 from heronry_wire.management import Alive, ElementKind, FaultCode, Prepare, Step
 from heronry_wire.state_frames import PeState
 from lab.conformance.manager_under_test import ManagerUnderTest, example
 from lab.conformance.player import MS, demand, equal
+from lab.peers import PlayedObjects
 
 
 def _status(manager: ManagerUnderTest) -> dict[str, Any]:
@@ -374,3 +376,68 @@ def events_tell_the_course_of_a_reconfiguration() -> None:
     demand(0 < times["distribute"] < 10 * MS, f"distributed in {times['distribute']} ns")
     demand(20 * MS < times["activate"] < 100 * MS, f"activated in {times['activate']} ns, with T_lease to wait for")
     equal((done["moved"], done["started"], done["stopped"]), ([], ["servo_driver_2"], ["servo_driver_1"]), "changes")
+
+
+def why_a_module_failed_is_read_from_its_pe_and_told() -> None:
+    """After an EMCY on a module, the reason that the PE stores is read by SDO, segment by segment, and told once."""
+    objects = PlayedObjects()
+    manager = ManagerUnderTest(objects=objects).flies()
+    spec, pe = manager.spec, manager.pes["tail_a"]
+    index = list(spec.modules).index("servo_driver_1")
+    hosted = [one.name for one in spec.modules.values() if "tail_a" in hosts_when_all_is_up(spec, one)]
+    text = b"ValueError: no such angle (servo.py:12)"
+    objects.values[pe.node, MODULE_FAILURES, hosted.index("servo_driver_1") + 1] = text
+    for _ in range(3):
+        manager.emergency("tail_a", ElementKind.MODULE, index, 1, FaultCode.MODULE_RESTARTED)
+        manager.run(20)
+    (told,) = manager.told("module_failed")
+    equal((told["element"], told["by"], told["text"]), ("module:servo_driver_1", "tail_a", text.decode()), "the reason")
+    (kept,) = _status(manager)["failures"]
+    equal(kept["text"], text.decode(), "the reason in the status")
+    demand(40 * MS < kept["for_ns"] < 62 * MS, f"told {kept['for_ns']} ns before the status")
+
+
+def standstills_are_read_from_a_pe_that_was_not_heard() -> None:
+    """The counters of a PE are read when it joins, and told when they have grown and the PE was silent meanwhile."""
+    objects = PlayedObjects()
+    manager = ManagerUnderTest(objects=objects)
+    pe = manager.pes["tail_b"]
+
+    def stood_still(times: int, last_ms: int, longest_ms: int) -> None:
+        for sub_index, number in enumerate((times, times, last_ms, longest_ms), start=3):
+            objects.values[pe.node, COUNTERS, sub_index] = number.to_bytes(4, "little")
+
+    def misses_a_beat() -> None:
+        pe.speaks = False
+        manager.run(30)
+        pe.speaks = True
+        manager.run(60)
+
+    stood_still(2, 90, 200)
+    manager.flies()
+    misses_a_beat()
+    equal(manager.told("stood_still"), [], "told, though the PE has not stood still since it joined")
+    stood_still(3, 44, 200)
+    misses_a_beat()
+    stood_still(4, 300, 300)
+    misses_a_beat()
+    told = [(one["by"], one["for_ns"] // MS, one["times"]) for one in manager.told("stood_still")]
+    equal(told, [("tail_b", 44, 3), ("tail_b", 300, 4)], "the standstills")
+    standstills = _status(manager)["pes"]["tail_b"]["standstills"]
+    equal(standstills, {"times": 4, "long_times": 4, "last_long_ms": 300, "longest_ms": 300}, "in the status")
+
+
+def another_sdo_client_goes_first() -> None:
+    """A manager leaves a PE to another client until that client has been silent, and reads other PEs meanwhile."""
+    objects = PlayedObjects()
+    manager = ManagerUnderTest(objects=objects).flies()
+    pe = manager.pes["tail_a"]
+    objects.asked.clear()
+    manager.main.say(Frame(sdo_request_id(pe.node), bytes(8)))
+    manager.run(2)
+    index = list(manager.spec.modules).index("servo_driver_1")
+    manager.emergency("tail_a", ElementKind.MODULE, index, 1, FaultCode.MODULE_RESTARTED)
+    manager.run(900)
+    equal([one for one in objects.asked if one[0] == pe.node], [], "read while another client may go on")
+    manager.run(200)
+    demand(bool([one for one in objects.asked if one[0] == pe.node]), "the PE is read afterwards")

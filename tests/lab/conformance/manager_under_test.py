@@ -21,7 +21,16 @@ from heronry_tools.sim.world.planning_driver import PlanningDriver
 from heronry_tools.sim.world.simulated_manager import SimulatedManager
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
-from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id
+from heronry_wire.identifiers import (
+    FIRST_MANAGER,
+    MANAGER_NODES,
+    Command,
+    emcy_id,
+    management_id,
+    sdo_request_id,
+    sdo_response_id,
+    state_id,
+)
 from heronry_wire.management import (
     NO_EPOCH,
     SLICE_BYTES_PER_FRAME,
@@ -43,6 +52,7 @@ from heronry_wire.management import (
 )
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from lab.conformance.player import MS, Heard, Player, UnderTest, demand
+from lab.peers import PlayedObjects
 
 PERIOD_NS, LEASE_NS = 20 * MS, 100 * MS
 _STATES = {Step.BREAK: PeState.BROKEN, Step.GO: PeState.ACTIVE, Step.GO_ALL: PeState.ACTIVE}
@@ -202,14 +212,20 @@ class ManagerUnderTest(UnderTest):
         ahead: Prepared | None = None,
         disk: Disk | None = None,
         contingencies: int | None = None,
+        objects: PlayedObjects | None = None,
     ) -> None:
-        """Start the manager; the PEs send from now on."""
+        """Start the manager; the PEs send from now on.
+
+        objects: what the PEs store for people, which the manager reads by SDO; None: it reads nothing.
+        """
         self.spec = spec = example("demux_actuators") if spec is None else spec
         super().__init__(PERIOD_NS)
         self.node = node
         self.main = Player(self.clock, spec.manager.bus, spec.buses[spec.manager.bus].bitrate)
         self.events: list[dict[str, Any]] = []
         self.disk = Disk(spec) if disk is None else disk
+        self._objects = objects
+        self._node_of_request = {sdo_request_id(pe.node_id): pe.node_id for pe in spec.pes.values()}
         self.manager = self._started(node, standby, advise, key, ahead or prepared(spec, contingencies))
         self.pes: Mapping[str, PlayedPe] = {
             pe.name: PlayedPe(pe.name, pe.node_id, self.main.say) for pe in spec.pes.values()
@@ -238,6 +254,7 @@ class ManagerUnderTest(UnderTest):
             key=key,
             ahead=ahead,
             witness=lambda _: None,
+            reads_objects=self._objects is not None,
         )
         manager.planning_driver = _PlayedPlanner(manager, self.clock, self.spec)
         manager.planning, manager.plan_requests = self.plans, []
@@ -257,6 +274,9 @@ class ManagerUnderTest(UnderTest):
         self.clock.at(self.clock.now_ns + PERIOD_NS, lambda: self._beat(pe))
 
     def _hear(self, frame: Frame) -> None:
+        if self._objects is not None and frame.can_id in self._node_of_request:
+            node = self._node_of_request[frame.can_id]
+            self.main.say(Frame(sdo_response_id(node), self._objects.answer(node, frame.data)))
         command = self._played_by.get(frame.can_id)
         message = None if command is None else decode_command(command, frame.data)
         if message is None or isinstance(message, Malformed):

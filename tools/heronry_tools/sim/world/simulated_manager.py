@@ -66,6 +66,7 @@ class SimulatedManager(Node):
         standby: bool = False,
         key: Key | None = None,
         planners: Planners = Planners.BEST,
+        reads_objects: bool = False,
     ) -> None:
         """Join the bus on each of its channels, and start the manager.
 
@@ -75,6 +76,7 @@ class SimulatedManager(Node):
         tell: is called with every event
         planned: is called with every request for a plan, and with every answer that the core is given
         ahead: the contingencies; None if there are none
+        reads_objects: the manager reads by SDO what PEs store for people
         """
         super().__init__(clock, time)
         self._tell, self._planned, self._name = tell, planned, name
@@ -95,6 +97,7 @@ class SimulatedManager(Node):
             key=key,
             standby=standby,
             tells_departures=True,
+            reads_objects=reads_objects,
         )
         self.disk = disk
         self._journal_problem: str | None = None
