@@ -25,6 +25,8 @@ FILE_FIELDS: Final = ("pcs", "name", "leaves", "components", "graph")
 LEAF_FIELDS: Final = ("ports", "image", "plant", "side")
 PART_FIELDS: Final = ("vertices", "edges", "components")
 
+_MOST_DIGITS: Final = 1000  # of a number; far above any weight, and below what Python refuses to read
+
 _Path = tuple[int | str, ...]
 
 
@@ -34,12 +36,15 @@ def read_json(data: bytes, name: str, findings: Findings) -> Graph | None:
         findings.add(BAD_FILE, Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "divide the graph")
         return None
     try:
-        document = json.loads(data.decode("utf-8-sig"), object_pairs_hook=_Object, parse_constant=_no_number)
+        text = data.decode("utf-8-sig")
+        document = json.loads(text, object_pairs_hook=_Object, parse_constant=_no_number, parse_int=_whole_number)
     except json.JSONDecodeError as error:
         findings.add(BAD_FILE, Place(error.lineno, error.colno), f"this is not JSON: {error.msg}")
     except UnicodeDecodeError as error:
         findings.add(BAD_FILE, Place(1, 1), f"byte {error.start} of the file is not UTF-8", "save the file as UTF-8")
-    except (RecursionError, ValueError) as error:
+    except RecursionError:
+        findings.add(BAD_FILE, Place(1, 1), "this is not JSON of a graph: lists or objects are nested too deeply")
+    except ValueError as error:
         findings.add(BAD_FILE, Place(1, 1), f"this is not JSON of a graph: {error}")
     else:
         reader = _Reader()
@@ -60,6 +65,12 @@ class _Object(dict[str, Any]):
 
 def _no_number(name: str) -> object:
     raise ValueError(f"{name} is no number of JSON")
+
+
+def _whole_number(digits: str) -> int:
+    if len(digits) > _MOST_DIGITS:
+        raise ValueError(f"a number has {len(digits)} digits")
+    return int(digits)
 
 
 def _place(data: bytes, mistakes: Sequence[tuple[_Path, str, str]], findings: Findings) -> None:
@@ -143,7 +154,7 @@ class _Reader:
                 self._refuse((*path, port), f"{shown(port)} cannot be the name of a port", PORT_HINT)
             if not isinstance(weight, int) or isinstance(weight, bool) or not 0 <= weight <= 1000 * MOST_BITS_PER_S:
                 sentence = f"the weight of port {shown(port)} must be a whole number of thousandths of a bit/s"
-                self._refuse((*path, port), sentence, "write 0 or more")
+                self._refuse((*path, port), sentence, f"write 0 to {1000 * MOST_BITS_PER_S}")
         return {port: weight if isinstance(weight, int) else 0 for port, weight in value.items()}
 
     def _text(self, fields: dict[str, Any], field: str, path: _Path, default: str | None) -> str | None:

@@ -85,8 +85,13 @@ def _refuse_clash(graph: Graph, other: Graph) -> None:
 
 
 def removal(graph: Graph, edges: Collection[Edge]) -> Graph:
-    """Remove edges, and prune the rest; an edge that the graph lacks is ignored. Needs configuration."""
+    """Remove edges, and prune the rest; an edge that the graph lacks is ignored.
+
+    Needs configuration. The ends of the edges must be in the space (`unknown:V`; of several, the first edge by name).
+    """
     need(graph, "configuration")
+    for edge in sorted(edges):
+        _check_known(edge, graph.space)
     return cprune(graph.of(graph.vertices, graph.edges - frozenset(edges), graph.own.components))
 
 

@@ -375,6 +375,8 @@ def combine(g: G, h: G, e: tuple[str, str] | None) -> G:
 
 def removal(g: G, edges: set[tuple[str, str]]) -> G:
     need(g, "configuration")
+    for edge in sorted(edges):
+        known(g, edge)
     v, e, c = g["graph"]
     return cprune({**g, "graph": (v, e - edges, c)})
 

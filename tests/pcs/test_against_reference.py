@@ -128,7 +128,7 @@ def test_operations_and_views(seed: int) -> None:
 EVERY_ERROR = {
     "cprune": {"needs:component_graph", "needs:disjoint", "needs:pruned", ""},
     "combine": {"needs:component_graph", "needs:vertex", "clash", "unknown", "edge_apart", ""},
-    "removal": {"needs:configuration", ""},
+    "removal": {"needs:configuration", "unknown", ""},
     "addition": {"needs:configuration", "unknown", "edge_outside", "edge_inside", ""},
     "add_edge": {"needs:configuration", "unknown", "edge_apart", ""},
     "view": {"needs:component_graph", "needs:whole", "needs:nested", "unknown", "view", ""},

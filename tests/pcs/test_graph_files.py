@@ -152,6 +152,7 @@ BAD_JSON = {
     "[]": "1:1: the file must be an object, not a list",
     "{}": "1:1: the file lacks 'pcs', 'leaves' and 'graph'",
     '{"pcs": NaN}': "1:1: this is not JSON of a graph: NaN",
+    f'{{"pcs": {"9" * 5000}}}': "1:1: this is not JSON of a graph: a number has 5000 digits",
     '{"pcs": 1, "pcs": 1, "leaves": {}, "graph": {"vertices": [], "edges": [], "components": []}}': (
         "1:9: the file gives 'pcs' twice"
     ),
@@ -165,6 +166,8 @@ CHANGES = {
     "leaf 'Kc1' must be an object": lambda found: found["leaves"].update(Kc1=1),
     "'ports' of leaf 'Kc1' must be an object": lambda found: found["leaves"]["Kc1"].update(ports=[]),
     "'A.b' cannot be the name of a component": lambda found: found["leaves"].update({"A.b": ONE}),
+    r"'A\u200b' cannot be the name of a component": lambda found: found["leaves"].update({"A\u200b": ONE}),
+    r"'\x1b' cannot be the name of a port": lambda found: found["leaves"]["Kdyn"]["ports"].update({"\x1b": 1}),
     "'a b' cannot be the name of a port": lambda found: found["leaves"]["Kdyn"]["ports"].update({"a b": 1}),
     "the weight of port 'motion'": lambda found: found["leaves"]["Kdyn"]["ports"].update(motion=0.5),
     "'plant' of leaf 'Kdyn' must be true": lambda found: found["leaves"]["Kdyn"].update(plant=1),
@@ -201,7 +204,9 @@ def test_a_change_that_makes_json_bad_is_found_out(sentence: str) -> None:
 def test_bytes_that_are_no_text_and_too_many_of_them() -> None:
     assert "is not UTF-8" in findings_in(b'{"pcs": "\xff"}', "x.pcs.json")[0].sentence
     assert "more than" in findings_in(b" " * (MOST_BYTES + 1), "x.pcs.json")[0].sentence
-    assert "this is not JSON of a graph" in findings_in(b"[" * 100_000, "x.pcs.json")[0].sentence
+    assert "are nested too deeply" in findings_in(b"[" * 100_000, "x.pcs.json")[0].sentence
+    half = bad_json(lambda found: found["leaves"].update({"\ud800": ONE}))
+    assert r"'\ud800' cannot be the name" in findings_in(half.encode(), "x.pcs.json")[0].sentence
     assert findings_in(b'{\t"pcs": 2}', "x.pcs.json")[0].place == (1, 1), "YAML has no such tabs, so no place is known"
 
 

@@ -139,6 +139,7 @@ def test_edits(flat: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     less = edited(capsys, flat, "removal", "B.p->D.p", "B.p -> C.p", "A.p->B.p")
     assert less["graph"]["graph"]["components"] == ["A", "C"]
     assert less["check"]["configuration"] is True
+    assert edited(capsys, flat, "removal", "B.p->C.p", "B.p->Y.p") == {"error": "unknown:Y.p"}
     assert edited(capsys, flat, "addition", "D.p->Z.p") == {"error": "edge_outside"}
     assert edited(capsys, flat, "addition", "D.p->Y.p") == {"error": "unknown:Y.p"}
     assert ["D.p", "A.p"] in edited(capsys, flat, "addition", "D.p->A.p")["graph"]["graph"]["edges"]
@@ -164,6 +165,9 @@ def test_contraction_and_expansion(flat: str, tmp_path: Path, capsys: pytest.Cap
     assert edited(capsys, str(file), "contract", "K", "--at", "C,D,K") == {"error": "contracted"}
     assert edited(capsys, str(file), "contract", "K", "--at", "A,B,C,D")["graph"] == made["graph"]
     assert edited(capsys, str(file), "expand", "K") == {"error": "view"}, "without --at, the view is all members"
+    said = Said(capsys, "edit", flat, "contract", "K.1", "--of", "A,B")
+    assert (said.code, said.out) == (2, "")
+    assert "'K.1' cannot be the name of a component: use at most 128 letters" in said.err
 
 
 @pytest.mark.parametrize(
@@ -211,6 +215,8 @@ def test_a_script_with_errors_does_nothing(flat: str, tmp_path: Path, capsys: py
     assert not (tmp_path / "x.pcs.json").exists()
     text = Said(capsys, "apply", str(file), flat).out
     assert f"{file}:2: PCS207 error: component 'A' was deleted on line 1\n" in text
+    file.write_text('G.DeleteComponent ( "\x1b[31m" );\n')
+    assert r"'\x1b[31m' does not exist" in Said(capsys, "apply", str(file), flat).out
     assert text.endswith("2 statements read, 2 errors: nothing is done\n")
 
 

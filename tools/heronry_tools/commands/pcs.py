@@ -242,6 +242,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
 def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
     """Give the graph that an operation makes; for an operation on a view also the view that results."""
     from heronry_pcs import operations, views  # noqa: PLC0415
+    from heronry_pcs.names import COMPONENT_HINT, is_component  # noqa: PLC0415
 
     given: list[str] = arguments.arguments
     view = arguments.at if arguments.at is not None else list(graph.members)
@@ -258,6 +259,8 @@ def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequ
             edge_between = _edge(rest[0]) if rest else None
             return operations.combine(graph, _load(file).graph, edge_between), None
         case "contract", [name]:
+            if arguments.of is not None and not is_component(name):
+                raise UserError(f"'{name}' cannot be the name of a component: {COMPONENT_HINT}")
             changed, left = views.contract(graph, view, name, arguments.of)
             return changed, sorted(left)
         case "expand", [name]:

@@ -41,8 +41,9 @@ def errors_name(file: str | None) -> Iterator[None]:
 
 
 def read_text(file: str) -> str:
-    """Read a file, or standard input for `-`."""
+    """Read a file, or standard input for `-`; a byte order mark is left out."""
     try:
-        return sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
+        text = sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise UserError(f"{file}: byte {error.start} is not UTF-8 text, so the file is not a plan") from error
+        raise UserError(f"{file}: byte {error.start} is not UTF-8 text: save the file as UTF-8") from error
+    return text.removeprefix("\ufeff")

@@ -7,6 +7,7 @@ from heronry_pcs.assessment import NOT_SUFFICIENT, Assessment
 from heronry_pcs.graph import Graph
 from heronry_pcs.predicates import PREDICATES
 from heronry_pcs.script_syntax import ScriptError
+from heronry_wire.errors import on_one_line
 
 _MOST_LISTED = 6
 _MOST_OF_NO_SCRIPT = 3
@@ -83,7 +84,7 @@ def errors_text(file: str, errors: Sequence[ScriptError], statements: int) -> st
     Only the first errors are written of a file that has no statement.
     """
     most = len(errors) if statements else _MOST_OF_NO_SCRIPT
-    lines = [f"{file}:{_place(error)}: {error.code} error: {error.sentence}\n" for error in errors[:most]]
+    lines = [f"{file}:{_place(error)}: {error.code} error: {on_one_line(error.sentence)}\n" for error in errors[:most]]
     if len(errors) > most:
         lines.append(f"and {len(errors) - most} more; is this the right file? A script is text as in *.pcs.script\n")
     return "".join(lines)
