@@ -8,7 +8,7 @@ first without the forger, then with the forger at each share of the managers' bu
     silence     no function that was heard without the forger is silent for longer than T_lease
     sessions    the active manager ends no session (RENEW)
     PEs         the manager loses no PE
-    told        the manager's status counts more refused states and commands than before
+    told        the manager's status counts more refused states, reports and commands than before
 
 Exit code 1 otherwise. If a function was silent for longer than T_lease without the forger, this computer is too slow:
 let fewer aircraft fly at once, or give them slower heartbeats.
@@ -138,7 +138,7 @@ class _Attack:
     def _refused(self) -> int:
         status = call(self._flown.fleet.control_socket(), AskStatus()).status or {}
         proofs = [pe["authentic"] for pe in status["pes"].values()]
-        return sum(proof["refused_states"] + proof["refused_commands"] for proof in proofs)
+        return sum(proof["refused_states"] + proof["unproven_reports"] + proof["refused_commands"] for proof in proofs)
 
     def _listen(self, seconds: float, percent: int = 0) -> None:
         now_ns = time.monotonic_ns()

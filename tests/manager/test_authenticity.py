@@ -109,6 +109,18 @@ def status(manager: OneManager) -> dict[str, Any]:
     return told
 
 
+def counts(manager: OneManager) -> tuple[bool, int, int]:
+    """Tell whether the left PE is believed; the number of its states refused, and of its EMCYs that were not proven."""
+    authentic = status(manager)["authentic"]
+    assert authentic["refused_commands"] == 0
+    return authentic["is_believed"], authentic["refused_states"], authentic["unproven_reports"]
+
+
+def attacks(manager: OneManager) -> list[dict[str, Any]]:
+    """Give the events that tell an attack."""
+    return [event for event in manager.events if event["event"] == "attacked"]
+
+
 @pytest.fixture
 def manager() -> OneManager:
     """Give a manager that has begun to send."""
@@ -180,7 +192,7 @@ def test_a_replayed_state_does_not_keep_a_dead_pe_alive(manager: OneManager, pe:
         manager.pass_time(BEAT_NS)
         manager.hear(frame)
     assert not pe.counts()
-    assert status(manager)["authentic"] == {"is_believed": False, "refused_states": 30, "refused_commands": 0}
+    assert counts(manager) == (False, 30, 0)
 
 
 def test_page_1_is_no_sign_of_life(manager: OneManager, pe: Pe) -> None:
@@ -209,7 +221,7 @@ def test_of_many_emcys_each_is_proven_by_a_state_of_its_own_and_a_forged_one_by_
     pe.say()
     assert len(latched(manager)) == 2
     assert not any(element.startswith("pe:") for element in latched(manager))
-    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 0}
+    assert counts(manager) == (True, 0, 1)
 
 
 def test_an_emcy_that_no_state_has_proven_is_forgotten_when_nothing_is_pending(manager: OneManager, pe: Pe) -> None:
@@ -217,7 +229,7 @@ def test_an_emcy_that_no_state_has_proven_is_forgotten_when_nothing_is_pending(m
     pe.say()
     pe.say(PENDING, emergency=said)
     assert latched(manager) == []
-    assert status(manager)["authentic"] == {"is_believed": False, "refused_states": 1, "refused_commands": 0}
+    assert counts(manager) == (False, 1, 1)
 
 
 def test_a_flood_of_emcys_pushes_out_the_oldest_and_is_bounded(manager: OneManager, pe: Pe) -> None:
@@ -226,6 +238,54 @@ def test_a_flood_of_emcys_pushes_out_the_oldest_and_is_bounded(manager: OneManag
         pe.reports(replace(GYRO, detail=detail))
     said = pe.reports(GYRO)
     pe.say(PENDING, emergency=said)
+    assert len(latched(manager)) == 1
+    assert counts(manager) == (True, 0, 1_001 - 64)
+
+
+def test_each_frame_of_an_emcy_counts_as_forged_unless_a_state_proves_it_and_codes_that_none_proves_do_not(
+    manager: OneManager, pe: Pe
+) -> None:
+    pe.say()
+    forged = replace(GYRO, detail=8)
+    for one in (GYRO, forged, forged, *(replace(GYRO, code=FaultCode(code)) for code in (0, 0xFF0B, 0xFF0C, 0xFF0D))):
+        said = pe.reports(one)
+    manager.hear(Frame(emcy_id(LEFT), bytes(5)))
+    pe.say(PENDING, emergency=GYRO.encode())
+    pe.reports(GYRO)  # until the PE has heard that it is acknowledged
+    assert counts(manager) == (True, 0, 0)
+    pe.say()
+    assert counts(manager) == (True, 0, 3)
+    pe.say(PENDING, emergency=said)
+    assert counts(manager) == (False, 1, 3)
+
+
+@pytest.mark.parametrize("details", [1, 100], ids=["one EMCY again and again", "another EMCY each time"])
+def test_a_tenth_of_the_bus_in_forged_emcys_is_told_as_an_attack(manager: OneManager, pe: Pe, details: int) -> None:
+    pe.say()
+    for frames_per_beat, is_told in ((5, False), (40, True)):
+        for _ in range(1 + 1_000 * MS // BEAT_NS):
+            for number in range(frames_per_beat):
+                pe.reports(replace(GYRO, detail=number % details))
+            manager.pass_time(BEAT_NS)
+            pe.say()
+        assert bool(attacks(manager)) is is_told
+    (attack,) = attacks(manager)
+    assert attack["percent"] >= 10
+    assert attack["frames_per_s"] == pytest.approx(40 * 1_000 * MS / BEAT_NS, rel=0.2)
+    assert latched(manager) == []
+
+
+def test_true_emcys_whose_proofs_are_lost_are_no_attack(manager: OneManager, pe: Pe) -> None:
+    pe.say()
+    for number in range(3_000 * MS // BEAT_NS):
+        pe.reports(replace(GYRO, detail=number // 10))
+        manager.pass_time(BEAT_NS)
+        if number % 10 == 9:
+            pe.say()
+    assert counts(manager)[2] > 0
+    assert attacks(manager) == []
+    pe.reports(GYRO)
+    pe.say(PENDING, emergency=GYRO.encode())
     assert len(latched(manager)) == 1
 
 
@@ -419,7 +479,6 @@ def test_a_tenth_of_the_bus_is_told_as_an_attack_once(manager: OneManager, pe: P
             nonces_answered(manager, *range(1, frames_per_beat))
             manager.pass_time(BEAT_NS)
             pe.say()
-        attacks = [event for event in manager.events if event["event"] == "attacked"]
-        assert len(attacks) == told
-    assert attacks[0]["bus"] == "can0"
-    assert attacks[0]["percent"] >= 10
+        assert len(attacks(manager)) == told
+    assert attacks(manager)[0]["bus"] == "can0"
+    assert attacks(manager)[0]["percent"] >= 10

@@ -11,7 +11,8 @@ from heronry_wire.authentication import Key
 from heronry_wire.canopen_objects import MODULE_FAILURES
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkState
-from heronry_wire.management import FaultCode
+from heronry_wire.identifiers import emcy_id
+from heronry_wire.management import ElementKind, Emergency, FaultCode
 from heronry_wire.standstill import StoodStill
 from heronry_wire.state_frames import PeFlags, PeState, StatePage3
 from manager.one_manager import MS, OneManager
@@ -131,6 +132,9 @@ def test_with_a_key_it_tells_which_and_what_was_refused() -> None:
     lines = told(manager)
     assert lines[0].endswith(f"key {Key(b'k' * 32).fingerprint}")
     assert "its states carry no valid proof; it refused 6 commands" in lines[3]
+    for detail in range(66):  # of these the manager keeps 64, in case that a state proves them
+        manager.hear(Frame(emcy_id(LEFT), Emergency(FaultCode.REPORTED, 0, ElementKind.PE, 1, detail).encode()))
+    assert "proof; 2 reports in its name were never proven; it refused" in told(manager)[3]
 
 
 def test_a_radio_that_is_not_whole_is_a_trouble() -> None:

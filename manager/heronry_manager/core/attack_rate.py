@@ -1,10 +1,11 @@
 """Counts forged frames in a manager with a key, and reports an attack when they take much of the manager's bus.
 
 A received frame counts as forged if it cannot come from a holder of the key: a state, nonce or command whose tag does
-not fit. Once in `_WINDOW_NS` the manager works out the share of its bus that these frames took. A share of a tenth or
-more is reported as an attack, with the rate of the frames. A smaller share does not harm the aircraft (protocol rule
-11), and only the status shows the counts. A frame that was altered on its way counts, too: a bus that alters a tenth of
-its frames is as bad.
+not fit, and an EMCY that no state has proven. A TAG that fits no command counts as two frames, itself and its command,
+since a manager does not read every kind of command. Once in `_WINDOW_NS` the manager works out the share of its bus
+that these frames took. A share of a tenth or more is reported as an attack, with the rate of the frames. A smaller
+share does not harm the aircraft (protocol rule 11), and only the status shows the counts. A frame that was altered on
+its way counts, too: a bus that alters a tenth of its frames is as bad.
 """
 
 from heronry_manager.core.turn import Turn

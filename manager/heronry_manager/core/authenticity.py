@@ -10,7 +10,9 @@ the frame has no room. The manager tries the digests that this PE may mean: the 
 knows it, and the digests that the PE has named in page 3.
 
 The manager holds an EMCY until a page 0 with FAULT_PENDING proves it: the tag of such a page covers one EMCY. The
-manager tries every EMCY that it has heard from this PE, and forgets them when a page 0 reports no pending fault.
+manager tries every EMCY that it has heard from this PE, and forgets them when a page 0 reports no pending fault. Of an
+EMCY that is forgotten without proof, each frame counts as forged. EMCYs with some codes (`_SENT_ONCE`) are never
+pending, so no page 0 proves them, and with a key they have no effect.
 
     no session    nothing from this PE counts; the manager answers a nonce that the key has made (`nonce_answers`)
     offered       answers have gone out, and no state tagged with one of them has come
@@ -46,8 +48,8 @@ begins a newer one only after RENEW or in a new term. `attack_rate` counts the f
 
 `command_tags` says what a lost frame leads to; a PE asks again. After a lost EMCY, page 0 cannot be believed until the
 PE has repeated the EMCY. A late or doubled page 0 is refused, since its number is not above the last one. A forged
-state is counted in `refused`, which the status shows. After a restart the manager knows no session, and every PE that
-hears the new term requests one.
+state is counted in `refused`, a forged EMCY in `unproven`, and the status shows both. After a restart the manager knows
+no session, and every PE that hears the new term requests one.
 """
 
 from collections import deque
@@ -63,8 +65,18 @@ from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import ManagerAction
 from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, PAGE_1_BEAT, Key, Place, Session, next_number
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
+from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command
-from heronry_wire.management import NO_EPOCH, WELCOME_KIND, Control, Operation, decode_command, decode_tag
+from heronry_wire.management import (
+    NO_EPOCH,
+    WELCOME_KIND,
+    Control,
+    FaultCode,
+    Operation,
+    decode_command,
+    decode_emergency,
+    decode_tag,
+)
 from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send
 from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1, StatePage2, StatePage3, split_state
@@ -76,6 +88,8 @@ _NAMED = 3
 _NONCES = 8  # nonces of one PE that are remembered: an overheard answer may belong to any of them
 _ANSWERS = 40  # answers of one manager that wait for their TAG: it may answer all PEs together
 _HELD = 64  # EMCYs of one PE that wait for their proof
+_PROVEN = -1
+_SENT_ONCE = (FaultCode.RESET, FaultCode.DISAGREEMENT, FaultCode.UNKNOWN_ELEMENT, FaultCode.UNKNOWN_OUTPUT)
 _TOLD_EVERY_NS = 1_000_000_000
 _COMMAND_FRAMES = 2  # of a command: itself and its TAG
 _IN_VAIN = 2  # RENEWs without effect: even a PE that was just restarted has answered one of two
@@ -106,10 +120,11 @@ class _Peer:
     wrong: int = 0  # wrong tags, while they kept coming
     wrong_ns: int = 0
     fitted: tuple[Session, int] | None = None  # the last page 0 with a right tag, believed or not
-    held: dict[bytes, bool] = field(default_factory=dict)  # every EMCY since the PE last had none pending, oldest
-    # first, and whether a page 0 has proven it
+    held: dict[bytes, int] = field(default_factory=dict)  # every EMCY since the PE last had none pending, oldest first,
+    # and how often it was heard; `_PROVEN` once a page 0 has proven it
     proven: bytes = NO_EMERGENCY  # the EMCY that the last page 0 has proven
     refused: int = 0  # states that were not believed
+    unproven: int = 0  # EMCYs that were forgotten without proof
     refuses: tuple[int, int] = (0, 0)  # commands that the PE has refused, as its page 3 counts them: unproven, other
     told: tuple[int, int] = (0, 0)  # `refuses` as an event last reported it, and the time of that event
     told_ns: int | None = None
@@ -160,12 +175,13 @@ class Authenticity:
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
-        """Give for the status whether a PE is believed, and how many of its states and commands were refused."""
+        """Give for the status whether a PE is believed, and how many of its states, commands and EMCYs were refused."""
         peer = self._peers[pe]
         return {
             "is_believed": peer.doubted_ns is None and peer.opened is not None,
             "refused_states": peer.refused,
             "refused_commands": sum(peer.refuses),
+            "unproven_reports": peer.unproven,
         }
 
     # What goes out
@@ -238,15 +254,25 @@ class Authenticity:
 
     def hold_emergency(self, pe: str, emergency: bytes) -> None:
         """Keep an EMCY of a PE until a page 0 of that PE proves it; if too many are kept, drop the oldest."""
-        held = self._peers[pe].held
-        if emergency not in held and len(held) == _HELD:
-            self._drop(held, next(iter(held)))
-        held.setdefault(emergency, False)
+        peer = self._peers[pe]
+        if emergency not in peer.held and len(peer.held) == _HELD:
+            self._forget(peer, next(iter(peer.held)))
+        heard = peer.held.setdefault(emergency, 0)
+        if heard != _PROVEN:
+            peer.held[emergency] = heard + 1
 
-    def _drop(self, held: dict[bytes, bool], emergency: bytes) -> None:
-        """Drop an EMCY; an EMCY that no page 0 has proven counts as forged."""
-        if not held.pop(emergency):
-            self._attack.forged()
+    def _forget(self, peer: _Peer, emergency: bytes) -> None:
+        """Forget an EMCY; if no page 0 has proven it, every frame that brought it counts as forged.
+
+        The status leaves the codes out that no page 0 proves, since a true EMCY may have them, too.
+        """
+        heard = peer.held.pop(emergency)
+        if heard == _PROVEN:
+            return
+        self._attack.forged(heard)
+        said = decode_emergency(emergency)
+        if isinstance(said, Malformed) or said.code not in _SENT_ONCE:
+            peer.unproven += heard
 
     def take_emergency(self, pe: str) -> bytes | None:
         """Give the EMCY that the last page 0 of a PE has proven, on the first call after that page; None otherwise."""
@@ -307,10 +333,10 @@ class Authenticity:
         peer.doubted_ns, peer.renewals = None, 0
         peer.proven = emergency
         if emergency:
-            peer.held[emergency] = True
+            peer.held[emergency] = _PROVEN
         if PeFlags.FAULT_PENDING not in page.flags:
             for one in list(peer.held):
-                self._drop(peer.held, one)
+                self._forget(peer, one)
         return replace(page, digest=digest)
 
     def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int, bytes] | None:

@@ -9,9 +9,10 @@ A pure function of the parts of the core. The document is versioned; a later ver
     unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null.
                     Else null, also while the manager stands by
     pes             by name: state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns, authentic
-                    (null without a key; else is_believed, refused_states, and refused_commands as the PE reports them),
-                    standstills (as last read from the PE; null: not read yet), held (null, or modules, why and for_ns:
-                    exclusive outputs that the PE holds back for longer than T_lease)
+                    (null without a key; else is_believed, refused_states, unproven_reports: EMCYs in its name that were
+                    never proven, and refused_commands as the PE reports them), standstills (as last read from the PE;
+                    null: not read yet), held (null, or modules, why and for_ns: exclusive outputs that the PE holds
+                    back for longer than T_lease)
     priorities      changed ones, by function: priority, by ("operator" or "module")
     latched         list of element, by, code, detail, for_ns
     failures        last failure of each module, as its PE gives it: list of element, by, text, for_ns

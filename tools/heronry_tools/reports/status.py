@@ -147,6 +147,8 @@ def _unproven(authentic: Mapping[str, Any] | None) -> str:
     said = "" if authentic["is_believed"] else "; its states carry no valid proof"
     states, commands = authentic["refused_states"], authentic["refused_commands"]
     told = f"; {states} of its states were refused" if states else ""
+    reports = authentic["unproven_reports"]
+    told += f"; {reports} reports in its name were never proven" if reports else ""
     return f"{said}{told}" + (f"; it refused {commands} commands" if commands else "")
 
 
