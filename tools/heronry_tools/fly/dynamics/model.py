@@ -96,7 +96,7 @@ class Model:
         """
         fdm = self.fdm
         is_upright = math.cos(fdm["attitude/phi-rad"]) * math.cos(fdm["attitude/theta-rad"]) > _LEAST_COSINE
-        if is_upright is not self._wheels_carry:
+        if is_upright != self._wheels_carry:
             self._wheels_carry = is_upright
             fdm["gear/gear-pos-norm"] = 1.0 if is_upright else 0.0
         fdm.run()
