@@ -5,15 +5,19 @@ import socket
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.cli import main
+from heronry_tools.console.errors import UserError
 from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.live.driver import COMMANDS, FOLDER, READINGS, FlightDriver
-from heronry_tools.fly.live.flight import fly_live
+from heronry_tools.fly.live.flight import _Flight, fly_live
+from heronry_tools.fly.live.plant_process import HELD
+from heronry_tools.fly.live.plant_process import main as plant_process
 from heronry_tools.fly.live.shared_readings import Reader, Snapshot, Writer
 from heronry_tools.fly.mission import Mission
 
@@ -83,10 +87,26 @@ def test_without_a_listener_a_command_is_not_taken(driver, commands):
     assert driver.open("aileron_1").command(3.5, NOW_NS) is None
 
 
+MISSION = {"seed": 1, "wind": 3.0, "corrections_lost_s": None, "longest_s": 0.5, "probed": False, "record": None}
+
+
+def test_a_flight_that_cannot_go_on_ends_with_one_sentence(tmp_path, monkeypatch, capsys):
+    def diverge():
+        raise UserError("the flight model has diverged")
+
+    diverging = SimpleNamespace(run=diverge)
+    monkeypatch.setattr("heronry_tools.fly.live.plant_process.PlantProcess", lambda *_: diverging)
+    monkeypatch.setattr(sys, "argv", ["plant_process", str(tmp_path), json.dumps(MISSION)])
+    plant_process()
+    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    plant = SimpleNamespace(said=lambda _: said)
+    with pytest.raises(UserError, match="the flight model has diverged"):
+        _Flight(None, plant, None, Mission(), None).run()
+
+
 def test_the_plant_process_waits_for_the_first_command_and_tells_how_it_ended(tmp_path):
-    mission = {"seed": 1, "wind": 3.0, "corrections_lost_s": None, "longest_s": 0.5, "probed": False, "record": None}
     process = subprocess.Popen(
-        [sys.executable, "-m", "heronry_tools.fly.live.plant_process", str(tmp_path), json.dumps(mission)],
+        [sys.executable, "-m", "heronry_tools.fly.live.plant_process", str(tmp_path), json.dumps(MISSION)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -99,7 +119,7 @@ def test_the_plant_process_waits_for_the_first_command_and_tells_how_it_ended(tm
         height_m = devices.reader.newest().height_m
         time.sleep(0.1)
         assert devices.reader.newest().height_m == height_m, "it waits"
-        assert devices.reader.newest().readings["ins_1"][-3:] == (0, 0, 0)
+        assert {name: devices.reader.newest().readings[name] for name in HELD} == HELD
         process.stdin.write('{"fail": "aileron_1", "how": "stuck"}\n')
         process.stdin.flush()
         for servo in ("elevator_1", "aileron_2", "rudder_1", "throttle_2"):

@@ -74,11 +74,21 @@ def test_forced_to_the_rover_it_is_lost() -> None:
     assert simulated(*MISSING_ABOARD, A_TENTH) == ("rover (tracking)", "waiting")
 
 
-def by_processes(file, *acts):
+def by_processes(file, *acts, expected):
+    """Fly until `expected` holds for where the filter runs, for its mode and for that of the flight management.
+
+    A flight in which it does not hold is the result, unless the computer stood still in it: then it tells nothing, and
+    is flown again.
+    """
     spec = load(file)
     given = tuple(read_fault(spec, act) for act in acts)
-    places = fly_live(spec, file, Mission(seed=1, longest_s=9.0, acts=given))["places"]
-    return places.get("tracked_position"), places["flight_management"].partition(" ")[2]
+    for _ in range(3):
+        end = fly_live(spec, file, Mission(seed=1, longest_s=9.0, acts=given))
+        place, _, mode = end["places"].get("tracked_position", "").partition(" ")
+        found = place, mode, end["places"].get("flight_management", "").partition(" ")[2]
+        if expected(*found) or not end["stood_still"]:
+            return found
+    pytest.skip(f"the computer stood still in each of three flights; the last one ended with {found}")
 
 
 @pytest.fixture
@@ -91,16 +101,26 @@ def forced(tmp_path):
     return file
 
 
+def tracks_aboard(place, *modes):
+    return place in ABOARD and modes == ("(tracking)", "(precise)")
+
+
+def tracks_on_the_rover(*found):
+    return found == ("rover", "(tracking)", "(precise)")
+
+
+def waits(place, mode, of_the_management):
+    return of_the_management == "(waiting)"
+
+
 @pytest.mark.live
 @pytest.mark.soak
 def test_with_processes_the_filter_aboard_outlives_a_radio_of_a_tenth() -> None:
-    place, mode = by_processes(EAV, A_TENTH)
-    assert place.partition(" ")[0] in ABOARD
-    assert (place.partition(" ")[2], mode) == ("(tracking)", "(precise)")
+    assert tracks_aboard(*by_processes(EAV, A_TENTH, expected=tracks_aboard))
 
 
 @pytest.mark.live
 @pytest.mark.soak
 def test_with_processes_forced_to_the_rover_it_is_lost(forced) -> None:
-    assert by_processes(forced) == ("rover (tracking)", "(precise)")
-    assert by_processes(forced, A_TENTH)[1] == "(waiting)"
+    assert tracks_on_the_rover(*by_processes(forced, expected=tracks_on_the_rover))
+    assert waits(*by_processes(forced, A_TENTH, expected=waits))

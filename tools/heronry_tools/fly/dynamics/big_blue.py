@@ -268,7 +268,7 @@ class BigBluePlant:
         fdm["big_blue/wings"] = max(self._shape(dt_s) * (1.0 - self.chute), _LEAST_WINGS)
         fdm["big_blue/damped"] = max(float(self.hangs), self.chute)
         self._pull()
-        fdm.run()
+        model.step()
         self._steps += 1
 
     def _shape(self, dt_s: float) -> float:

@@ -31,9 +31,9 @@ from heronry_tools.fly.servos import Servos, Surface
 
 CENTRE_ABOVE_WHEELS_M = 0.30
 FIRST_SURFACE_DEG = {"elevator": 25.0, "aileron": 20.0, "rudder": 25.0}
-INERTIAL_UNITS = ("ins_1", "ins_2")
+INERTIAL_UNITS, PITOTS = ("ins_1", "ins_2"), ("pitot_1", "pitot_2")
 DEVICES = (
-    *("ins_1", "ins_2", "pitot_1", "pitot_2", "differential_receiver", "gps", "camera", "head_encoder"),
+    *(*INERTIAL_UNITS, *PITOTS, "differential_receiver", "gps", "camera", "head_encoder"),
     *("elevator_sensor", "aileron_sensor", "rudder_sensor", "throttle_sensor"),
 )  # the sensors
 _SURFACE_DEG_PER_S = 300.0
@@ -80,6 +80,7 @@ class EavPlant:
         corrections_lost_s: float | None = None,
         height_bias_m: float = 0.0,
         perfect: bool = False,
+        held: bool = False,
         watch: Callable[[Truth], None] | None = None,
         probe: LatencyProbe | None = None,
     ) -> None:
@@ -89,6 +90,7 @@ class EavPlant:
         corrections_lost_s: from when on the differential receiver is inaccurate; None if it stays accurate
         height_bias_m: a constant error of the differential receiver's height, in addition to its usual errors
         perfect: whether all sensors but the camera have no errors
+        held: whether the aircraft is held at its start until `release`; its sensors and servos work meanwhile
         watch: is called with the state after each step near the ground
         probe: adds steps to the measured pitch rate, to measure the latency to the servo
         """
@@ -107,6 +109,7 @@ class EavPlant:
         if air is not None:
             air.begin(self._model)
         self._steps = 0
+        self._begun_steps: int | None = None if held else 0  # when the flight began
         self._failed: dict[str, tuple[Failure, Value | None, float]] = {}
         self._readings: dict[str, Value] = {}
         surfaces = {name: Surface(-limit, limit, _SURFACE_DEG_PER_S) for name, limit in FIRST_SURFACE_DEG.items()} | {
@@ -159,8 +162,13 @@ class EavPlant:
         if not isinstance(value, (int, float)):
             raise TypeError(f"{device} needs a number as its command, not {value!r}")
         if self._probe is not None:
-            self._probe.commanded(device, value, now_ns)
+            self._probe.commanded(device, value, now_ns - (self._begun_steps or 0) * NS_PER_S // STEPS_PER_S)
         return self.servos.command(device, float(value)) if device in self.servos.pushes else value
+
+    def release(self, now_ns: int) -> None:
+        """Advance to `now_ns` and let the held aircraft fly; the time of the flight counts from now on."""
+        self.advance(now_ns)
+        self._begun_steps = self._steps
 
     def make_safe(self, device: str, now_ns: int) -> None:
         """Do nothing: a servo holds its angle without a command."""
@@ -188,7 +196,7 @@ class EavPlant:
         north_m, east_m, up_m = self._model.position_m()
         touching = tuple(name for name, is_down in _CONTACTS.items() if fdm[is_down])
         return Truth(
-            time_s=self._steps / STEPS_PER_S,
+            time_s=self._flown_steps / STEPS_PER_S,
             x_m=north_m,
             y_m=east_m,
             height_m=up_m - CENTRE_ABOVE_WHEELS_M,
@@ -209,6 +217,10 @@ class EavPlant:
 
     # The world
 
+    @property
+    def _flown_steps(self) -> int:
+        return 0 if self._begun_steps is None else self._steps - self._begun_steps
+
     def _trimmed(self) -> tuple[float, float]:
         """Trim the aircraft for level flight without wind; return the elevator's angle and the throttle needed."""
         fdm = self._model.fdm
@@ -218,20 +230,24 @@ class EavPlant:
         return elevator_deg, fdm["fcs/throttle-cmd-norm"]
 
     def _step(self) -> None:
-        model, fdm, servos = self._model, self._model.fdm, self.servos
         dt_s = 1.0 / STEPS_PER_S
-        servos.step(dt_s)
+        self.servos.step(dt_s)
+        if self._begun_steps is not None:
+            self._move()
+        self._steps += 1
+        self._move_head(dt_s)
+        self._sample()
+        if self._watch is not None and self._model.fdm["position/h-agl-ft"] < _NEAR_GROUND_FT:
+            self._watch(self.truth())
+
+    def _move(self) -> None:
+        model, fdm, servos = self._model, self._model.fdm, self.servos
         for name, limit in FIRST_SURFACE_DEG.items():
             fdm[f"fcs/{name}-cmd-norm"] = servos.surfaces[name].position / limit
         fdm["fcs/throttle-cmd-norm"] = servos.surfaces["throttle"].position
         if self._air is not None:
             self._air.step(model, fdm["position/h-agl-ft"] * M_PER_FT)
-        fdm.run()
-        self._steps += 1
-        self._move_head(dt_s)
-        self._sample()
-        if self._watch is not None and fdm["position/h-agl-ft"] < _NEAR_GROUND_FT:
-            self._watch(self.truth())
+        model.step()
 
     def _move_head(self, dt_s: float) -> None:
         most = _HEAD_RAD_PER_S * dt_s
@@ -251,11 +267,11 @@ class EavPlant:
         fdm, error = self._model.fdm, self._error
         exact = [fdm[name] * factor for name, factor, _, _ in _INERTIAL]
         if self._probe is not None:
-            exact[_PITCH_RATE] += 1000.0 * self._probe.offset_deg_per_s(self._steps * NS_PER_S // STEPS_PER_S)
+            exact[_PITCH_RATE] += 1000.0 * self._probe.offset_deg_per_s(self._flown_steps * NS_PER_S // STEPS_PER_S)
         for unit in INERTIAL_UNITS:
             self._readings[unit] = tuple(round(value + error(f"{unit}/{i}")) for i, value in enumerate(exact))
         airspeed = fdm["velocities/vt-fps"] * M_PER_FT
-        for unit in ("pitot_1", "pitot_2"):
+        for unit in PITOTS:
             self._readings[unit] = max(airspeed + error(unit), 0.0)
         x_m, y_m, up_m = self._model.position_m()
         self.camera.step(self._steps * NS_PER_S // STEPS_PER_S, angles_rad(x_m, y_m, up_m), self.head_rad)
@@ -263,7 +279,7 @@ class EavPlant:
     def _sample_position(self) -> None:
         x_m, y_m, up_m = self._model.position_m()
         exact = x_m, y_m, up_m - CENTRE_ABOVE_WHEELS_M
-        is_lost = self._lost_s is not None and self._steps >= self._lost_s * STEPS_PER_S
+        is_lost = self._lost_s is not None and self._flown_steps >= self._lost_s * STEPS_PER_S
         for unit, kind in (("gps", "gps"), ("differential_receiver", "lost" if is_lost else "precise")):
             values = (value + self._error(f"{kind}/{axis}") for value, axis in zip(exact, "xyh", strict=True))
             self._readings[unit] = tuple(round(1000.0 * value) for value in values)
@@ -296,7 +312,7 @@ class EavPlant:
             for i, (_, _, white, bias) in enumerate(_INERTIAL):
                 name = f"{unit}/{i}"
                 errors[name] = SensorError(seed, name, white=white, bias=chance.gauss(0.0, bias), period_s=_FAST_S)
-        for unit in ("pitot_1", "pitot_2"):
+        for unit in PITOTS:
             errors[unit] = SensorError(seed, unit, white=0.3, bias=chance.gauss(0.0, 0.4), period_s=_FAST_S)
         for kind in ("gps", "lost"):
             biases = chance.gauss(0.0, 3.0), chance.gauss(0.0, 3.0), chance.choice((-1, 1)) * chance.uniform(3.5, 7.0)

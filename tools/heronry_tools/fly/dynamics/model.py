@@ -2,6 +2,11 @@
 
 JSBSim prints a banner, unless `JSBSIM_DEBUG` is 0 in the environment before its first object is made. JSBSim accepts
 misspelt properties without a message, so `Model.put` checks that a property exists before it is written.
+
+The force of a wheel in JSBSim is that of its spring over the squared cosine of the tilt. So it has no limit for an
+aircraft that lies on its side: in one step such an aircraft would be thrown away with thousands of metres per second,
+and soon all its state would be NaN. So the wheels carry nothing beyond a tilt of 60 degrees, and the aircraft lies on
+its structure. For this, all wheels and skids in an aircraft file must be `retractable`.
 """
 
 import math
@@ -17,6 +22,8 @@ _MODELS = Path(__file__).parent / "models"
 # WGS 84 at the equator, where the runway lies: metres per radian of latitude and of longitude
 _M_PER_RAD_NORTH = 6_335_439.3
 _M_PER_RAD_EAST = 6_378_137.0
+_LEAST_COSINE = 0.5  # of the tilt at which wheels still carry
+_FASTEST_M_PER_S = 1_000.0  # of a model that has not diverged
 
 
 class Air(Protocol):
@@ -56,6 +63,9 @@ class Model:
             raise UserError(f"JSBSim cannot load the aircraft '{aircraft}' below {models}")
         self.fdm.set_dt(1.0 / STEPS_PER_S)
         self.fdm["simulation/randomseed"] = seed % 2**31
+        self._aircraft, self._seed = aircraft, seed
+        self._wheels_carry = True
+        self._has_diverged = False
 
     def put(self, name: str, value: float) -> None:
         """Set a property of JSBSim; raises KeyError if JSBSim does not have it."""
@@ -78,6 +88,25 @@ class Model:
         if not fdm.run_ic():
             raise UserError("JSBSim does not start from these initial conditions")
         fdm["propulsion/engine[0]/set-running"] = 1
+
+    def step(self) -> None:
+        """Advance JSBSim by one step.
+
+        Raises UserError if the model has diverged, then in each later step too.
+        """
+        fdm = self.fdm
+        is_upright = math.cos(fdm["attitude/phi-rad"]) * math.cos(fdm["attitude/theta-rad"]) > _LEAST_COSINE
+        if is_upright != self._wheels_carry:
+            self._wheels_carry = is_upright
+            fdm["gear/gear-pos-norm"] = 1.0 if is_upright else 0.0
+        fdm.run()
+        if self._has_diverged or not fdm["velocities/vt-fps"] * M_PER_FT < _FASTEST_M_PER_S:  # nor is NaN
+            self._has_diverged = True
+            raise UserError(
+                f"the flight model of '{self._aircraft}' has diverged (seed {self._seed}, after "
+                f"{fdm['simulation/sim-time-sec']:.2f} s): its speed is no longer below {_FASTEST_M_PER_S:.0f} m/s; "
+                "look for forces without a limit in the aircraft file, and for the commands before that time"
+            )
 
     def position_m(self) -> tuple[float, float, float]:
         """Return the centre of gravity relative to the runway's aiming point: to north, to east, up."""

@@ -11,14 +11,18 @@ from heronry_tools.fly.mission import Mission
 from heronry_tools.fly.record import Recorder
 
 
-def eav_on_final(mission: Mission, recorder: Recorder, probe: LatencyProbe | None) -> EavPlant:
-    """Return the plant of a mission; `recorder` gets its state near the ground, `probe` steps its pitch rate."""
+def eav_on_final(mission: Mission, recorder: Recorder, probe: LatencyProbe | None, *, held: bool = False) -> EavPlant:
+    """Return the plant of a mission; `recorder` gets its state near the ground, `probe` steps its pitch rate.
+
+    held: whether the aircraft is held at its start until `EavPlant.release`.
+    """
     if probe is not None:
-        return EavPlant(mission.seed, perfect=True, watch=recorder.watch, probe=probe)
+        return EavPlant(mission.seed, perfect=True, held=held, watch=recorder.watch, probe=probe)
     return EavPlant(
         mission.seed,
         air=MovingAir(mission.seed, mission.wind()),
         corrections_lost_s=mission.corrections_lost_s,
         height_bias_m=mission.height_bias_m(),
+        held=held,
         watch=recorder.watch,
     )

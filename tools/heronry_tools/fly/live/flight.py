@@ -148,6 +148,8 @@ class _Flight:
         begun_s = time.monotonic()
         while True:
             for line in self._plant.said(_LOOK_S):
+                if "problem" in line:
+                    raise UserError(line["problem"])
                 if "released_ns" not in line:
                     return {**line, "places": self._places}
                 self._released_ns = line["released_ns"]

@@ -3,12 +3,15 @@
     python -m heronry_tools.fly.live.plant_process FOLDER MISSION
 
 MISSION is a JSON object {"seed", "wind", "corrections_lost_s", "longest_s", "probed", "record"}. The aircraft is held
-at its start, trimmed and without speed over ground, until every surface has been driven for a second. In that time the
-agents load the code of their modules.
+at its start until every surface has been driven for a second. In that time, which may be long on a busy computer, the
+agents load the code of their modules. Surfaces, head and camera work meanwhile, so no monitor finds a fault. Inertial
+units and pitots read level flight at reference speed, without speed over ground and without errors. With any other
+reading the control loops would integrate an error that they cannot mend, and the aircraft would begin with the elevator
+far from its trim.
 
 Standard output gets two JSON lines: `{"released_ns"}` when the aircraft is released, and at the end one with the
-touchdown and with the delays of the process. Standard input takes lines `{"fail": DEVICE, "how": HOW}`; when it is
-closed, the process ends.
+touchdown and with the delays of the process, or `{"problem"}`: why the flight could not go on. Standard input takes
+lines `{"fail": DEVICE, "how": HOW}`; when it is closed, the process ends.
 """
 
 import json
@@ -23,9 +26,11 @@ from typing import Any, cast
 
 from heronry_agent.module import Value
 from heronry_tools.aircraft.plant.interface import Failure
+from heronry_tools.console.errors import UserError
 from heronry_tools.console.whole_file import write_whole
 from heronry_tools.fly.acceptance import causes
-from heronry_tools.fly.dynamics.eav import DEVICES, INERTIAL_UNITS
+from heronry_tools.fly.avionics.control import REFERENCE_M_PER_S, trim_alpha_deg
+from heronry_tools.fly.dynamics.eav import DEVICES, INERTIAL_UNITS, PITOTS
 from heronry_tools.fly.dynamics.on_final import eav_on_final
 from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.live.driver import COMMANDS, READINGS
@@ -39,6 +44,10 @@ _ROLLS_S = 1.0
 _SETTLES_NS = NS_PER_S
 _SAMPLED_EVERY_S = 0.05
 _STOOD_STILL_NS = 100_000_000
+HELD: dict[str, Value] = {
+    **dict.fromkeys(INERTIAL_UNITS, (0, 0, 0, 0, round(1000.0 * trim_alpha_deg(REFERENCE_M_PER_S)), 0, 0, 0)),
+    **dict.fromkeys(PITOTS, REFERENCE_M_PER_S),
+}
 
 
 class PlantProcess:
@@ -48,8 +57,9 @@ class PlantProcess:
         self._mission, self._record_file = mission, record_file
         self._recorder = Recorder("eav", "in real time", mission.seed)
         self._probe = LatencyProbe() if mission.probed else None
-        self._plant = eav_on_final(mission, self._recorder, self._probe)
-        self._origin_ns: int | None = None
+        self._plant = eav_on_final(mission, self._recorder, self._probe, held=True)
+        self._clock_ns = time.monotonic_ns()  # when the plant's time began
+        self._origin_ns: int | None = None  # when the aircraft was released
         self._driven: dict[str, int] = {}  # by surface: when it was driven first
         self._sampled_s = 0.0
         self._latest_ns = 0  # longest time between two rounds
@@ -75,6 +85,9 @@ class PlantProcess:
             write_whole(self._record_file, self._recorder.finished().as_json().encode())
         _say(self._result())
 
+    def _plant_ns(self, now_ns: int) -> int:
+        return now_ns - self._clock_ns
+
     def _flown_ns(self, now_ns: int) -> int:
         return 0 if self._origin_ns is None else now_ns - self._origin_ns
 
@@ -88,6 +101,7 @@ class PlantProcess:
             return
         if now_ns > max(self._driven.values()) + _SETTLES_NS:
             self._origin_ns = now_ns
+            self._plant.release(self._plant_ns(now_ns))
             _say({"released_ns": now_ns})
 
     def _take_commands(self, now_ns: int) -> None:
@@ -98,20 +112,20 @@ class PlantProcess:
                 return
             if self._origin_ns is None and device in self._plant.servos.pushes:
                 self._driven.setdefault(self._plant.servos.pushes[device], now_ns)
-            self._plant.write(device, tuple(value) if isinstance(value, list) else value, self._flown_ns(now_ns))
+            self._plant.write(device, tuple(value) if isinstance(value, list) else value, self._plant_ns(now_ns))
 
     def _publish(self, now_ns: int) -> None:
-        flown_ns = self._flown_ns(now_ns)
-        self._plant.advance(flown_ns)
+        plant_ns = self._plant_ns(now_ns)
+        self._plant.advance(plant_ns)
         truth = self._plant.truth()
         if self._origin_ns is not None and truth.time_s >= self._sampled_s + _SAMPLED_EVERY_S:
             self._sampled_s = truth.time_s
             surfaces = self._plant.servos.surfaces
             columns = {f"{name}_deg": surfaces[name].position for name in ("elevator", "aileron", "rudder")}
             self._recorder.sample(truth, {**columns, "throttle": surfaces["throttle"].position})
-        readings = {device: self._plant.read(device, flown_ns) for device in DEVICES}
+        readings = {device: self._plant.read(device, plant_ns) for device in DEVICES}
         if self._origin_ns is None:
-            readings |= {unit: _at_rest(readings[unit]) for unit in INERTIAL_UNITS}
+            readings |= HELD
         refusing = frozenset(name for name, (how, _) in self._plant.servos.failed.items() if how in ("dead", "stuck"))
         self._writer.write(Snapshot(now_ns, truth.height_m, readings, refusing))
 
@@ -129,8 +143,8 @@ class PlantProcess:
             if not line:
                 return False
             for order in map(json.loads, line.splitlines()):
-                now_ns = self._flown_ns(time.monotonic_ns())
-                self._plant.fail(order["fail"], cast("Failure", order["how"]), now_ns)
+                now_ns = time.monotonic_ns()
+                self._plant.fail(order["fail"], cast("Failure", order["how"]), self._plant_ns(now_ns))
 
     def _result(self) -> dict[str, Any]:
         landed = self._recorder.touchdown
@@ -143,11 +157,6 @@ class PlantProcess:
             "latencies_ns": [] if self._probe is None else self._probe.latencies_ns,
             "stood_still": self._latest_ns > _STOOD_STILL_NS,
         }
-
-
-def _at_rest(reading: Value | None) -> Value | None:
-    """Return the reading of an inertial unit with its three velocities, the last numbers, set to 0."""
-    return (*reading[:-3], 0, 0, 0) if isinstance(reading, tuple) else reading
 
 
 def _say(what: dict[str, Any]) -> None:
@@ -165,7 +174,11 @@ def main() -> None:
         probed=form["probed"],
     )
     record_file = None if form["record"] is None else Path(form["record"])
-    PlantProcess(Path(sys.argv[1]), mission, record_file).run()
+    process = PlantProcess(Path(sys.argv[1]), mission, record_file)
+    try:
+        process.run()
+    except UserError as problem:
+        _say({"problem": str(problem)})
 
 
 if __name__ == "__main__":
