@@ -1,6 +1,7 @@
 """A page follows the active manager: after a take-over it goes on with the standby manager, by itself."""
 
 import asyncio
+import os
 import time
 
 from heronry_manager.core.events import event
@@ -42,3 +43,41 @@ def test_after_a_take_over_the_page_follows_the_standby_manager_and_later_its_ow
             await until(lambda: live.trouble is None)
 
     asyncio.run(follow())
+
+
+class Busy:
+    """A feed on which something has always come."""
+
+    spec, spec_file, source, trouble = SPEC, None, "manager", None
+
+    def __init__(self, reader):
+        self.reader, self.looks, self.is_over, self.frames = reader, 0, False, []
+
+    def readers(self):
+        return [self.reader]
+
+    def poll(self):
+        self.looks += 1
+        if self.is_over:
+            raise OSError
+        return []
+
+    def close(self):
+        os.close(self.reader)
+
+
+def test_the_feed_of_a_busy_bus_is_not_looked_at_for_each_frame():
+    async def most_and_looks():
+        reader, writer = os.pipe()
+        os.close(writer)  # so there is always something to read: its end
+        feed, live, begun_s = Busy(reader), Live(Reducer(SPEC), "manager"), time.monotonic()
+        read_in_thread(lambda: feed, live, None)
+        await asyncio.sleep(0.05)
+        await until(lambda: feed.looks > 0)
+        looks, feed.is_over = feed.looks, True
+        most = (time.monotonic() - begun_s) / 0.01 + 1
+        await until(lambda: live.trouble is not None)  # the thread has ended
+        return most, looks
+
+    most, looks = asyncio.run(most_and_looks())
+    assert looks <= most

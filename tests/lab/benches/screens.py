@@ -1,12 +1,12 @@
 """How soon an event is on the screen, and what the screens cost: a real manager, `heronry web`, and Debian's Chromium.
 
-    python -m lab.benches.screens [--events 100] [--starts 5] [--minutes 0] [--fault-every 10] [--spec big_blue]
+    python -m lab.benches.screens [--events 500] [--starts 5] [--minutes 0] [--fault-every 10] [--spec big_blue]
 
     event to screen   from the manager's time of an event until the frame in which the browser has drawn its line. The
                       operator fails and clears a device meanwhile. The page's clock is compared with the manager's
                       (CLOCK_MONOTONIC, as in Chromium) twenty times; the closest pair of readings counts
-    demo to graph     from the start of `heronry demo --web` until the graph is in the browser, which runs already; the
-                      first start is not counted
+    demo to graph     from the start of `heronry demo --web` until the graph is in the browser, which runs already; and
+                      until the address is printed, and the first configuration runs. The first start is not counted
     --minutes M       two pages and `heronry top` (in a pseudo-terminal of 200x50) at full traffic, with a fault or its
                       end every ten seconds (--fault-every): the share of a core that `heronry web` and top take, the
                       memory of both after a third of the time and at its end, and the heap of a page after a sixth and
@@ -19,7 +19,6 @@ more than 2 MiB, or the heap by more than a tenth. A busy computer does not meet
 import json
 import os
 import pty
-import select
 import shutil
 import subprocess
 import sys
@@ -29,6 +28,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import cycle
+from queue import SimpleQueue
 from random import Random
 from threading import Event, Thread
 from typing import Any, Final
@@ -40,6 +40,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import whole_number
 from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
 from heronry_tools.runtime.demo.fleet import Fleet
+from heronry_wire import interruption
 from lab.benches.fleets import Aircraft, aircraft
 from lab.benches.harness import Benchmark, Report, counted, option, spec_option
 from lab.benches.processes import cpu_s, resident_mib
@@ -78,8 +79,10 @@ def _browser() -> Iterator[Browser]:
         raise UserError("there is no Chromium here: as root, apt-get install chromium")
     with sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=chromium, args=_FLAGS)
-        yield opened
-        opened.close()
+        try:
+            yield opened
+        finally:
+            opened.close()
 
 
 @dataclass(slots=True)
@@ -127,8 +130,8 @@ def _device(flown: Aircraft) -> str:
 @contextmanager
 def _web(flight: _Flight) -> Iterator[tuple[str, int]]:
     """Run `heronry web` on the manager of a flight; yields its address and its process number."""
-    typed = [*_HERONRY, "web", "--socket", str(flight.fleet.control_socket()), "--json"]
-    process = subprocess.Popen(typed, stdout=subprocess.PIPE)
+    typed = [*_HERONRY, "web", "--socket", str(flight.fleet.control_socket()), "--json", "--until-eof"]
+    process = subprocess.Popen(typed, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert process.stdout is not None
     try:
         line = process.stdout.readline()
@@ -171,21 +174,59 @@ def _offset_ns(page: Page) -> int:
     return best[1]
 
 
-def _demo_to_graph(spec_name: str, browser: Browser) -> float:
-    """Give the time in ms from the start of a demo until its graph is in the browser."""
+def _start(spec_name: str, browser: Browser) -> dict[str, float]:
+    """Start a demo; gives the times in ms until the address is printed, a configuration runs, the graph is drawn."""
     begun_s = time.monotonic()
     process = subprocess.Popen([*_HERONRY, "demo", spec_name, "--web", "--json"], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
+    told = {"page": _Told(), "reconfigured": _Told()}
+    reader = Thread(target=_read_demo, args=(process, begun_s, told))
+    reader.start()
     page = _new_page(browser)
     try:
-        told = (json.loads(line) for line in process.stdout)
-        page.goto(next(one["address"] for one in told if one["event"] == "page"))
+        address_ms, line = told["page"].get()
+        page.goto(line["address"])
         page.wait_for_selector("#graph .node")
-        return 1000 * (time.monotonic() - begun_s)
+        graph_ms = _passed_ms(begun_s)
+        configured_ms, _ = told["reconfigured"].get()
     finally:
         page.close()
         process.terminate()
-        process.communicate()
+        process.wait()
+        reader.join()
+    return {"demo to address": address_ms, "demo to configuration": configured_ms, "demo to graph": graph_ms}
+
+
+class _Told:
+    """The first line of a demo about one kind of event, for which another thread waits."""
+
+    def __init__(self) -> None:
+        self._lines: SimpleQueue[tuple[float, dict[str, Any]] | None] = SimpleQueue()
+
+    def put(self, line: tuple[float, dict[str, Any]] | None) -> None:
+        """Note a line, with the time in ms when it came; None: the demo has ended."""
+        self._lines.put(line)
+
+    def get(self) -> tuple[float, dict[str, Any]]:
+        """Wait for the line."""
+        line = self._lines.get()
+        if line is None:
+            raise SystemExit("the benchmark ends here: 'heronry demo' has ended, for the reason above")
+        return line
+
+
+def _read_demo(process: "subprocess.Popen[str]", begun_s: float, told: dict[str, _Told]) -> None:
+    """Read all lines of a demo: one whose pipe is full stands still."""
+    assert process.stdout is not None
+    for text in process.stdout:
+        line = json.loads(text)
+        if line["event"] in told:
+            told[line["event"]].put((_passed_ms(begun_s), line))
+    for one in told.values():
+        one.put(None)
+
+
+def _passed_ms(begun_s: float) -> float:
+    return 1000 * (time.monotonic() - begun_s)
 
 
 class _Top:
@@ -198,17 +239,19 @@ class _Top:
         self._process = subprocess.Popen(typed, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
         os.close(theirs)
         self.pid = self._process.pid
+        self._reader = Thread(target=self._read)
+        self._reader.start()
 
-    def read(self) -> None:
-        """Read what it has written."""
-        with suppress(OSError):
-            while select.select([self._ours], [], [], 0)[0] and os.read(self._ours, 1 << 16):
+    def _read(self) -> None:
+        with suppress(OSError):  # it has ended
+            while os.read(self._ours, 1 << 16):
                 pass
 
     def close(self) -> None:
         """End it."""
         self._process.terminate()
         self._process.wait()
+        self._reader.join()
         os.close(self._ours)
 
 
@@ -246,7 +289,6 @@ def _watched(flight: _Flight, pages: list[Page], web: int, top: _Top, arguments:
             flight.disturb()
             next_s += arguments.fault_every
         pages[0].wait_for_timeout(200)
-        top.read()
         while marks and passed_s >= marks[0][0]:
             if marks.pop(0)[1] == "heap":
                 cost.heap_bytes.append(heap_bytes(pages[0]))
@@ -274,13 +316,15 @@ def heap_bytes(page: Page) -> int:
 def measure(arguments: Namespace, report: Report) -> None:
     """Measure the times, and with --minutes the cost."""
     report.begin(f"{arguments.spec}, software bus, Chromium")
-    with _browser() as browser:
+    with interruption.in_order(), _browser() as browser:
         if arguments.events:
             report.times("event to screen", _event_to_screen(arguments.spec, browser, arguments.events), limit=_MOST_MS)
         if arguments.starts:
-            _demo_to_graph(arguments.spec, browser)
-            starts = counted("starts", arguments.starts, range(arguments.starts))
-            report.times("demo to graph", [_demo_to_graph(arguments.spec, browser) for _ in starts])
+            _start(arguments.spec, browser)
+            counts = counted("starts", arguments.starts, range(arguments.starts))
+            starts = [_start(arguments.spec, browser) for _ in counts]
+            for what in starts[0]:
+                report.times(what, [one[what] for one in starts])
         if arguments.minutes:
             _tell(_cost(browser, arguments), arguments.minutes, report)
 
@@ -311,7 +355,7 @@ main = Benchmark(
     "screens",
     __doc__,
     measure,
-    option("--events", 100, "events that are awaited on the screen", whole_number),
+    option("--events", 500, "events that are awaited on the screen", whole_number),
     option("--starts", 5, "starts of a demo", whole_number),
     option("--minutes", 0.0, "for which the screens are watched", float, "M"),
     option("--fault-every", 10.0, "seconds between a fault and its end", float, "S"),

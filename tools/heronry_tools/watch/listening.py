@@ -15,10 +15,9 @@ of the frames: `until` first handles the deadlines before it, so the same frames
 
 from collections.abc import Iterator, Mapping
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from heronry_dg.model import Spec
-from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import Emit, ManagerAction
 from heronry_tools.runtime.witness import Outage, Witness
@@ -31,6 +30,9 @@ from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, mana
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Tick
 from heronry_wire.state_frames import PeFlags, StatePage0, StatePage1, decode_state
+
+if TYPE_CHECKING:
+    from heronry_manager.core.manager import ManagerCore
 
 Event = Mapping[str, Any]
 
@@ -72,7 +74,7 @@ class Listening:
         self._tell_ns = begins_ns + _TELL_NS
         self._core: ManagerCore | None = None
         if not tells_why:
-            self._core = ManagerCore(spec, FIRST_MANAGER, NOTHING, begins_ns, advise=True, key=key)
+            self._core = _advising_core(spec, begins_ns, key)
             core = self._core
             self._epochs = EpochsOnTheBus(spec, tables, lambda: core.now)
 
@@ -157,6 +159,12 @@ class Listening:
                 self._silent_since_ns[outage.function] = outage.from_ns
                 yield _outage(t_ns, outage)
         self._witness.forget()
+
+
+def _advising_core(spec: Spec, begins_ns: int, key: Key | None) -> "ManagerCore":
+    from heronry_manager.core.manager import ManagerCore  # noqa: PLC0415 - loads slowly, and beside a manager for nothing
+
+    return ManagerCore(spec, FIRST_MANAGER, NOTHING, begins_ns, advise=True, key=key)
 
 
 def _outage(t_ns: int, outage: Outage) -> Event:

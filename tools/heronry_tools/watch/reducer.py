@@ -15,6 +15,7 @@ once, so that the graph shows a loss before the plan for it runs.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter
@@ -36,8 +37,6 @@ from heronry_tools.watch.snapshot import (
 from heronry_tools.watch.status_document import from_status
 
 Event = Mapping[str, Any]
-
-_READER = TypeAdapter(Snapshot)  # of a document
 
 _STANDING = {
     "pe_suspected": "suspect",
@@ -177,9 +176,15 @@ def _status(spec: Spec, state: State, event: Event) -> State:
     return replace(state, snapshot=from_status(state.snapshot, event))
 
 
+@cache
+def _reader() -> TypeAdapter[Snapshot]:
+    """Make what reads a snapshot from a document; that is slow, and only recordings need it."""
+    return TypeAdapter(Snapshot)
+
+
 def _resumed(spec: Spec, state: State, event: Event) -> State:
     """Continue from the snapshot in a `resumed` event; if the events before it were read, it changes nothing."""
-    view: Snapshot = _READER.validate_python(event["snapshot"])
+    view = _reader().validate_python(event["snapshot"])
     return replace(state, snapshot=view, running=RunningPlan.of_document(spec, event["plan"]))
 
 

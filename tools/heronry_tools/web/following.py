@@ -23,6 +23,7 @@ from heronry_tools.web.live import Live
 
 _LOOK_S: Final = 0.2
 _AGAIN_S: Final = 0.3
+_BETWEEN_S: Final = 0.01  # from one look to the next: a look costs more than the frame that it finds
 _MOST_WAITING: Final = 64  # polls that the loop has not taken yet
 
 OpenFeed = Callable[[], Feed]
@@ -54,6 +55,7 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
         feed = _opened(open_feed, lambda why: loop.call_soon_threadsafe(live.waits, why))
         while True:
             select.select(feed.readers(), [], [], _LOOK_S)
+            looked_s = time.monotonic()
             events = feed.poll()
             has_frames = has_frames or bool(feed.frames)
             is_alive = bool(feed.frames) if has_frames else feed.trouble is None
@@ -61,6 +63,7 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
             loop.call_soon_threadsafe(take, events, feed.trouble, is_alive)
             if feed.trouble is not None and manager is not None:
                 feed = _standby(feed, manager)
+            time.sleep(max(0.0, looked_s + _BETWEEN_S - time.monotonic()))
     except Exception as error:  # noqa: BLE001 - a thread that dies would leave pages that look alive
         sentence = as_user_error(error) or f"the feed has failed ({type(error).__name__}: {error})"
         with suppress(RuntimeError):  # the loop has ended

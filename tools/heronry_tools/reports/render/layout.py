@@ -150,19 +150,33 @@ class _Placing:
 
     def _settle(self) -> None:
         """Move the symbols of every column to the heights at which their edges are most nearly level."""
-        near: dict[str, list[tuple[str, int, int]]] = {key: [] for key in self._shapes}
+        near: dict[str, list[tuple[str, int]]] = {key: [] for key in self._shapes}  # the other end, and its weight
+        weights, shifts = dict.fromkeys(self._shapes, 0), dict.fromkeys(self._shapes, 0)
         for segment in self._layers.segments:
             out, into = self._ends(segment)
-            near[segment.source].append((segment.target, out - into, self._weight(segment)))
-            near[segment.target].append((segment.source, into - out, self._weight(segment)))
+            heavy = self._weight(segment)
+            ends = ((segment.source, segment.target, out - into), (segment.target, segment.source, into - out))
+            for key, other, offset in ends:
+                near[key].append((other, heavy))
+                weights[key] += heavy
+                shifts[key] += offset * _FINE * heavy
+        y, columns = self._y, [(column, self._offsets(column)) for column in self._layers.columns]
         for sweep in range(_SWEEPS):
-            for column in self._layers.columns if sweep % 2 == 0 else reversed(self._layers.columns):
+            for column, offsets in columns if sweep % 2 == 0 else reversed(columns):
                 wanted = []
                 for key in column:
-                    weight = sum(one[2] for one in near[key])
-                    pull = sum((self._y[other] - offset * _FINE) * heavy for other, offset, heavy in near[key])
-                    wanted.append((pull // weight, weight) if weight else (self._y[key], 1))
-                self._y.update(zip(column, self._apart(column, wanted), strict=True))
+                    pull = -shifts[key]
+                    for other, heavy in near[key]:
+                        pull += y[other] * heavy
+                    wanted.append((pull // weights[key], weights[key]) if weights[key] else (y[key], 1))
+                y.update(zip(column, _apart(offsets, wanted), strict=True))
+
+    def _offsets(self, column: tuple[str, ...]) -> list[int]:
+        """Give the least distances of the symbols of a column from its first one."""
+        offsets = [0]
+        for key in column[:-1]:
+            offsets.append(offsets[-1] + (self._shapes[key].height + _ROW_GAP) * _FINE)
+        return offsets
 
     def _straighten(self) -> None:
         """Keep long edges at one height where there is room: they change height once, not in every column."""
@@ -194,23 +208,6 @@ class _Placing:
         """Give the weight of a segment: a piece of a longer edge weighs more, and so becomes straighter."""
         points = (segment.source.startswith("~")) + (segment.target.startswith("~"))
         return (2, 3, 8)[points]
-
-    def _apart(self, column: tuple[str, ...], wanted: list[tuple[int, int]]) -> list[int]:
-        """Give the heights at which no two symbols of a column overlap, nearest to the wanted ones.
-
-        Each wanted height has a weight. Results are rounded down.
-        """
-        blocks: list[list[int]] = []  # sum of weighted heights, sum of weights, members
-        offsets = [0]
-        for key in column[:-1]:
-            offsets.append(offsets[-1] + (self._shapes[key].height + _ROW_GAP) * _FINE)
-        for (height, weight), offset in zip(wanted, offsets, strict=True):
-            blocks.append([(height - offset) * weight, weight, 1])
-            while len(blocks) > 1 and blocks[-2][0] * blocks[-1][1] > blocks[-1][0] * blocks[-2][1]:
-                last = blocks.pop()
-                blocks[-1] = [a + b for a, b in zip(blocks[-1], last, strict=True)]
-        starts = [total // weight for total, weight, members in blocks for _ in range(members)]
-        return [start + offset for start, offset in zip(starts, offsets, strict=True)]
 
     def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
         """Give the left and right sides of the columns; the gap between two is wider where edges are steeper."""
@@ -262,6 +259,23 @@ class _Placing:
             lane = bottom + _LANE * (order + 1)
             corners = ((x_out, y_out), (x_out, lane), (x_in, lane), (x_in, y_in))
             yield Loop(number, ((_right_side(source), y_out), *corners, (_left_side(target), y_in)))
+
+
+def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
+    """Give the heights at which no two symbols of a column overlap, nearest to the wanted ones.
+
+    offsets: the least distances of the symbols from the first one. Each wanted height has a weight. Results are rounded
+    down.
+    """
+    blocks: list[tuple[int, int, int]] = []  # sum of weighted heights, sum of weights, members
+    for (height, weight), offset in zip(wanted, offsets, strict=True):
+        total, heavy, members = (height - offset) * weight, weight, 1
+        while blocks and blocks[-1][0] * heavy > total * blocks[-1][1]:
+            above = blocks.pop()
+            total, heavy, members = total + above[0], heavy + above[1], members + above[2]
+        blocks.append((total, heavy, members))
+    starts = [total // heavy for total, heavy, members in blocks for _ in range(members)]
+    return [start + offset for start, offset in zip(starts, offsets, strict=True)]
 
 
 def _sagitta(radius: int, offset: int) -> int:

@@ -6,7 +6,6 @@ Tagawa and Toda 1981); the best order of all sweeps is taken.
 """
 
 from bisect import bisect_right
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from heronry_tools.reports.render.graph import Graph
@@ -91,12 +90,17 @@ def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | 
     """Give the heights of symbols and of their cells, as the number of places from the top."""
     found: dict[tuple[str, int | None], float] = {}
     for column in columns:
-        for place, key in enumerate(column):
-            found[key, None] = float(place)
-            cells = len(graph.nodes[key].cells) if key in graph.nodes else 0
-            for cell in range(cells):
-                found[key, cell] = place + (cell + 0.5) / cells - 0.5
+        _place(graph, column, found)
     return found
+
+
+def _place(graph: Graph, column: list[str], at: dict[tuple[str, int | None], float]) -> None:
+    """Note in `at` the heights of the symbols of one column, and of their cells."""
+    for place, key in enumerate(column):
+        at[key, None] = float(place)
+        cells = len(graph.nodes[key].cells) if key in graph.nodes else 0
+        for cell in range(cells):
+            at[key, cell] = place + (cell + 0.5) / cells - 0.5
 
 
 def _sweep(graph: Graph, columns: list[list[str]], segments: tuple[Segment, ...], *, forth: bool) -> None:
@@ -106,14 +110,15 @@ def _sweep(graph: Graph, columns: list[list[str]], segments: tuple[Segment, ...]
             near.setdefault(segment.target, []).append((segment.source, segment.out_cell))
         else:
             near.setdefault(segment.source, []).append((segment.target, segment.in_cell))
+    at = _positions(graph, columns)
+
+    def centre(key: str) -> float:
+        ends = near.get(key)
+        return sum(at[end] for end in ends) / len(ends) if ends else at[key, None]
+
     for column in columns if forth else reversed(columns):
-        at = _positions(graph, columns)
-
-        def centre(key: str, at: Mapping[tuple[str, int | None], float] = at) -> float:
-            ends = near.get(key)
-            return sum(at[end] for end in ends) / len(ends) if ends else at[key, None]
-
         column.sort(key=centre)
+        _place(graph, column, at)
 
 
 def _crossings(graph: Graph, columns: list[list[str]], segments: tuple[Segment, ...]) -> int:
