@@ -287,7 +287,7 @@ class Link:
     def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
         """Try to bring back a lost bus.
 
-        result: what a thread has opened, or why it could not; None: no thread was used, and the bus is opened here.
+        result: the bus that a thread has opened, or the error that it met; None: open the bus here, without a thread.
         """
         try:
             if isinstance(result, HeronryError):

@@ -119,9 +119,9 @@ def read_draft(root: Node, findings: Findings) -> Draft | None:
 
 
 def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
-    """Say which other kind of file one without `dg` is, and what to do; None where it may be a spec.
+    """Say what kind of file a file without the key `dg` is, and what to do; None if the file may be a spec.
 
-    Every field of such a file would be a mistake of its own, and none of those findings helps.
+    Without this sentence every field of such a file would give a finding, and none of these findings would help.
     """
     if "dg" in keys:
         return None

@@ -238,7 +238,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Give some of a PE's states: of states in which the PE sends the same frames, only one."""
+    """Give a PE's states, but only one of several states in which the PE sends the same frames."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}

@@ -4,8 +4,8 @@
     # dg: ignore[DG240, DG241] for the next line that is neither empty nor a comment
     # dg: error[DG401]         above the first line of the spec: this warning is an error here
 
-An instruction begins at the first `# dg:` of a line, even inside a quoted text. A finding that stops a spec from being
-loaded cannot be ignored, nor can a finding about the comments themselves.
+An instruction begins at the first `# dg:` of a line, even inside a quoted text. Two kinds of findings cannot be
+ignored: those that stop a spec from being loaded, and those about the comments themselves.
 """
 
 import re

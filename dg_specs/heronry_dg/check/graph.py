@@ -158,9 +158,9 @@ def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None
 
 
 def _circles(subject: Subject, findings: Findings) -> None:
-    """Find phases whose rules lead from one to the next and back while one value of their variable fulfils them all.
+    """Find rules that lead around a circle of phases and whose conditions all hold at one value of their variable.
 
-    The phase would then change for as long as the variable keeps that value, with each message a new one.
+    While the variable has that value, each of its messages would change the phase.
     """
     by_variable: dict[str, dict[str, When]] = {}
     for phase in subject.spec.phases.values():

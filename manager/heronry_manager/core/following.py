@@ -167,7 +167,7 @@ class Following:
         return self._digests.get(epoch)
 
     def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
-        """Note by page 0 of a PE what the PE runs, and whether it hears a manager."""
+        """Note from page 0 of a PE what the PE runs, and whether it hears a manager."""
         said = self._said if is_proven else self._unproven
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
         if self.node is None and page.state is not PeState.UNCONFIGURED:

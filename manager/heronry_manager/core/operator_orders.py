@@ -14,8 +14,8 @@
     unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
                      if it is lost, the operator has to give the order again
 
-A manager that only advises takes orders of phases, failures and clearances as suppositions: it reports what it would do
-then.
+A manager that only advises does not execute orders of phases, failures and clearances. It assumes what they say, and
+reports what it would do then.
 
 The consequences of an order are returned (`Outcome`). The caller carries them out in this order: the consequences of
 the changed situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has

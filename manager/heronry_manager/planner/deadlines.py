@@ -176,7 +176,7 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Return the least jitter that a message brings from the bus before, in bit times: as if alone there."""
+        """Return the least jitter, in bit times, that a message brings from the bus before, if it was alone there."""
         if hop.after is None:
             return Fraction(0)
         alone = self._times.responses([replace(hop, bus=hop.after, after=None)])

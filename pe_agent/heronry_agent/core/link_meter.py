@@ -55,7 +55,7 @@ class _Period:
 
 
 class _Numbered(NamedTuple):
-    """The last frame that came of one sequence of numbered frames."""
+    """The last received frame of one sequence of numbered frames."""
 
     sequence: int
     time_ns: int
@@ -142,7 +142,7 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count how many frames have come, and should have come, from the sender of a frame since its last frame."""
+        """Count how many frames have come from the sender of this frame since its last one, and how many should have."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return

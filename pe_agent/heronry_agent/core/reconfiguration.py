@@ -40,7 +40,7 @@ class Moves:
     """Which modules to stop and to start, by index in the table: first `drop` and `stop`, then `start`.
 
     stop: modules that run and must stop.
-    keep: those of `stop` that will start again in another mode, and keep their state until then.
+    keep: modules in `stop` that will start again in another mode, and keep their state until then.
     drop: modules that were kept before, and whose state is not needed any more.
     start: (module, mode) of each module to start.
     rewire: the epoch is new, so the inputs of all modules change.
@@ -84,7 +84,9 @@ class Reconfiguration:
         return (epoch, digest) == (self.running.epoch, self.running.digest) and epoch != NO_EPOCH
 
     def advance(self, target: Configured, step: Step) -> Moves | None:
-        """Take an activation step of `target`; returns what to stop and to start, None if the step was taken before.
+        """Take an activation step of `target`; returns the modules to stop and to start.
+
+        Returns None if the step was taken before.
 
         target: the running configuration, or the staged one.
         """

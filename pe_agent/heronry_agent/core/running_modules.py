@@ -431,7 +431,7 @@ class RunningModules:
         self._turn.out.append(Send(self._index.uplink, frame))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
-        """Report to the manager something that is no fault, unless it was reported within a second.
+        """Report to the manager an event that is not a fault, unless it was reported within the last second.
 
         Tells whether it was sent.
         """

@@ -50,7 +50,7 @@ UNCONFIGURED = Configured(NO_EPOCH, 0, Slice(), 0, 0)
 
 @dataclass(slots=True)
 class _Collection:
-    """What has come of the slice of a new epoch: its PREPARE, its head, and frames of its body by their number."""
+    """The received parts of the slice of a new epoch: its PREPARE, its head, and frames of its body by number."""
 
     prepare: Prepare
     head: SliceHead | None = None
@@ -122,7 +122,8 @@ class Staging:
     def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
         """Take the head of this PE's slice.
 
-        running: the configuration that runs here; if the head announces its slice, that is staged at once.
+        running: the configuration that runs here; if the head announces the slice of this configuration, the slice is
+        staged at once.
         """
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):

@@ -180,7 +180,7 @@ def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transitio
 
 
 def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
-    """Read the running configuration from a plan; without all its wires, only the modules' PEs and modes."""
+    """Read the running configuration from a plan; if the plan lacks wires, read only the modules' PEs and modes."""
     from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
 
     try:

@@ -238,7 +238,7 @@ def _lines_of(file: Path) -> list[str]:
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
-    """Tell whether an oracle was violated; that a given fault was not injected does not count."""
+    """Tell whether an oracle was violated; a given fault that was not injected is no violation."""
     from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
 
     return any(violation.rule != MISSED for violation in outcome.violations)

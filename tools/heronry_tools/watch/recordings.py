@@ -161,7 +161,7 @@ def tables_of(spec: Spec) -> tuple[PeTable, ...]:
 
 
 def _why(spec: Spec, found: Sequence[Mastership]) -> list[Event] | None:
-    """Give the manager's events by running its core again; None where that is not possible, or its decisions differ."""
+    """Give the manager's events by running its core again; None if that is not possible, or gives other decisions."""
     if not found or found[0].epoch:
         return None
     try:

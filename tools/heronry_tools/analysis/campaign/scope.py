@@ -51,7 +51,7 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = Fals
 
 
 def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
-    """Give the phases that are planned ahead: those of the spec's `contingency`, else all; (None,) without phases."""
+    """Give the phases that are planned ahead: those of the spec's `contingency`, else all; (None,) if none."""
     return spec.contingency.phases or tuple(spec.phases) or (None,)
 
 

@@ -15,7 +15,7 @@ from heronry_dg.why_not import Feasible, feasible
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Both marks for one spec, situation and configuration; the function `marks` makes them."""
+    """What is dead and what is chosen, for one spec, situation and configuration; made by the function `marks`."""
 
     spec: Spec
     found: Feasible

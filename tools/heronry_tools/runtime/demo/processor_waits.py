@@ -19,7 +19,7 @@ _PROC = Path("/proc")
 class Wait:
     """For `for_ns` of the last `of_ns`, a process has waited for a processor.
 
-    who: whose process: 'pe:NAME', 'manager NODE', or 'bus NAME'.
+    who: name of the process: 'pe:NAME', 'manager NODE', or 'bus NAME'.
     """
 
     who: str
@@ -44,9 +44,9 @@ class ProcessorWaits:
             self._samples.popleft()
 
     def longest(self, now_ns: int, pe: str, processes: Mapping[str, int]) -> Wait:
-        """Give the longest wait that may have made the PE silent: of its process, a manager or a bus.
+        """Give the longest wait that may have made a PE silent: that of its process, of a manager or of a bus.
 
-        The time that it looks back is the window, or more if this process was kept waiting, too.
+        It looks back over the window, or further if this process was kept waiting, too.
         """
         began_ns, before = self._samples[0] if self._samples else (now_ns, {})
         of_ns = now_ns - began_ns

@@ -45,7 +45,7 @@ class BusNamed:
         return f"-i {self.interface} -c {self.channel}"
 
     def start_agents(self, where: str) -> str:
-        """Give the command that starts a node; where: on which nodes."""
+        """Give the command that starts a node; `where`: words that say on which nodes."""
         if self.interface == "socketcan":
             return f"systemctl start heronry-agent@PE   ({where})"
         return f"pe-agent --table PE.table {self.flags}   (for each PE)"

@@ -112,7 +112,7 @@ class Forgery:
         return self._nodes_of.keys()
 
     def hear(self, frame: Frame) -> None:
-        """Note what a PE says of itself; a frame with any other identifier is ignored."""
+        """Note what a PE reports of itself; ignore a frame with any other identifier."""
         node = self._nodes_of.get(frame.can_id)
         page = None if node is None else decode_state(frame.data)
         if node is not None and isinstance(page, StatePage0):
@@ -125,7 +125,7 @@ class Forgery:
         return self._next.pop(0)
 
     def pause_ns(self, frame: Frame, bitrate: int, share_percent: int) -> int:
-        """Draw the time from this frame to the next one, so that all of them take this share of the bus."""
+        """Draw the time from this frame to the next one, so that all forged frames together take this share of the bus."""
         even_ns = round(exact_bits(frame) * _NS_PER_S / (bitrate * (share_percent / 100)))
         return self._random.randint(even_ns // 2, even_ns * 3 // 2)
 

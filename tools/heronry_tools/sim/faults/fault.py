@@ -299,7 +299,7 @@ class Fault:
 
     @property
     def over_ms(self) -> int:
-        """Return the latest time in ms at which the fault is over; if it has no end, at which it is injected."""
+        """Return the latest time in ms at which the fault is over, or at which it is injected if it has no end."""
         return self.at_ms + (WAITS_MS if self.during else 0) + self.lasts_ms
 
     @property

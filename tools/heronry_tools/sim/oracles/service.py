@@ -11,7 +11,7 @@ may be those of any moment from shortly before PREPARE on. Two cases are special
   only by the next ALIVE. In three cases ALIVE does not show it, and nothing is compared: the manager dies before that
   ALIVE; that ALIVE comes so late that a PE may have been lost and have rejoined; or an ALIVE was late within the last
   period, since delayed frames then go out in the order of their identifiers.
-- A manager that adopts what runs drops nothing by that, so an adopted epoch is not compared.
+- A manager that adopts the running configuration drops no function by that, so an adopted epoch is not compared.
 
 *While no more faults are injected*, a critical function that was heard must not stay silent for longer than
 `longest_ns`: one patience, and a second for planning, steps and first values. The oracle plans for a situation in which
