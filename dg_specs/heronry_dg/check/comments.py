@@ -109,7 +109,7 @@ class _Reader:
         for rule in self._rules(place, codes):
             if rule.stops or rule.code in _ABOUT_COMMENTS:
                 sentence = f"{rule.code} cannot be ignored"
-                self._findings.add(rules.UNKNOWN_CODE, place, sentence, "fix what is found, and remove the comment")
+                self._findings.add(rules.UNKNOWN_CODE, place, sentence, "correct the mistake, and remove the comment")
             else:
                 self.found.ignores.append(Ignore(place, rule.code, line))
 

@@ -173,8 +173,9 @@ def _circles(subject: Subject, findings: Findings) -> None:
             findings.add(
                 rules.CIRCLE,
                 subject.place("phases", circle[0], "when"),
-                f"the phase changes without end ({way}): all these rules hold at one value of '{variable}'",
-                "let the thresholds of the way there and of the way back exclude each other",
+                f"the phase changes without end ({way}): "
+                f"all conditions of these rules hold at one value of '{variable}'",
+                "choose thresholds so that no value fulfils the conditions of all these rules",
             )
 
 
@@ -312,7 +313,10 @@ def _unused_variables(subject: Subject, findings: Findings) -> None:
     for name in spec.variables.keys() - read:
         sentence = f"variable '{name}' is read by no module and watched by no phase"
         findings.add(
-            rules.UNUSED_VARIABLE, subject.place("variables", name), sentence, "remove it, or let a module read it"
+            rules.UNUSED_VARIABLE,
+            subject.place("variables", name),
+            sentence,
+            "remove the variable, or let a module read it",
         )
 
 

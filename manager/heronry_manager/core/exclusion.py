@@ -105,7 +105,7 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether some PE was left out of ALIVE for the first time, and this ALIVE is still to be sent (`said`)."""
+        """Tell whether an ALIVE that leaves a PE out for the first time is still to be sent (then call `said`)."""
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:

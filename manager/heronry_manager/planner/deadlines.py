@@ -190,7 +190,9 @@ class Deadlines:
         """
         messages = shrunk(self._times, late)
         if messages in self._forbidden:
-            raise PlannerDefectError(f"the search gave messages that it must not combine: {sorted(map(str, messages))}")
+            raise PlannerDefectError(
+                f"the search combined messages that exclude each other: {sorted(map(str, messages))}"
+            )
         self._forbidden.add(messages)
         self._publishing.forbid_together(messages)
         return messages

@@ -73,7 +73,7 @@ def find_socket(name: str | None) -> Path:
     if name is not None:
         path = default_socket(name)
         if running and path not in running:
-            raise ControlError(f"no manager listens on {path}; running here: {names}")
+            raise ControlError(f"no manager listens on {path}; these run here: {names}")
         return path
     if not running:
         raise ControlError(

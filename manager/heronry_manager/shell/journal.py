@@ -239,14 +239,14 @@ class Journal:
         self.memory, digest = recovered(data)
         if digest is None and self.memory == NOTHING:
             raise JournalError(
-                f"{self.file} is no manager's journal; remove it, and restart the PEs, which then begin at term 1 too"
+                f"{self.file} is no manager's journal; remove it, and restart the PEs so that they begin at term 1, too"
             )
         if digest == self._spec.digest:
             return
         if digest is not None and not accept_changed_spec:
             raise JournalError(
-                f"spec {self._spec.name} has changed since {self.file} was begun (its digest was {digest[:12]}, and is "
-                f"{self._spec.digest[:12]}); go on with the old spec, or accept this one with --changed-spec"
+                f"spec {self._spec.name} has changed since {self.file} was begun (digest then {digest[:12]}, now "
+                f"{self._spec.digest[:12]}); start with the old spec, or accept the new one with --changed-spec"
             )
         self.memory = self.memory.numbers()
 

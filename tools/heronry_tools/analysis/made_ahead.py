@@ -58,7 +58,7 @@ def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, defau
         type=_source,
         default=Ahead.SINGLE_FAULTS,
         metavar="FILE",
-        help=f"plans made ahead, {what}: a file of 'heronry contingencies', or 'none' (default: {default})",
+        help=f"plans made ahead ({what}): a file of 'heronry contingencies', or 'none' (default: {default})",
     )
 
 

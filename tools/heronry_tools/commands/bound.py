@@ -42,7 +42,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry bound`."""
     parser = subparsers.add_parser(
         "bound",
-        description="Bound the time from a fault to the new configuration: detect, decide, distribute, activate.",
+        description="Bound the time from a fault to the new configuration, in four parts: "
+        "detect, decide, distribute, activate.",
         epilog=_EPILOG,
     )
     add_spec_argument(parser)
@@ -51,7 +52,7 @@ def add_parsers(subparsers: Any) -> None:
         "--decide",
         type=_milliseconds,
         metavar="MS",
-        help="take MS milliseconds as the time to make a plan, instead of measuring it",
+        help="assume that making a plan takes MS milliseconds, instead of measuring that",
     )
     add_output(parser, "write every element as JSON")
     parser.set_defaults(run=run)

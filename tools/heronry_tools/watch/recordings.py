@@ -61,9 +61,9 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
     if path.suffix == ".scenario":
         return _flown(path)
     if path.is_dir():
-        raise UserError(f"{path} is a folder, and none of 'heronry record': name a log, or such a folder")
+        raise UserError(f"{path} is a folder, but not one of 'heronry record': name a log, or such a folder")
     if spec is None:
-        raise UserError(f"{path} does not say of which spec it is: write SPEC after it")
+        raise UserError(f"{path} does not name its spec: write SPEC after it")
     loaded = load_spec(spec)
     if path.suffix == ".jsonl":
         events = list(read_events(path))
@@ -126,7 +126,7 @@ def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: 
     Raises UserError where the flight had a key and none is given, or was flown with another spec.
     """
     if is_tagged(frames) and key is None:
-        raise UserError(f"{name} is of a flight with a key: name it with --key")
+        raise UserError(f"{name} is of a flight with a key: name the key file with --key")
     on_the_bus = on_the_managers_bus(spec, frames, None)
     found = masterships(spec, on_the_bus if key is None else proven(spec, key, on_the_bus))
     for mastership in found:

@@ -44,7 +44,7 @@ def ranked(graph: Graph) -> Ranks:
 
 
 def _feedback(graph: Graph) -> frozenset[int]:
-    """Find as few edges as possible whose removal leaves no cycle; only edges out of variables with an initial value."""
+    """Find as few edges as possible whose removal leaves no cycle; only edges out of initialized variables."""
     successors: dict[str, list[str]] = {key: [] for key in graph.nodes}
     for edge in graph.edges:
         successors[edge.source].append(edge.target)

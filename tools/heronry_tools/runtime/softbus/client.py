@@ -120,7 +120,7 @@ class SoftBus(can.BusABC):
     def _from_bus(self, record: bytes) -> can.Message:
         received = decode_frame(record)
         if isinstance(received, Malformed):
-            raise can.CanOperationError(f"{self._path}: the bus sent what is no frame: {received.reason}")
+            raise can.CanOperationError(f"{self._path}: the bus sent a record that is no frame: {received.reason}")
         frame = received.frame
         return StampedMessage(
             received.time_ns,

@@ -125,7 +125,7 @@ class Forgery:
         return self._next.pop(0)
 
     def pause_ns(self, frame: Frame, bitrate: int, share_percent: int) -> int:
-        """Draw the time from this frame to the next one, so that all forged frames together take this share of the bus."""
+        """Draw the time from this frame to the next one, so that the forged frames take this share of the bus."""
         even_ns = round(exact_bits(frame) * _NS_PER_S / (bitrate * (share_percent / 100)))
         return self._random.randint(even_ns // 2, even_ns * 3 // 2)
 

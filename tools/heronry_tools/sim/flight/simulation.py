@@ -217,7 +217,7 @@ class Simulation:
             if epoch != epoch_before:
                 unwell.append(
                     Violation(
-                        self.now_ns, "active", f"epoch {epoch} was activated after the aircraft should have settled"
+                        self.now_ns, "active", f"epoch {epoch} was activated after the aircraft should have converged"
                     )
                 )
             if unwell and self.now_ns >= end_ns:
