@@ -308,7 +308,7 @@ def _blow(spec: "Spec", text: str) -> "Blow":
     if name not in known:
         raise UserError(f"--kill {text}: no {kind} is named '{name}'; {meant(name, known)}")
     if how and kind != "device":
-        raise UserError(f"--kill {text}: leave '={how}' out for a {kind}; only a device may be {', '.join(_HOW)}")
+        raise UserError(f"--kill {text}: a {kind} takes no '={how}'; only a device may be {', '.join(_HOW)}")
     if how and how not in _HOW:
         raise UserError(f"--kill {text}: a device may be {', '.join(_HOW)}")
     if when.endswith("m"):
