@@ -28,8 +28,9 @@ the node does not take. Filters apply to echoes as well, so an identifier that i
 before the frame goes out.
 
 SocketCAN and the software bus echo frames, stamp them with this machine's clock, and have nothing left when `recv`
-gives nothing. Other back-ends may not. With them a frame counts as sent when `send` returns, and as arrived when it is
-read; the link itself drops frames that the node does not take, and calls `recv` again while there is something to read.
+gives nothing. Other back-ends may differ. With them a frame counts as sent when `send` returns, and as arrived when it
+is read; the link itself drops frames that the node does not take, and calls `recv` again while there is something to
+read.
 """
 
 import select

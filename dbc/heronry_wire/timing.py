@@ -26,7 +26,7 @@ The analysis assumes that every node sends by priority, not first-in-first-out. 
 result is safe, and exact for unrelated clocks), and considers errors only if they are given (`Errors`).
 
 If a message and all messages above it load the bus to more than 9 999/10 000, the response time of that message counts
-as unbounded. The clocks of two nodes may differ by as much, and near full load the busy period grows without limit.
+as unbounded. The clocks of two nodes may differ by 1/10 000, and near full load the busy period grows without limit.
 """
 
 from collections.abc import Sequence

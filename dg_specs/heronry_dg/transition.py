@@ -16,8 +16,8 @@ more than the old configuration, and a mixture of `broken` and `after` no bus mo
 before any PE goes, no limit is exceeded; but that costs a round trip, in which modules that move do not run. Hence
 there are two kinds of transitions:
 
-    one step     if no mixture of `before` and `after` exceeds the limit of a bus, and nothing exclusive moves two steps
-                 otherwise. The manager waits for the BREAK of as few PEs as possible: PEs that give up something
+    one step     if no mixture of `before` and `after` exceeds the limit of a bus, and nothing exclusive moves
+    two steps    otherwise. The manager waits for the BREAK of as few PEs as possible: PEs that give up something
                  exclusive, and PEs that make room on a bus whose limit would be exceeded, preferably PEs that are
                  reached by wire, since a radio is slow. All other PEs change over when the command reaches them
 

@@ -3,8 +3,8 @@
 The check needs no solver, and considers all modes together. Every finding is certain. A part without a finding may
 still be impossible for reasons of place and capacity; the families with a solver find those. Consequences of a mistake
 are not reported. If no module gives an input, there is one finding at that input, and none about the module that
-therefore never runs. Unused parts are reported only if all inputs can be wired: a missing driver, for example, would
-leave its device unused, and all other data that its reader reads.
+therefore never runs. Unused parts are reported only if all inputs can be wired. If a driver is missing, for example,
+its device is unused, and so are the other data of the module that needs the driver, since that module cannot run.
 
 How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
 findings of it, and call the function in `check`.

@@ -1,7 +1,7 @@
 """What modules report of PEs and buses: suspicions, which the manager assesses by its own evidence.
 
 A module sees a device that it drives, or another module whose data it reads. Of a PE or a bus it only sees that some
-data do not come. So a report about a PE or a bus fails nothing by itself:
+data do not come. So a report about a PE or a bus alone makes nothing count as failed:
 
     a PE     the manager asks it (PING). If the PE answers, it stays; if it is silent, it is lost like any other
              (`health`)

@@ -1,11 +1,11 @@
-"""The first variables of the model: which module runs in which mode on which PE; and the rules on these alone.
+"""The first variables of the model (which module runs in which mode on which PE), and the rules on these alone.
 
-One boolean per possible (module, mode, PE); `on` (per mode), `at` (per PE) and `runs` (per module) are sums of these; a
-sum with one term uses the variable of that term.
+There is one boolean variable for each possible (module, mode, PE). `on` (per mode), `at` (per PE) and `runs` (per
+module) are sums of these variables; a sum with a single term is that variable itself.
 
-The rules of docs/semantics.md, section 3, that this part of the model ensures: semantics rules 1 (place: an impossible
-host has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE), 8
-(placement rules).
+This part of the model ensures these rules of docs/semantics.md, section 3: semantics rules 1 (place: an impossible host
+has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement
+rules).
 """
 
 from collections.abc import Collection, Iterable, Iterator

@@ -6,8 +6,9 @@
 Each line is `[number, kind, fields...]`; number 0 is the head (format, name and digest of the spec), the others are
 records of `memory`, numbered in turn. *Every line is written twice*, with an empty line between the copies: a single
 bit that has changed on the disk, even in a line break, leaves one copy of every record. If both copies of a record are
-damaged, no fact after that record is read: what is read is what was known just before that record was written. Numbers
-(terms, blocks of epochs or counters) are read from every undamaged line, before and after the damage: they only rise.
+damaged, no fact after that record is read: the facts are then those that were known just before that record was
+written. Numbers (terms, blocks of epochs or counters) are read from every undamaged line, before and after the damage:
+they only rise.
 
 To reserve numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the first frame
 that uses a number of the block. The driver carries actions out in order, so the record is fsynced before any later

@@ -6,9 +6,9 @@
     take      removes the most urgent frame for which its class has bandwidth. There are two classes, data and
               management, since data must leave management the share that the spec reserves
 
-The queue drops a frame in two cases, and counts it: the least urgent one when the queue is full, and one that cannot
-leave before its time limit. A frame is late already when less time is left than one frame takes on the radio, because
-the driver would drop it silently, and the port would wait a whole period for its departure.
+In two cases the queue drops and counts a frame: the least urgent frame when the queue is full, and a frame that cannot
+leave before its time limit. A frame counts as late when less time is left than one frame takes on the radio: the driver
+would drop it silently, and the port would wait a whole period for its departure.
 
 The bandwidth of each class is limited by a token bucket. Each frame counts with its worst-case length, as in plans, so
 a plan that fits its bus fits this queue too.

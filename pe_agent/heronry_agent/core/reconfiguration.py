@@ -14,8 +14,8 @@ LEASE. After a restart of the PE nothing runs.
 A module whose mode changes is stopped at BREAK and started at GO, because its old mode may read variables that no PE
 sends any more. It is built anew, unless it can go on with its present state. If GO_ALL is the first command that comes,
 the module is stopped and started at once. A DEMUX branch that ran on this PE until BREAK is not held at GO, whatever
-its new mode. It may go on, since no other PE drives that DEMUX, unless this PE is in doubt (`output_authorization`),
-and then it drives nothing.
+its new mode. It may go on, since no other PE drives that DEMUX. While this PE is in doubt (`output_authorization`), the
+branch drives nothing.
 
 A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides. There is
 one exception (`forgive`). If the operator has cleared the fault, and another manager becomes active before such an

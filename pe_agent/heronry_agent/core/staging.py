@@ -1,9 +1,9 @@
 """Collects the next configuration of a PE from PREPARE and SLICE frames, checks it, and stages it.
 
     nothing      no PREPARE has been accepted, or the last one was refused
-    collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, some of them
-                 perhaps doubled or not at all. A contingency on board is complete immediately; for one that is not on
-                 board the PE requests the slice (NOT_ON_BOARD)
+    collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, and some frames may
+                 be doubled or missing. A contingency on board is complete immediately; for one that is not on board the
+                 PE requests the slice (NOT_ON_BOARD)
     staged       the slice is complete, has its digest, and this PE can run it
 
 The *head* of a slice gives its length and its digest; its *body* is the slice itself, in frames of five bytes. A newer

@@ -1,6 +1,6 @@
 """`heronry bound`: how long a reconfiguration takes at most, for every class of faults, and the parts of that time.
 
-Exit codes: 0 every class has a bound; 1 one has none; 2 the input cannot be used.
+Exit codes: 0 every class of faults has a bound; 1 some class has none; 2 the input cannot be used.
 """
 
 import argparse

@@ -2,8 +2,8 @@
 
 In a demo each process stands for a computer of its own. When other programs keep the processors of this computer busy,
 a process waits for one, and a node that waits too long is lost to the others although it works. The kernel adds up
-these waits for each process (`/proc/PID/schedstat`, second number, in ns), a wait when it has ended. So the demo can
-say with the loss of a PE that its process waited; the agent's own report of the standstill comes later, on the bus.
+these waits for each process (`/proc/PID/schedstat`, second number, in ns); a wait is added when it has ended. So when a
+PE is lost, the demo can say that its process waited; the agent's own report of the standstill comes later, on the bus.
 """
 
 from collections import deque
