@@ -1,4 +1,4 @@
-"""The check of a bus by listening for a while: are there nodes, is there one manager, has each node its own node-ID?
+"""The check of a bus by listening: whether there are nodes, one manager, and no node-ID that two nodes use.
 
 Only received frames are assessed: `Hearing` takes frames and clock readings, `assess_hearing` makes findings of them.
 """

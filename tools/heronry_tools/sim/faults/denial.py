@@ -10,8 +10,8 @@
     forged_refusal  page 1 of a PE that refuses the running configuration
     forged_report   EMCYs of every PE about any element
     forged_order    PING, RENEW, UNLOCK and CLEAR to every PE, and NMT
-    forged_session  against one PE: ten wrong pages 0; then a WELCOME after one of its own, so that it requests a
-                    session, and nonces, so that the manager's answer is one of many
+    forged_session  against one PE: first ten wrong pages 0; then, after each page 0 of the PE itself, a WELCOME, so
+                    that it requests a session, and six nonces, so that the manager may answer one of these
     forged_all      all of these in random order
 
 `Forgery` makes the frames, `Denier` sends them on a simulated bus. The attacker sends only while the bus is free: it

@@ -14,9 +14,9 @@ term falls silent the term before continues with its own numbers. BREAK is no ha
 the epoch before, and a holder of that epoch may drive for the first time after BREAK (its frame may wait in its
 controller).
 
-A holder may also have released a thing by itself. That is possible if no manager has been active for T_lease, and the
-PE of that holder was not heard for as long. Then the holder before it may drive again. If the silent holder has not
-released the thing, the oracle detects that when that holder drives next.
+A holder may also have released a thing by itself. That is possible if for T_lease no manager was active and the PE of
+that holder was not heard. Then the holder before it may drive again. If the silent holder has not released the thing,
+the oracle detects that when that holder drives next.
 
 The oracle does not verify what a PE drives within T_lease after one of these frames of a foreign node:
 
