@@ -87,7 +87,7 @@ def _missing(draft: Draft, findings: Findings, name: str, uses: list[Use]) -> No
 
 
 def _lines(uses: list[Use]) -> str:
-    """Write `line 3`, `lines 3 and 7`."""
+    """Write the lines of the uses in words, for example `line 3` or `lines 3 and 7`."""
     numbers = [str(line) for line in sorted({use.place.line for use in uses})]
     more = [f"{len(numbers) - _MOST_LINES_SHOWN} more"] if len(numbers) > _MOST_LINES_SHOWN else []
     return f"line{'s' if len(numbers) > 1 else ''} {listed([*numbers[:_MOST_LINES_SHOWN], *more])}"

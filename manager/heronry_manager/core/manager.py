@@ -86,7 +86,7 @@ class ManagerCore:
         tells_departures: bool = False,
         reads_objects: bool = False,
     ) -> None:
-        """Begin to listen at `now_ns`, with what is remembered of this spec.
+        """Begin to listen at `now_ns`; `memory`: what the journal has kept for this spec.
 
         `ManagerSettings` explains the other arguments.
 

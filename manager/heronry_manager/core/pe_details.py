@@ -10,8 +10,8 @@
                              the PE never had a longer one
 
 Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
-What was read stays until this manager ends; another manager reads again. Lost, late, doubled, forged: as in
-`object_reader`; these values decide nothing.
+What was read stays until this manager ends; another manager reads it again. `object_reader` says what lost, late,
+doubled and forged frames cause; these values decide nothing.
 """
 
 from collections.abc import Callable, Mapping

@@ -253,7 +253,7 @@ class RunningModules:
         self._found(code, ElementKind.MODULE, module, 0)
 
     def repeat_faults(self) -> None:
-        """Send the reports again that are due and not acknowledged."""
+        """Send again the reports that are due and that the manager has not acknowledged."""
         self._tell(self.faults.tick(self._turn.now_ns))
 
     def lack(self, images: Mapping[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""A manager's status (`heronry_manager.core.status`) as the beginning of a snapshot."""
+"""Fills a snapshot with what a manager's status (`heronry_manager.core.status`) says."""
 
 from collections.abc import Mapping
 from dataclasses import replace

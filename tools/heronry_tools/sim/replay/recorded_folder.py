@@ -56,7 +56,7 @@ def spec_of(folder: Path, text: str | None = None) -> Spec:
 
 
 def expect_spec_of(told: Mapping[str, Any], spec: Spec, remedy: str, name: str) -> None:
-    """Raise UserError where the recording `name` says in `told` that it is of another spec."""
+    """Raise UserError if the recording `name` was made with another spec; `told`: the content of its flight.json."""
     flown, digest = told["spec"], told["spec_digest"]
     if digest != spec.digest:
         other = "another text of it" if flown == spec.name else f"'{spec.name}' ({_short(spec.digest)})"
