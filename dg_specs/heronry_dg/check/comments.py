@@ -105,7 +105,7 @@ class _Reader:
     def _ignore(self, place: Place, codes: str, reason: str, line: int) -> None:
         if not reason:
             sentence = "a finding is ignored without a reason"
-            self._findings.add(rules.NO_REASON, place, sentence, f"write # dg: ignore[{codes}] and why")
+            self._findings.add(rules.NO_REASON, place, sentence, f"write the reason after # dg: ignore[{codes}]")
         for rule in self._rules(place, codes):
             if rule.stops or rule.code in _ABOUT_COMMENTS:
                 sentence = f"{rule.code} cannot be ignored"

@@ -60,7 +60,7 @@ def _low(message: ManagementMessage) -> int:
 
 @dataclass(slots=True)
 class Epoch:
-    """An epoch as its commands were heard.
+    """An epoch, as read from its commands.
 
     Its `configuration` is set when the epoch was activated and all its slices are known.
     """
