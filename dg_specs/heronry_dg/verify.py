@@ -193,7 +193,7 @@ def _wires(case: _Case) -> Iterator[Violation]:
 
 
 def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[tuple[str, str]]:
-    """Check one wire; gives (rule, sentence) for its first mistake, or None."""
+    """Check one wire; gives (rule, sentence) for its first mistake, None if it has no mistake."""
     if wire.producer not in known.modules:
         yield "2.producer", f"it is wired to {wire.producer}, which does not run"
         return

@@ -190,7 +190,7 @@ class KnownSituation:
     def reported(self, pe: str, emergency: Emergency) -> Changes | None:
         """Latch or note the fault that a PE reports.
 
-        Gives the changes that follow, or None if the spec lacks what it names.
+        Gives the changes that follow; None if the report names an element that the spec lacks.
         """
         element = self.failed.element(emergency.kind, emergency.index)
         if element is None:
@@ -210,7 +210,7 @@ class KnownSituation:
     def requested(self, pe: str, request: Emergency) -> Changes | None:
         """Decide on a request for a phase or a priority.
 
-        Gives the changes that follow, or None: do not acknowledge it.
+        Gives the changes that follow; None if the request must not be acknowledged.
         """
         incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
         if incarnation is not None and request.kind is ElementKind.PRIORITY:
@@ -314,7 +314,7 @@ class KnownSituation:
     def clear(self, element: str, by: str) -> Changes | None:
         """Clear an element.
 
-        Gives the changes that follow, or None: it had no latched fault and was not in quarantine.
+        Gives the changes that follow; None if the element had no latched fault and was not in quarantine.
         """
         faults = self.failed.clear(element)
         kind, _, name = element.partition(":")

@@ -47,7 +47,7 @@ class Marks:
         return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 
     def running(self, module: Module) -> Running | None:
-        """Give how a module runs; None if it does not run."""
+        """Give the part of the configuration about a module; None if the module does not run."""
         return self.configuration.modules.get(module.name)
 
     def runs(self, module: Module, mode: Mode) -> bool:

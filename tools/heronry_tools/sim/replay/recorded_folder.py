@@ -46,7 +46,7 @@ def head_of(folder: Path) -> dict[str, Any]:
 
 
 def spec_of(folder: Path, text: str | None = None) -> Spec:
-    """Load the spec in a folder, or the one that `text` names; raises UserError where that is another one."""
+    """Load the spec in a folder, or the spec `text` if given; raises UserError if that is not the recording's spec."""
     head = head_of(folder)
     if text is None:
         return load_spec(str(folder / head["spec_file"]))

@@ -229,7 +229,7 @@ class _Show:
                 raise UserError(f"{place}: {error}") from None
 
     def _do_to_manager(self, step: Step) -> None:
-        """Do a step to the manager that the deed names.
+        """Execute a step of a deed (an action of the script) on the manager that the deed names.
 
         The second step of a deed goes to the same manager as the first.
         """
