@@ -10,8 +10,8 @@
                      every PE, so that a PE reports a fault that persists immediately. If that frame is lost, a PE
                      reports it a second later, and a standby manager learns of the clearing some beats later
     script, release  run another configuration, which a script makes of the running one (`held_script`), or end that. A
-                     script is refused while anything is under way, or if its configuration is not legal unlock pe:NAME
-                     with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
+                     script is refused while anything is under way, or if its configuration is not legal
+    unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
                      if it is lost, the operator has to give the order again
 
 A manager that only advises does not execute orders of phases, failures and clearances. It assumes what they say, and
