@@ -1,15 +1,16 @@
 """When frames arrived, in ns of CLOCK_MONOTONIC, although SocketCAN stamps them with the clock of the day.
 
 The clock of the day may be set while a node flies, even by hours. It also runs on while a computer is suspended, which
-CLOCK_MONOTONIC does not. So the difference of two stamps, or of a stamp and now, may be anything. Before each reading
-of the bus, its reader takes a *look* at both clocks. Two facts limit the error that a step of the clock can cause:
+CLOCK_MONOTONIC does not. So the difference between two time-stamps, or between a time-stamp and the present time, may
+have any value. Before each reading of the bus, its reader takes a *look* at both clocks. Two facts limit the error that
+a step of the clock can cause:
 
     empty   a frame read after a look at which the queue of the bus was empty arrived later than that look
     two     a frame was stamped either before or after the step. Both cases are computed, and the earlier arrival counts
 
-So a frame never seems newer than it is, whatever the clock of the day does: a process that was paused must not take an
-old LEASE for a new one. And a frame never seems to have arrived before the last look at an empty queue. A node that
-runs had that look a few milliseconds ago.
+So a frame never seems newer than it is, even if the clock of the day is set: a process that was paused must not take an
+old LEASE for a new one. A frame also never seems to have arrived before the last look at an empty queue, which in a
+running node was a few milliseconds ago.
 
 The software bus stamps frames with CLOCK_MONOTONIC (`StampedMessage`); for these frames the clock of the day is not
 used. Apart from logs, no other file that runs in flight reads the clock of the day.
@@ -24,7 +25,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class StampedMessage(can.Message):
-    """A message of python-can from a bus that knows when it arrived, in ns of this computer's CLOCK_MONOTONIC."""
+    """A message of python-can that has its time of arrival, in ns of this computer's CLOCK_MONOTONIC."""
 
     __slots__ = ("monotonic_ns",)
 

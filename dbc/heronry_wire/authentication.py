@@ -6,14 +6,14 @@ of docs/limits.md). Its parameter `person` and its output length are part of wha
 differ. BLAKE2s comes with Python; nothing has to be installed on a node.
 
 One key serves the whole fleet, because a command is for all nodes and has room for one tag: an attacker who takes over
-one node has the key. What a tag covers beside the bytes of the frame:
+one node has the key. A tag covers the bytes of the frame, and in addition:
 
     command   manager, kind of the command, term, number of the command in that term; in a WELCOME also the nonce it
               answers
-    state     node, and the manager, term and number of the WELCOME that opened its session; the digest of the
-              configuration that the PE runs (page 0) or has staged (page 1): the tag takes the place of that digest in
-              the frame. On page 0 also the number of pages 0 since the WELCOME and, with FAULT_PENDING, one EMCY that
-              waits to be acknowledged: an EMCY has no room for a tag, so the state authenticates it
+    state     node; manager, term and number of the WELCOME that opened the node's session; digest of the configuration
+              that the PE runs (page 0) or has staged (page 1): the frame has the tag in place of this digest. On page 0
+              also the number of pages 0 since the WELCOME and, with FAULT_PENDING, one EMCY that waits to be
+              acknowledged: an EMCY has no room for a tag of its own
 
 A nonce is *plausible* if its last 16 bits are the tag of its other bits and its node. A manager answers only plausible
 nonces. So a nonce that an attacker invents costs the manager nothing, and delays no answer to a PE. A recorded nonce is
@@ -26,7 +26,7 @@ recorded table can be sent again, but only to that node, and only while the node
 A copied command or state is not valid a second time, at another place in the sequence, in the other direction, or from
 another node.
 
-States: none. A key is never printed; messages show its fingerprint, by which two keys can be told apart.
+This file keeps no state. A key is never printed; messages show its fingerprint, by which two keys can be told apart.
 """
 
 from hashlib import blake2s
@@ -96,7 +96,7 @@ class Key:
     def state_tag(
         self, node: int, session: Session, beat: int, said: bytes, digest: int, *, emergency: bytes = NO_EMERGENCY
     ) -> int:
-        """Compute the 24-bit tag of a state frame that is page 0 or 1.
+        """Compute the 24-bit tag of a state frame (page 0 or 1).
 
         beat: number of this page 0 in its session; for page 1 the constant PAGE_1_BEAT. said: bytes of the page without
         its digest, as `state_frames.split_state` gives them. digest: of the running configuration (page 0) or the

@@ -26,7 +26,7 @@ class BusHealth:
     """Whether one bus can be used, its error counts, and its link status events."""
 
     def __init__(self, name: str) -> None:
-        """name: of the bus, as messages have it."""
+        """name: the name of the bus in messages."""
         self.name = name
         self.off_since_ns: int | None = None  # None: on the bus
         self.counts: Counter[str] = Counter()

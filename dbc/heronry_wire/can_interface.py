@@ -5,7 +5,8 @@ linux/can/netlink.h). It gives what `ip -details link show` prints, without that
 bit rate, state, restart time and counters are None, as are values that a driver does not report.
 
 Down and up restarts a controller that is bus-off with every driver. IFLA_CAN_RESTART would disturb other programs on
-the interface less, but some drivers do not have it; and a bus-off interface is of no use to those programs either.
+the interface less, but some drivers do not have it. A restart takes nothing from those programs: they cannot use a
+bus-off interface either.
 """
 
 import errno
@@ -68,8 +69,8 @@ def take_down_and_up(name: str) -> None:
 def obstacle(name: str, bitrate: int | None) -> str | None:
     """Give the reason why an interface should not be used now; None: there is no reason.
 
-    bitrate: bit rate that the bus must have; an interface with another one is not used. Restarts an interface whose
-    controller is bus-off.
+    bitrate: bit rate that the bus must have; an interface with another bit rate is not used. Restarts an interface
+    whose controller is bus-off.
     """
     interface = read_interface(name)
     if interface is None or not interface.is_up:

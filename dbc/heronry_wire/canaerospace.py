@@ -9,18 +9,19 @@ CANaerospace Interface Specification V1.7 (Stock Flight Systems, 2006), called [
     byte 3   message code: counts up by one per frame of this identifier and node, 255 is followed by 0
     4..7     payload: 0 to 4 bytes, big-endian, exactly as long as its type
 
-States: none. Lost, doubled and late frames show in the message code, which the receiver compares; a forged
-frame looks like a true one (the data plane is not authenticated).
+This file keeps no state. A receiver finds lost, doubled and late frames by their message code; a forged frame looks
+like a true one (the data plane is not authenticated).
 
 The status of a datum. V1.7 says that byte 2 "should continuously reflect the status of the data" and defines
 no code points. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its
 `Validity`. A few standard identifiers use byte 2 for a waypoint, tyre or brake number instead: `standard_identifiers`
 lists them.
 
-Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Its priority is not
-that of the integer: the bits that are sent first are n // 4, so channels 1 to 3 have base 0 and a higher priority than
-every 11-bit frame except identifier 0, emergency events included (see `frame.arbitration_key`). This project sends
-and reads 11-bit frames only (docs/limits.md); it counts the 29-bit frames of other makers.
+Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Arbitration does not compare
+these integers: the 11 bits that are sent first have the value n // 4. So channels 1 to 3 begin with the 11 bits of
+identifier 0, and have a higher priority than every other 11-bit frame, even than emergency events (see
+`frame.arbitration_key`). This project sends and reads 11-bit frames only (docs/limits.md); it counts the 29-bit frames
+of other makers.
 """
 
 import math

@@ -4,8 +4,8 @@ This file lists the objects of a PE, with index and sub-index, type and access r
 objects (`heronry_agent.core.object_dictionary`), and `heronry_wire.eds` writes them to a file. So the table, the server
 and the EDS agree.
 
-States: none. Indices 1000h to 1FFFh are those of CiA 301 and CiA 302-3, 2000h and up are this project's own. PDOs, SYNC
-and LSS have no objects here, since CANaerospace uses their identifiers on this bus (docs/protocol.md).
+This file keeps no state. Indices 1000h to 1FFFh are those of CiA 301 and CiA 302-3, 2000h and up are this project's
+own. PDOs, SYNC and LSS have no objects here, since CANaerospace uses their identifiers on this bus (docs/protocol.md).
 """
 
 from dataclasses import dataclass

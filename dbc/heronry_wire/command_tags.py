@@ -96,7 +96,7 @@ class CommandVerifier:
     def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
         """patience_ns: how long a command waits for its TAG.
 
-        Seek: for a standby manager, which has no nonce: find the number of a manager's command by trying possible
+        With `seek`, for a standby manager, which has no nonce, the number of a command is found by trying possible
         numbers.
         """
         self._key, self._patience_ns, self._seek = key, patience_ns, seek

@@ -60,7 +60,7 @@ class Slice:
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
-        """Give this slice, publishing and forwarding only what the slice `before` publishes and forwards, for BREAK."""
+        """Give a copy of this slice for BREAK: it publishes and forwards only what the slice `before` does, too."""
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {
             s: (node, mask & before.forward[s][1])

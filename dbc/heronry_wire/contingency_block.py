@@ -50,7 +50,7 @@ def read_block(block: bytes) -> tuple[Preloaded, ...]:
     indices = numbers.numbers()
     digests = numbers.text()
     if numbers.left() or len(digests) != _DIGEST_BYTES * len(indices) or max(indices, default=0) >= len(slices):
-        raise PackingError("a contingency on board lacks its slice or its digest, or bytes follow the last one")
+        raise PackingError("a contingency on board lacks its slice or its digest, or bytes follow the last contingency")
     return tuple(
         Preloaded(slices[index], int.from_bytes(digests[at * _DIGEST_BYTES : (at + 1) * _DIGEST_BYTES], "big"))
         for at, index in enumerate(indices)

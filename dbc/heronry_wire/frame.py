@@ -5,7 +5,7 @@ and the text form. The text form is the notation of can-utils (`130#01020000BFC0
 (`(12.000345) can0 130#...`). So a recorded flight can be replayed through the cores, and a simulated flight opens in
 any CAN tool.
 
-States: none. Everything here is a pure function of its arguments.
+This file keeps no state. Everything here is a pure function of its arguments.
 
 Errors have two forms, used by all of this package:
 

@@ -25,7 +25,7 @@ node has the same number in both:
 Ranges: CANaerospace V1.7 p.4-5, CiA 301 section 7.3. CANopen SYNC, PDOs and LSS fall on CANaerospace
 identifiers and are not used.
 
-States: none; the plan is fixed, and an allocation depends on its input alone, so two programs that read one
+This file keeps no state: the plan is fixed, and an allocation depends on its input alone, so two programs that read one
 spec agree. It covers 11-bit data frames only: a receiver checks the extended and the remote flag first.
 """
 

@@ -49,7 +49,7 @@ class _State:
 
 
 def noted() -> list[int]:
-    """Let SIGINT and SIGTERM only be noted from now on, for a program that serves until one comes; returns the list."""
+    """From now on only note SIGINT and SIGTERM in the returned list. For a program that serves until a signal comes."""
     came: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: came.append(number))

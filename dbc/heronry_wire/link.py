@@ -28,8 +28,9 @@ the node does not take. Filters apply to echoes as well, so an identifier that i
 before the frame goes out.
 
 SocketCAN and the software bus echo frames, stamp them with this machine's clock, and have nothing left when `recv`
-gives nothing. Other back-ends may not. With them a frame counts as sent when `send` returns, and as arrived when it is
-read; the link itself drops frames that the node does not take, and calls `recv` again while there is something to read.
+gives nothing. Other back-ends may differ. With them a frame counts as sent when `send` returns, and as arrived when it
+is read; the link itself drops frames that the node does not take, and calls `recv` again while there is something to
+read.
 """
 
 import select
@@ -287,7 +288,7 @@ class Link:
     def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
         """Try to bring back a lost bus.
 
-        result: what a thread has opened, or why it could not; None: no thread was used, and the bus is opened here.
+        result: the bus that a thread has opened, or the error that it met; None: open the bus here, without a thread.
         """
         try:
             if isinstance(result, HeronryError):

@@ -151,9 +151,9 @@ EMCY = Layout(
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """The active manager reports how far `epoch` has got: to `step` (protocol rule 4).
+    """The active manager reports the activation step that `epoch` has reached (protocol rule 4).
 
-    `digest`: of its configuration.
+    `digest`: the digest of the configuration of that epoch.
     """
 
     term: int
@@ -214,7 +214,7 @@ class SliceHead:
 class SliceBody:
     """Up to five bytes of a slice, padded with zeros.
 
-    With `index` 1 they are the first five, with 2 the next five, to 255.
+    `index` 1 has the first five bytes of the slice, `index` 2 the next five, and so on up to 255.
     """
 
     node: int
@@ -428,7 +428,7 @@ def control_node(data: bytes) -> int:
 
 
 def slice_node(data: bytes) -> int:
-    """Give the node-ID for whose slice a SLICE is, from its payload, whose length must be right."""
+    """Give the node-ID of the PE whose slice is in a SLICE, from the payload, which must have the right length."""
     return data[_NODE_AT]
 
 

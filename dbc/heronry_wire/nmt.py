@@ -4,7 +4,7 @@ A command has two bytes: its code, and the node that is to execute it, 0 for all
 state of its sender; the first heartbeat after a start says INITIALISING (boot-up).
 `heronry_agent.core.network_management` decides what a PE does with a command.
 
-States: none.
+This file keeps no state.
 """
 
 from enum import Enum

@@ -7,10 +7,10 @@ have the next identifier. Channel 110 is CANopen's (LSS) and is never used here.
 
 This file keeps no state. Every node of this project answers IDS on channel 0; a PE also answers TIS and STS there, and
 accepts NSS. No program of this project sends the other services. To use one of them with a unit of another maker,
-encode the request with `request`, and decode the answer as any node service frame. The blocks of DDS and DUS are
-neither cut nor joined here. If no answer comes within 100 ms (V1.7), the sender repeats the request. A broadcast
-request that has an answer is answered by every node; node n waits (n - 92) ms first, so that the answers do not all
-start together.
+encode the request with `request`, and decode the answer as any node service frame. This file does not split or join the
+data blocks of DDS and DUS. If no answer comes within 100 ms (V1.7), the sender repeats the request. A broadcast request
+that has an answer is answered by every node; node n waits (n - 92) ms first, so that the answers do not all start
+together.
 """
 
 from enum import IntEnum

@@ -17,8 +17,8 @@ lost. Each channel is a `Link` with a queue of its own, and neither waits for th
     one returns    the channel is used immediately, and late frames on it are withheld (`channel_merge`). The channel
                    counts as lost until it has kept up for ten periods
 
-A node sees a break of its own wire, and a break of a sender's wire, as it would see a lost channel; the latter affects
-only frames of that sender.
+A break of a node's own wire looks to that node like a lost channel. So does a break of a sender's wire, but only for
+the frames of that sender.
 
 At the start one channel may be missing, since a node must come up in flight when a wire has failed: LinkError is raised
 only if neither channel can be opened.
@@ -89,7 +89,7 @@ class ReplicatedLink:
 
     @property
     def nothing_waits(self) -> bool:
-        """Whether on an open channel no queued frame waits for the controller; also true where no channel is open."""
+        """Whether some open channel has no frame that waits for the controller; also true if no channel is open."""
         return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
 
     @property

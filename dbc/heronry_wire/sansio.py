@@ -56,7 +56,7 @@ class Withdraw:
 
 @dataclass(frozen=True, slots=True)
 class StandBack:
-    """Action: until `until_ns`, on the core's clock, send only frames with a higher priority than data on a port.
+    """Action: on one port, send only frames with a higher priority than data, until `until_ns` on the core's clock.
 
     A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn. It
     waits for the data of all other nodes, and the answer of this node to the manager would wait behind it.

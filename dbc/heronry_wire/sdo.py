@@ -13,7 +13,7 @@ bytes of data.
     5       block upload                6
     4       abort                       4
 
-States: none.
+This file keeps no state.
 """
 
 import struct

@@ -1,9 +1,10 @@
-"""A bus behind a socketcand (github.com/linux-can/socketcand): TCP, spoken by python-can.
+"""A bus that a socketcand server offers over TCP (github.com/linux-can/socketcand), read through python-can.
 
-The bus is named by its channel, INTERFACE@HOST:PORT; if the channel names no server, can.conf must. python-can alone
-would try to reach its server again and again without a pause, and wait for an answer for ever. Here a missing server is
-an error immediately, and a silent server after `SERVER_S`. This file also takes the connection out of python-can: a
-node needs it to wait for frames, and to notice that the server has closed it, since a closed connection stays readable.
+The channel names the bus, as INTERFACE@HOST:PORT; without HOST:PORT in the channel, can.conf must name the server.
+python-can alone would try to reach its server again and again without a pause, and wait for an answer for ever. Here a
+missing server is an error immediately, and a silent server after `SERVER_S`. This file also takes the connection out of
+python-can: a node needs it to wait for frames, and to notice that the server has closed it, since a closed connection
+stays readable.
 """
 
 import logging

@@ -61,7 +61,7 @@ class LatenessMeter:
         self._is_waiting = False
 
     def waits(self, due_ns: int | None) -> None:
-        """Note that the loop begins to wait, until `due_ns` at the latest; None: for any time."""
+        """Note that the loop begins to wait, until `due_ns` at the latest; None: without a limit."""
         self._is_waiting = due_ns is not None
         self._due_ns = due_ns or 0
 

@@ -6,8 +6,8 @@
     page 3   with a key: the digest of the running configuration, and the number of refused commands
 
 Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. A new
-flag is a member of `PeFlags` and takes the bit of `state` that no state uses yet; a new field of a page is a `Field` of
-its layout and one of its dataclass, in the same order.
+flag is a member of `PeFlags`, and takes the bit of `state` that no state uses yet. A new field of a page is a `Field`
+in the page's layout and a field in its dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state` and
 `joined_state` take it out and put it in. A caller that needs a single field of a page quickly uses one of the functions
@@ -97,7 +97,7 @@ class StatePage0:
 class StatePage1:
     """Page 1: the epoch of the last PREPARE, what is staged for it, and the CPU load in per cent.
 
-    digest: of the staged slice; 0 while nothing is staged. reason: why nothing is staged.
+    digest: digest of the staged slice; 0 while nothing is staged. reason: why nothing is staged.
     """
 
     state: PeState
@@ -167,7 +167,7 @@ def epoch_of(page_0: bytes) -> int:
 
 
 def sequence_of(page_0: bytes) -> int:
-    """Give the sequence in a page 0, which may be cut off after it."""
+    """Give the sequence number in a page 0; the bytes after that number may be missing."""
     return page_0[_SEQUENCE_FROM]
 
 

@@ -26,7 +26,7 @@ The analysis assumes that every node sends by priority, not first-in-first-out. 
 result is safe, and exact for unrelated clocks), and considers errors only if they are given (`Errors`).
 
 If a message and all messages above it load the bus to more than 9 999/10 000, the response time of that message counts
-as unbounded. The clocks of two nodes may differ by as much, and near full load the busy period grows without limit.
+as unbounded. The clocks of two nodes may differ by 1/10 000, and near full load the busy period grows without limit.
 """
 
 from collections.abc import Sequence
@@ -159,7 +159,7 @@ class _Stream(NamedTuple):
 
 
 class _Window:
-    """A time window whose length is the time that the messages released in it take to send.
+    """A time window that is exactly as long as it takes to send the messages that are released in it.
 
     ahead: a message counts if it is released before `length + ahead`. due: a heap with the next release of each stream
     that does not count yet. The window only grows, so every release is counted once.
@@ -195,8 +195,8 @@ class _Window:
 class _Level(NamedTuple):
     """The delays of one priority that messages of a higher priority do not cause.
 
-    blocking: a frame of lower priority that has just started. error_cost, error_jitter: of an error that destroys a
-    frame.
+    blocking: length of a frame of lower priority that has just started. error_cost, error_jitter: length of an error
+    with the frame that it destroys, and jitter of the errors.
     """
 
     blocking: int
@@ -207,9 +207,9 @@ class _Level(NamedTuple):
 def analyse(messages: Sequence[Message], *, blocking_bits: int = 0, errors: Errors | None = None) -> list[Response]:
     """Compute the longest response time of each message; `messages` are in order of priority, highest first.
 
-    blocking_bits: longest frame on the bus with a lower priority than all of these (0: there is none). errors: errors
-    that the bus must tolerate (None: no errors). Raises WireError for a message without a length or a period, or with a
-    negative jitter.
+    blocking_bits: length of the longest frame on the bus that has a lower priority than all these messages; 0 if there
+    is none. errors: errors that the bus must tolerate; None for no errors. Raises WireError for a message without a
+    length or a period, or with a negative jitter.
     """
     _check(messages, errors)
     scale, streams, interval = _on_one_denominator(messages, errors)

@@ -6,8 +6,8 @@ modules at which its paths end, and a function is served only when such an end r
 run is computed for a spec with all elements up and unlimited resources. It is the greatest set of (module, mode) in
 which each module has a PE, and the set can meet the needs of each mode. Feedback counts as a supply.
 
-The search removes modes one by one, and looks again only at the readers of a datum that lost its last giver. So each
-branch takes a few passes over the spec at most.
+The search removes modes one by one. After each removal it checks again only the readers of data that no remaining mode
+gives. So each branch takes a few passes over the spec at most.
 
 Not known here: whether a path fits its PEs and buses. The planner knows that.
 """

@@ -54,7 +54,7 @@ _WANTED: Final = {  # by type of pydantic error: the rule, the value that was ex
     "dict_type": (rules.NOT_A_MAP, "a map", "write {{key: value}}"),
     "greater_than": (rules.OUT_OF_RANGE, "more than {gt}", "write a number above {gt}"),
     "greater_than_equal": (rules.OUT_OF_RANGE, "at least {ge}", "write {ge} or more"),
-    "int_type": (rules.WRONG_TYPE, "a whole number", "write digits alone, as 1"),
+    "int_type": (rules.WRONG_TYPE, "a whole number", "write only digits, for example 1"),
     "less_than_equal": (rules.OUT_OF_RANGE, "at most {le}", "write {le} or less"),
     "list_type": (rules.WRONG_TYPE, "a list", "write [a, b]"),
     "literal_error": (rules.NOT_A_CHOICE, "{expected}", "write one of these, as it is spelt here"),
@@ -119,9 +119,9 @@ def read_draft(root: Node, findings: Findings) -> Draft | None:
 
 
 def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
-    """Say which other kind of file one without `dg` is, and what to do; None where it may be a spec.
+    """Say what kind of file a file without the key `dg` is, and what to do; None if the file may be a spec.
 
-    Every field of such a file would be a mistake of its own, and none of those findings helps.
+    Without this sentence every field of such a file would give a finding, and none of these findings would help.
     """
     if "dg" in keys:
         return None

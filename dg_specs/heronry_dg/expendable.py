@@ -2,8 +2,8 @@
 
 A function is critical here if it has class A to D in any phase in which it is wanted. Other phases than the present one
 count because a later phase should find its functions running. A module of a configuration is *expendable* unless it is
-an output of a critical function, or a module that is not expendable reads from it. So no module that goes on reads from
-a module that stops, and the gates of those that go on hold as before.
+an output of a critical function, or a module that is not expendable reads from it. So the modules that keep running
+read nothing from the modules that stop, and their gates hold as before.
 """
 
 from heronry_dg.configuration import Configuration

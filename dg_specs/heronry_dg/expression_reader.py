@@ -347,7 +347,7 @@ def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
 
 
 def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> tuple[int, ...]:
-    """Give the points of an input without `worth`; a better version gets more where there is a choice of versions."""
+    """Give the points of an input without `worth`; if it may choose between versions, a better version gets more."""
     if not below_choice and best == worst:
         return (0,)
     return tuple(versions - version + 1 for version in range(best, worst + 1))

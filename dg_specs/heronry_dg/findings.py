@@ -106,7 +106,7 @@ class Findings:
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
-        """Remove the finding at a place that stops the spec from being loaded, so that a better one can replace it."""
+        """Remove the finding at this place that stops the spec from being loaded; a better one can then replace it."""
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:

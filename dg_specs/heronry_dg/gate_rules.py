@@ -2,8 +2,8 @@
 
 Source: docs/semantics.md, section 2, and semantics rule 6. Wiring cycles are searched in the graph of all modes: an
 edge leads from mode A to mode B if A gives a variable without `initial` in a version that a leaf of B accepts. The
-search ignores that two modes of one module never run together: it refuses a cycle through both, although it cannot be
-wired.
+search ignores that two modes of one module never run together: it refuses a cycle through both, although such a cycle
+can never be wired.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ _Datum = tuple[str, int]  # variable, version
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """The expressions of a spec, read; one with a mistake is missing."""
+    """The expressions of a spec after reading; an expression with a mistake is missing."""
 
     shorthands: Mapping[str, Expression]
     needs: Mapping[ModeName, Expression | None]
@@ -140,7 +140,7 @@ class _GateRules:
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
     def _outputs(self, name: str) -> list[str]:
-        """Modules that serve a function with this output, a module or a DEMUX; one of them is enough."""
+        """Modules of which any single one can serve a function with this output (a module or a DEMUX)."""
         demux = self._draft.demuxes.get(name)
         ends = demux.form.to if demux is not None and demux.form is not None else []
         return ends or self.branches.get(name, [name])

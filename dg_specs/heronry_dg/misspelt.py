@@ -56,7 +56,8 @@ def blame_declarations(draft: Draft, findings: Findings) -> None:
 def _is_rather_meant(name: str, other: str, words: Counter[str]) -> bool:
     """Tell whether `name`, rather than `other`, is the name that the author meant.
 
-    It is if each word that only `name` has occurs elsewhere in the file, and no word that only `other` has does.
+    The answer is yes if every word that only `name` has occurs elsewhere in the file, and no word that only `other` has
+    occurs there.
     """
     one, two = set(name.split("_")), set(other.split("_"))
     return all(words[word] > 1 for word in one - two) and all(words[word] == 1 for word in two - one)
@@ -86,7 +87,7 @@ def _missing(draft: Draft, findings: Findings, name: str, uses: list[Use]) -> No
 
 
 def _lines(uses: list[Use]) -> str:
-    """Write `line 3`, `lines 3 and 7`."""
+    """Write the lines of the uses in words, for example `line 3` or `lines 3 and 7`."""
     numbers = [str(line) for line in sorted({use.place.line for use in uses})]
     more = [f"{len(numbers) - _MOST_LINES_SHOWN} more"] if len(numbers) > _MOST_LINES_SHOWN else []
     return f"line{'s' if len(numbers) > 1 else ''} {listed([*numbers[:_MOST_LINES_SHOWN], *more])}"

@@ -150,7 +150,7 @@ class Demux:
 
     @property
     def exclusives(self) -> Mapping[str, tuple[str, ...]]:
-        """Give sets of modules of which at most one may run, by the name of what the modules of a set drive."""
+        """Give each set of modules of which at most one may run, under the name of the thing that they drive."""
         things = {self.name: self.branches}
         return {**things, f"{self.name}.to": self.to} if self.to else things
 
@@ -248,7 +248,7 @@ class Spec:
     plants: Mapping[str, Plant] = field(default_factory=dict)
 
     def exclusive_things(self) -> dict[str, tuple[str, ...]]:
-        """Give for each module that is a branch or end of a DEMUX the names of what only one module may drive."""
+        """Give, for each branch or end of a DEMUX, the names of the things that only one module at a time may drive."""
         things: dict[str, tuple[str, ...]] = {}
         for demux in self.demuxes.values():
             for thing, modules in demux.exclusives.items():

@@ -34,7 +34,7 @@ class Objective:
     cpu_millis: int  # thousandths of a reference core: fewer
 
     def key(self) -> tuple[int, ...]:
-        """Ten integers (level 1 has four, for the classes A to D), of which the greater key is the better one."""
+        """Ten integers (level 1 has four, for the classes A to D); of two keys, the greater one is better."""
         costs = (self.changes, self.branches, self.bus_mbit_per_s, self.cpu_millis)
         return (*self.critical, self.utility, self.inputs, *(-cost for cost in costs))
 
@@ -56,7 +56,7 @@ def score(
 ) -> Objective:
     """Compute the objective of a configuration in a situation.
 
-    running: what runs now, from which changes are counted; without it there are no changes.
+    running: the running configuration, against which changes are counted; without it no change is counted.
     """
     return score_among(survivors(spec, now), now, configuration, running)
 

@@ -132,9 +132,9 @@ def make_plan(
 ) -> Plan:
     """Make a plan; its report is computed when it is first read.
 
-    bounds: the best possible value of each level. None: the values of an optimal plan itself; unknown for any other
-    plan. reasons: why functions are not served, where the planner knows more than `why_not`. Every name in the
-    configuration must exist in the spec.
+    bounds: the best possible value of each level. None: the values of the plan itself are its bounds if it is optimal;
+    otherwise the bounds are not known. reasons: why functions are not served, where the planner knows more than
+    `why_not`. Every name in the configuration must exist in the spec.
     """
     in_order = Configuration(
         {name: configuration.modules[name] for name in spec.modules if name in configuration.modules}

@@ -114,7 +114,7 @@ def _numeric(value: object) -> int | Decimal:
         numeric = _WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
         sentence = f"must be a number, not {shown(value)}"
         if numeric is None:
-            raise UnfitError(rules.WRONG_TYPE, sentence, "write digits alone, as 0.5")
+            raise UnfitError(rules.WRONG_TYPE, sentence, "write only digits and a decimal point, for example 0.5")
         raise UnfitError(rules.WRONG_UNIT, sentence, _bare_number_hint(numeric["number"], numeric["unit"]))
     return value
 

@@ -140,7 +140,10 @@ class _ReferenceRules:
             if name in self._draft.variables:
                 sentence = f"{shown(name)} is the name of a gate and of a variable"
                 self._findings.add(
-                    graph.GATE_AND_VARIABLE, place, sentence, "rename the gate: an expression could mean either"
+                    graph.GATE_AND_VARIABLE,
+                    place,
+                    sentence,
+                    "rename the gate: in an expression the name could mean either",
                 )
 
     def modules(self) -> None:

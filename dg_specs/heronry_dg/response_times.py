@@ -37,7 +37,7 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class Late:
-    """A hop whose datum can miss its deadline, and all hops on which its response time depends, with this hop itself.
+    """A hop whose datum can miss its deadline, and all hops (this one included) on which its response time depends.
 
     As long as all of these hops are published, the datum can be late, whatever else is published.
     """
@@ -109,7 +109,7 @@ class ResponseTimes:
     def _cross(self, bus: Bus, hops_there: list[Hop], jitters: list[Fraction | None]) -> list[Fraction | None]:
         """Compute the delays at the end of a wired bus, in order of priority.
 
-        Where the delay of one frame is unbounded, those of all frames with a lower priority are so too.
+        If the delay of one frame is unbounded, so are the delays of all frames with a lower priority.
         """
         bounded = jitters.index(None) if None in jitters else len(jitters)
         data = [
@@ -173,7 +173,7 @@ def _key(hop: Hop) -> tuple[str, str, str]:
 
 
 def _management(spec: Spec, bus: Bus) -> list[Message]:
-    """The frames above all data: the state of each PE, and those of the manager, each once in a heartbeat period."""
+    """The frames that go before all data: the state of each PE and the manager's frames, once in a heartbeat period."""
     period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
     senders = sum(bus.name in pe.buses for pe in spec.pes.values()) + MANAGER_FRAMES
     return [Message("management", WORST_BLOCKING_BITS, period, 0, period)] * senders

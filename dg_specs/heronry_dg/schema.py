@@ -195,7 +195,7 @@ class VariableForm(Form):
     deadline_ns: Period | None = Field(
         default=None,
         alias="deadline_ms",
-        description="Longest time in ms from source to consumer; the period of its producer if left out.",
+        description="Longest time in ms from source to consumer; if left out, the producer's period.",
         examples=[25],
     )
 
@@ -205,7 +205,7 @@ class ModeForm(Form):
 
     needs: Any = Field(
         default=None,
-        description="Condition on the inputs, as a gate expression over variables; left out, the mode has no inputs.",
+        description="Condition on the inputs, as a gate expression over variables; without it the mode has no inputs.",
         examples=["altitude", {"or": {"k": 1, "of": ["altitude@<=2", "release_command"]}}],
     )
     gives: dict[str, Version] = Field(
@@ -241,7 +241,7 @@ class ModuleForm(Fallible):
     )
     partition: PrintableText | None = Field(
         default=None,
-        description="Process that modules with the same partition share; one process per criticality if left out.",
+        description="Name of the process that runs the module; modules may share it. By default one per criticality.",
         examples=["control"],
     )
     restarts: Restarts = Field(
@@ -273,22 +273,22 @@ class ModuleOfModesForm(ModuleForm):
 class FunctionForm(Form):
     """A system output: the root of one dependency graph."""
 
-    output: str = Field(description="A module, or a DEMUX gate.", examples=["chute_driver"])
+    output: str = Field(description="The module, or the DEMUX gate, that gives the output.", examples=["chute_driver"])
     criticality: CriticalityByPhase = Field(
         default="E",
         validate_default=True,
-        description="A (served first) to E (not critical); one class, or classes by phase, with a `default`.",
+        description="A (served first) to E (not critical): one for all phases, or classes by phase with a `default`.",
         examples=["A", {"default": "C", "landing": "B"}],
     )
     priority: PriorityByPhase = Field(
         default=1,
         validate_default=True,
-        description="Weight in the class, 0: not wanted; one weight, or weights by phase, with a `default`.",
+        description="Weight in the class (0: not wanted): one for all phases, or weights by phase with a `default`.",
         examples=[100, {"default": 20, "landing": 0}],
     )
     value: list[Points] | None = Field(
         default=None,
-        description="Points for each mode of the output, best first; left out, mode i (from 0) of m has 100 (m-i)/m.",
+        description="Points for each mode of the output, best first; by default mode i (from 0) of m has 100 (m-i)/m.",
         examples=[[100, 40]],
     )
     priority_range: PriorityRange | None = Field(
@@ -315,7 +315,7 @@ class WhenForm(Form):
         default=None,
         min_length=1,
         alias="from",
-        description="Phases in which the rule applies; left out, all phases that are listed before this one.",
+        description="Phases in which the rule applies; if left out, all phases that are listed before this one.",
         examples=[["glide", "landing"]],
     )
 
@@ -435,7 +435,7 @@ class SpecForm(HeaderForm):
     )
     plants: dict[str, PlantForm] = Field(
         default={},
-        description="Parts of the physical world by name; no plan needs them.",
+        description="Parts of the physical world by name; plans do not depend on them.",
         examples=[{"pitch": {"moved_by": ["elevator_servo"], "seen_by": ["pitch_gyro"], "criticality": "A"}}],
     )
     contingency: ContingencyForm = Field(

@@ -2,8 +2,8 @@
 
 An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (channels
 are numbered from 1). A *place* is an element, too: `module:autopilot@nav` is down when the module cannot run on that
-PE, because the module's code is not there or the module has failed there. A place exists where the module has two or
-more possible PEs, and the PE is one of them; `module:autopilot` is all its places at once.
+PE, because the module's code is not there or the module has failed there. A module with two or more possible PEs has a
+place for each of them; `module:autopilot` stands for all these places together.
 
 A `Situation` is an input: faults, limits, phase, and priorities that differ from the spec's. `Survivors` is computed
 from it. The devices of a PE that is down are out of use, and so are routes over that PE. A PE without a route to the
@@ -180,7 +180,7 @@ def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
 
 
 def _what_was_meant(spec: Spec, text: str) -> str:
-    """Give the element that a text without a kind, or with a misspelt one, may mean; else how to write one."""
+    """Give the element that a text with a missing or misspelt kind may mean; else say how to write an element."""
     known = elements(spec)
     alone = [element for element in known if element.partition(":")[2] == text]
     found = alone[0] if alone else close(text, known, _LIKENESS)

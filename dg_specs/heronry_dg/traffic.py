@@ -5,8 +5,8 @@ PEs, once per bus, however many consumers there are (semantics rule 7). A `Hop` 
 Bandwidth is the worst-case number of bits of a frame times the rate, in thousandths of a bit/s, and exact.
 
 A source has the same identifier on every bus. The best producer of a variable has the variable's standard identifier.
-The other identifiers are allocated by the best criticality that a producer could serve, in any phase in which the
-function is wanted and over all modes.
+The other identifiers are allocated in the order of criticality: the best criticality of the functions that the producer
+could serve in any phase and in any mode.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Transitions: in which steps one configuration replaces another, and what must stop before what starts.
+"""Transitions: the steps by which one configuration replaces another, and what must stop before other things start.
 
 PEs do not change over at the same instant (protocol rule 4), so for a while any mixture of the old and the new
 configuration may be on the buses. A single PE never exceeds its capacity: it stops the old modules before it starts the
@@ -16,7 +16,7 @@ more than the old configuration, and a mixture of `broken` and `after` no bus mo
 before any PE goes, no limit is exceeded; but that costs a round trip, in which modules that move do not run. Hence
 there are two kinds of transitions:
 
-    one step     where no mixture of `before` and `after` exceeds a bus, and nothing exclusive moves
+    one step     if no mixture of `before` and `after` exceeds the limit of a bus, and nothing exclusive moves
     two steps    otherwise. The manager waits for the BREAK of as few PEs as possible: PEs that give up something
                  exclusive, and PEs that make room on a bus whose limit would be exceeded, preferably PEs that are
                  reached by wire, since a radio is slow. All other PEs change over when the command reaches them
@@ -158,7 +158,7 @@ class Transitions:
         now: Situation,
         exclusive: Collection[str],
     ) -> frozenset[str]:
-        """Give the PEs whose BREAK to wait for, if a PE may still run one of several configurations.
+        """Give the PEs for whose BREAK the manager must wait, if a PE may still run any of several configurations.
 
         may_run: these configurations, for each available PE. exclusive: PEs to wait for in any case; the result
         includes them.

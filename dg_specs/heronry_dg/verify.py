@@ -124,7 +124,7 @@ def _unknown_names(spec: Spec, configuration: Configuration) -> Iterator[Violati
             yield Violation(
                 "1.mode",
                 f"module {name}",
-                f"it has no mode '{running.mode}'; its modes are {', '.join(module.modes)}",
+                f"the module has no mode '{running.mode}'; its modes are {', '.join(module.modes)}",
             )
 
 
@@ -147,7 +147,7 @@ def _place(case: _Case) -> Iterator[Violation]:
             yield Violation("1.pe_down", where, f"it is placed on {running.pe}, which is down")
         elif running.pe not in case.left.pe_cpu_millis:
             bus = case.spec.manager.bus
-            yield Violation("1.cut_off", where, f"it is placed on {running.pe}, which has no route to {bus}")
+            yield Violation("1.cut_off", where, f"the module is placed on {running.pe}, which has no route to {bus}")
         yield from _host(case, module, running.pe)
 
 
@@ -164,9 +164,11 @@ def _host(case: _Case, module: Module, pe: str) -> Iterator[Violation]:
         return
     home = case.spec.devices[module.device].pe
     if pe != home:
-        yield Violation("1.device", where, f"its device {module.device} is on {home}, and it is placed on {pe}")
+        yield Violation(
+            "1.device", where, f"the module's device {module.device} is on {home}, but the module is on {pe}"
+        )
     if f"device:{module.device}" in case.now.down:
-        yield Violation("1.device_down", where, f"its device {module.device} is down")
+        yield Violation("1.device_down", where, f"the module's device {module.device} is down")
 
 
 # Semantics rule 2: wire
@@ -191,7 +193,7 @@ def _wires(case: _Case) -> Iterator[Violation]:
 
 
 def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[tuple[str, str]]:
-    """Check one wire; gives (rule, sentence) for its first mistake, or None."""
+    """Check one wire; gives (rule, sentence) for its first mistake, None if it has no mistake."""
     if wire.producer not in known.modules:
         yield "2.producer", f"it is wired to {wire.producer}, which does not run"
         return
@@ -334,7 +336,7 @@ def _pe_resources(case: _Case) -> Iterator[Violation]:
             ("7.flash", sum(case.spec.modules[module].flash for module in here), pe.flash, "bytes of flash"),
         ):
             if used > capacity:
-                yield Violation(rule, f"pe {name}", f"its modules take {used} {unit}, but it has only {capacity}")
+                yield Violation(rule, f"pe {name}", f"the modules take {used} {unit}, but the PE has only {capacity}")
 
 
 def _bus_resources(case: _Case) -> Iterator[Violation]:
@@ -357,7 +359,9 @@ def _placement_rules(case: _Case) -> Iterator[Violation]:
             pe = case.known.modules[name].pe
             twin = next((other for other in running[:index] if case.known.modules[other].pe == pe), None)
             if twin is not None:
-                yield Violation("8.separate", f"module {name}", f"it must not share a PE with {twin}; both are on {pe}")
+                yield Violation(
+                    "8.separate", f"module {name}", f"the module must not share a PE with {twin}, but both are on {pe}"
+                )
     for group in case.spec.together:
         running = [name for name in group if name in case.known.modules]
         for name in running[1:]:

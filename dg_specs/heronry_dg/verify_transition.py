@@ -151,7 +151,9 @@ def _pe_budgets(case: _Way) -> Iterator[Violation]:
                 ("t.flash", _flash(case, there), _flash(case, held), pe.flash),
             ):
                 if used > max(capacity, before):
-                    yield Violation(rule, f"pe {name}", f"{state} takes {used}, and there is {capacity}")
+                    yield Violation(
+                        rule, f"pe {name}", f"in state {state} the modules take {used}, but there is only {capacity}"
+                    )
 
 
 def _cpu(there: Mapping[str, Mode]) -> int:
@@ -184,7 +186,7 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
     for thing in begins:
         if len(could[thing]) > 1:
             yield Violation(
-                "t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at the same time"
+                "t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive this at the same time"
             )
 
 
@@ -238,7 +240,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Give some of a PE's states: of states in which the PE sends the same frames, only one."""
+    """Give a PE's states, but only one of several states in which the PE sends the same frames."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}

@@ -4,7 +4,8 @@ First, the file computes what could run with unlimited resources: the greatest s
 module has a PE to run on, and the set can meet the needs of each mode. The computation starts from all modes and
 removes impossible ones round by round, so feedback cycles, which support themselves, remain. If the set lacks the
 output of a function, the cause can be traced to a fault. If the set has the output, the function was left out for lack
-of resources, or in favour of something better. The planner may know which of the two, and passes it as `alone`.
+of resources, or in favour of something better. If the planner knows which of these two causes holds, it passes that as
+`alone`.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence

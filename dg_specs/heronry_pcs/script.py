@@ -25,7 +25,7 @@ from heronry_pcs.graph import Edge, Graph, Leaf, Part, inside
 from heronry_pcs.script_syntax import Call, Define, ScriptError, read_script
 
 Pick = Callable[[str, str], Leaf | None]
-"""The space's leaf of a name and an image, or None."""
+"""Gives the leaf of the space with a name and an image; None if the space has no such leaf."""
 
 Target = Callable[[Leaf, str], str]
 """The port of a leaf that the end of an edge names."""

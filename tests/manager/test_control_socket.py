@@ -125,7 +125,7 @@ def test_the_socket_of_a_killed_manager_is_no_manager(place: Path) -> None:
         find_socket(None)
     with ControlSocket(place):
         assert find_socket(None) == place
-        with pytest.raises(ControlError, match=r"no manager listens on .*dead.sock; running here: big_blue$"):
+        with pytest.raises(ControlError, match=r"no manager listens on .*dead.sock; these run here: big_blue$"):
             find_socket("dead")
 
 

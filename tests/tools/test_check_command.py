@@ -70,7 +70,7 @@ def test_an_error_is_shown_with_its_line_a_caret_and_a_remedy(capsys: pytest.Cap
 def test_a_warning_lets_the_check_pass_unless_it_is_strict(capsys: pytest.CaptureFixture[str], write: Write) -> None:
     file = write(SPARE)
     line = "wing.dg.yaml:11:3: DG240 {}: variable 'spare' is read by no module and watched by no phase"
-    line += " (remove it, or let a module read it)\n"
+    line += " (remove the variable, or let a module read it)\n"
     assert said(capsys, file, "--format", "concise") == (0, line.format("warning"))
     for option in (["--strict"], ["--error", "DG240"], ["--error", "DG2"]):
         assert said(capsys, file, "--format", "concise", *option) == (1, line.format("error"))

@@ -50,7 +50,7 @@ def test_a_file_is_made_and_described(tmp_path: Path, capsys: pytest.CaptureFixt
     made = tmp_path / "chute.contingencies"
     code, out, err = run(capsys, "elevator_and_chute", "-o", str(made), "--jobs", "1")
     assert (code, err) == (0, "")
-    assert f"{made}: {made.stat().st_size} bytes, bound to elevator_and_chute" in out
+    assert f"{made}: {made.stat().st_size} bytes, for elevator_and_chute" in out
     assert "306 plans: up to 2 faults of 24 elements, places in use, and safe mode" in out
     shares = (
         r"[78]\d\.\d% found without a search: \d+ because a plan stays the best, \d+ because another fault has the same"
@@ -139,7 +139,7 @@ def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture
     ("arguments", "sentence"),
     [
         (["elevator_and_chute"], "one of the arguments -o/--output --check is required"),
-        (["elevator_and_chute", "-o", "FILE", "--faults", "-1"], "write how many may happen at once"),
+        (["elevator_and_chute", "-o", "FILE", "--faults", "-1"], "write how many may be present at the same time"),
         (
             ["elevator_and_chute", "-o", "FILE", "--faults", "99"],
             "there are 16777216 sets of faults, and at most 10000000 are",

@@ -370,7 +370,7 @@ def test_without_git_a_revision_is_one_sentence(
 def test_a_spec_that_is_read_again_must_be_a_file(capsys: pytest.CaptureFixture[str]) -> None:
     for command in ("sim", "exhaust", "demo"):
         assert main([command, "-"]) == 2
-        assert "-: this command reads the spec more than once; write it to a *.dg.yaml" in capsys.readouterr().err
+        assert "-: this command reads the spec more than once; save it as a *.dg.yaml file" in capsys.readouterr().err
 
 
 FUSED = "fused:    {needs: {and: [gps_altitude, absolute_pressure]}, gives: {altitude: 1}, cpu: 0.20"

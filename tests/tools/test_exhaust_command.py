@@ -233,7 +233,7 @@ def test_silence_without_need_is_seen_in_every_case(tmp_path: Path, capsys: pyte
         ("start: five lost everybody", "write NUMBER KIND VICTIM"),
         ("start: 5 eaten everybody", "KIND is one of lost, doubled"),
         ("start: 5 lost pe:nobody", "there is no node 'pe:nobody'"),
-        ("start: 5 crash everybody", "only one node can die; name one of manager, pe:flight"),
+        ("start: 5 crash everybody", "only a single node can crash; name one of manager, pe:flight"),
     ],
 )
 def test_a_case_that_makes_no_sense_is_refused(case: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -96,7 +96,7 @@ def test_a_plan_written_as_json_is_legal_where_it_was_made_and_not_elsewhere(
     assert run(capsys, "verify", "elevator_and_chute", str(plan)) == (0, "legal: no rule is broken\n", "")
     code, out, _ = run(capsys, "verify", "elevator_and_chute", str(plan), "--down", "device:barometer")
     assert code == 1
-    assert out == "rule 1.device_down, module pressure_driver: its device barometer is down\n"
+    assert out == "rule 1.device_down, module pressure_driver: the module's device barometer is down\n"
     code, out, _ = run(capsys, "verify", "elevator_and_chute", str(plan), "--limit", "pe:sensor_pe=10%")
     assert code == 1
     assert out.startswith("rule 7.cpu, pe sensor_pe: ")

@@ -222,7 +222,7 @@ def test_a_key_is_named_where_there_was_one_and_where_there_was_none_it_is_not(
     capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path, key_file: Path
 ) -> None:
     keyed = recorded(keyed_flight(), tmp_path / "keyed.log")
-    assert "is of a flight with a key: name it with --key" in refused(capsys, str(keyed), SPEC)
+    assert "is of a flight with a key: name the key file with --key" in refused(capsys, str(keyed), SPEC)
     assert "without a key: leave --key out" in refused(capsys, str(log), SPEC, "--key", str(key_file))
     key_file.write_text(f"{'11' * KEY_BYTES}\n")
     told = refused(capsys, str(keyed), SPEC, "--key", str(key_file))

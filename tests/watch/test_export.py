@@ -94,5 +94,5 @@ def test_frames_that_carry_no_datum_are_left_out() -> None:
 
 def test_another_ending_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["log", "convert", str(big_blue_log()), "big_blue", "-o", str(tmp_path / "flight.csv")]) == 2
-    assert "name it *.mcap or *.mf4" in capsys.readouterr().err
+    assert "name the file *.mcap or *.mf4" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -128,7 +128,7 @@ def test_what_cannot_be_opened_is_said_in_a_sentence(tmp_path: Path) -> None:
     empty = tmp_path / "empty.jsonl"
     empty.write_text("nothing\n")
     for path, spec, words in (
-        (tmp_path, None, "none of 'heronry record'"),
+        (tmp_path, None, "not one of 'heronry record'"),
         (big_blue_log(), None, "write SPEC after it"),
         (empty, "big_blue", "holds no event"),
     ):
@@ -238,7 +238,7 @@ def test_the_command_line_of_top(capsys: pytest.CaptureFixture[str]) -> None:
         (["--json", "big_blue"], "add -i and -c"),
         (["--json", "--log", log], "write SPEC after it"),
         (["--json", "--log", log, "big_blue", "-c", "x"], "only one of them"),
-        (["--json", "-i", "socketcan", "-c", "x"], "of which spec"),
+        (["--json", "-i", "socketcan", "-c", "x"], "does not name its spec"),
         (["--json", "--of", "nobody"], "no manager listens"),
     ):
         assert main(["top", *typed]) == 2, typed

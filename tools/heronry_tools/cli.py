@@ -2,13 +2,13 @@
 
 A module that loads slowly is imported only when it is needed.
 
-`command_table` names the commands; the help of all of them needs no more. A command file has `add_parsers(subparsers)`,
-which sets `run` (arguments -> exit code) on each of its parsers. What a command prints goes to the file of its -o
-(`console.output`).
+`command_table` names the commands, which is all that `heronry --help` needs. A command file has
+`add_parsers(subparsers)`, which sets `run` (arguments -> exit code) on each of its parsers. What a command prints goes
+to the file of its -o (`console.output`).
 
 Exit codes, the same for every command: 0 the answer is yes, or done; 1 the answer is no: findings, a violation, a
-refusal; 2 what was typed cannot be used. An error that a user can correct is a `UserError`, one sentence on stderr.
-Ctrl-C ends with 130.
+refusal; 2 the input cannot be used. An error that a user can correct is a `UserError`, one sentence on stderr. Ctrl-C
+ends with 130.
 """
 
 import argparse

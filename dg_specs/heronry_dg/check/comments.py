@@ -4,8 +4,8 @@
     # dg: ignore[DG240, DG241] for the next line that is neither empty nor a comment
     # dg: error[DG401]         above the first line of the spec: this warning is an error here
 
-An instruction begins at the first `# dg:` of a line, even inside a quoted text. A finding that stops a spec from being
-loaded cannot be ignored, nor can a finding about the comments themselves.
+An instruction begins at the first `# dg:` of a line, even inside a quoted text. Two kinds of findings cannot be
+ignored: those that stop a spec from being loaded, and those about the comments themselves.
 """
 
 import re
@@ -105,11 +105,11 @@ class _Reader:
     def _ignore(self, place: Place, codes: str, reason: str, line: int) -> None:
         if not reason:
             sentence = "a finding is ignored without a reason"
-            self._findings.add(rules.NO_REASON, place, sentence, f"write # dg: ignore[{codes}] and why")
+            self._findings.add(rules.NO_REASON, place, sentence, f"write the reason after # dg: ignore[{codes}]")
         for rule in self._rules(place, codes):
             if rule.stops or rule.code in _ABOUT_COMMENTS:
                 sentence = f"{rule.code} cannot be ignored"
-                self._findings.add(rules.UNKNOWN_CODE, place, sentence, "fix what is found, and remove the comment")
+                self._findings.add(rules.UNKNOWN_CODE, place, sentence, "correct the mistake, and remove the comment")
             else:
                 self.found.ignores.append(Ignore(place, rule.code, line))
 

@@ -1,10 +1,8 @@
-"""Makes whole specs from the examples of rules. An example is a fragment.
+"""Makes whole specs from the examples of rules.
 
-It is merged into a small spec without findings.
-
-A fragment holds top-level keys with their values; each key replaces the key of that name in `SOUND`, or is added at the
-end. A fragment that has a `dg` key, or no key at all, is a whole file by itself. Bytes that are not UTF-8 are written
-as surrogate escapes.
+An example is a fragment, which is merged into a small spec that has no findings. A fragment holds top-level keys and
+their values; each key replaces the key of that name in `SOUND`, or is added at the end. A fragment that has a `dg` key,
+or no key at all, is a whole file by itself. Bytes that are not UTF-8 are written as surrogate escapes.
 """
 
 import re

@@ -3,8 +3,8 @@
 The check needs no solver, and considers all modes together. Every finding is certain. A part without a finding may
 still be impossible for reasons of place and capacity; the families with a solver find those. Consequences of a mistake
 are not reported. If no module gives an input, there is one finding at that input, and none about the module that
-therefore never runs. Unused parts are reported only if all inputs can be wired: a missing driver, for example, would
-leave its device unused, and all other data that its reader reads.
+therefore never runs. Unused parts are reported only if all inputs can be wired. If a driver is missing, for example,
+its device is unused, and so are the other data of the module that needs the driver, since that module cannot run.
 
 How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
 findings of it, and call the function in `check`.
@@ -158,9 +158,9 @@ def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None
 
 
 def _circles(subject: Subject, findings: Findings) -> None:
-    """Find phases whose rules lead from one to the next and back while one value of their variable fulfils them all.
+    """Find rules that lead around a circle of phases and whose conditions all hold at one value of their variable.
 
-    The phase would then change for as long as the variable keeps that value, with each message a new one.
+    While the variable has that value, each of its messages would change the phase.
     """
     by_variable: dict[str, dict[str, When]] = {}
     for phase in subject.spec.phases.values():
@@ -173,8 +173,9 @@ def _circles(subject: Subject, findings: Findings) -> None:
             findings.add(
                 rules.CIRCLE,
                 subject.place("phases", circle[0], "when"),
-                f"the phase changes without end ({way}): all these rules hold at one value of '{variable}'",
-                "let the thresholds of the way there and of the way back exclude each other",
+                f"the phase changes without end ({way}): "
+                f"all conditions of these rules hold at one value of '{variable}'",
+                "choose thresholds so that no value fulfils the conditions of all these rules",
             )
 
 
@@ -312,7 +313,10 @@ def _unused_variables(subject: Subject, findings: Findings) -> None:
     for name in spec.variables.keys() - read:
         sentence = f"variable '{name}' is read by no module and watched by no phase"
         findings.add(
-            rules.UNUSED_VARIABLE, subject.place("variables", name), sentence, "remove it, or let a module read it"
+            rules.UNUSED_VARIABLE,
+            subject.place("variables", name),
+            sentence,
+            "remove the variable, or let a module read it",
         )
 
 

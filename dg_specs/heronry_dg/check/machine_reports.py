@@ -3,7 +3,7 @@
 Lines and columns count from 1. A column is a character, and the end of a range is the column behind its last character.
 
 Sources: SARIF 2.1.0 (OASIS standard, 2020), sections 3.14 to 3.51; workflow commands as GitHub's documentation of
-Actions has them; JUnit's XML as Ant and its readers agree on it.
+Actions has them; the XML of JUnit in the form that Ant writes and other programs read.
 """
 
 import json

@@ -1,9 +1,10 @@
 """DG233 and DG245: plants that nothing can control, whatever runs.
 
-A plant is on a control path if a loop leads through it and through a module: from an actuator that moves it, or another
-plant that affects it, to a sensor that sees it, or a plant that it affects, and back. The check assumes that every
-module runs in all its modes at once, and that each input is wired to everything that it accepts. If even then there is
-no loop, no plan can give one. heronry_pcs assesses the loops of a plan.
+A plant is on a control path if a loop leads through the plant and through a module. Such a loop comes to the plant from
+an actuator that moves the plant, or from another plant that affects it. It leaves the plant by a sensor that sees the
+plant, or by another plant that the plant affects. The check assumes that every module runs in all its modes at once,
+and that each input is wired to everything that it accepts. If even then there is no loop, no plan can give one.
+heronry_pcs assesses the loops of a plan.
 """
 
 from collections import defaultdict
@@ -48,7 +49,7 @@ def _on_path(spec: Spec) -> set[str]:
 
 
 def _possible(spec: Spec) -> dict[_Node, list[_Node]]:
-    """Give for each module, device and plant those that it could act on directly."""
+    """Give, for each module, device and plant, the modules, devices and plants that it could act on directly."""
     leads: dict[_Node, list[_Node]] = {
         **{("module", name): [] for name in spec.modules},
         **{("device", name): [] for name in spec.devices},

@@ -1,1 +1,1 @@
-"""What can be wrong with a spec, as data: one file per family of codes."""
+"""The rules of `heronry check` as data: one file per family of codes."""

@@ -391,7 +391,7 @@ CIRCLE = FAMILY.error(
     what="Rules of phases lead from one phase to the next and back, and there are values at which all of them hold.",
     why="A rule fires again when a phase in its `from` begins while its condition holds. With such a value the phase "
     "would change with every message, and each change needs a plan and an epoch.",
-    fix="Let the conditions of the way there and of the way back exclude each other, with a gap between them.",
+    fix="Choose thresholds so that no value fulfils the conditions of all these rules, with a gap between them.",
     bad="phases:\n  climb: {when: {variable: speed, above: 5, from: [cruise]}}\n"
     "  cruise: {when: {variable: speed, above: 10, from: [climb]}}\n",
     good="phases:\n  climb: {when: {variable: speed, below: 5, from: [cruise]}}\n"

@@ -27,7 +27,8 @@ a spec cannot be loaded). The check that finds the mistake calls:
 
 The sentence describes the case at hand, with names and numbers; the hint says what to write. Then add two whole specs
 to tests/dg/twins, DG299.bad.yaml and DG299.good.yaml, that differ in one line, and run `heronry rules -o
-docs/rules.md`. The twins of older rules may break the new rule too: mend them, since each must earn its code alone.
+docs/rules.md`. Such specs of older rules may break the new rule, too: correct them, since each must break only its own
+rule.
 """
 
 from dataclasses import dataclass, field

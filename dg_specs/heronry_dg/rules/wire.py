@@ -1,6 +1,7 @@
-"""DG5xx: the wire. Identifiers are used as CANaerospace assigns them, they suffice, and critical data arrive first.
+"""DG5xx: the wire, that is, identifiers, priorities on the bus, and bit rates.
 
-Bit rates are those of CAN controllers.
+These rules say that identifiers are used as CANaerospace assigns them, that there are enough of them, that critical
+data arrive first, and that bit rates are those of CAN controllers.
 
 check/wire.py checks these rules in a spec that loads. Two variables with one identifier are DG218, which stops a spec
 from being loaded. How a rule is added is shown in rule.py.

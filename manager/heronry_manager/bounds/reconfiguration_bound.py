@@ -52,9 +52,7 @@ class FaultClass(Enum):
 class Case:
     """One fault, or the return of PEs, with the configurations before and after the reconfiguration.
 
-    fault: its class.
-    element: what fails or returns, by name.
-    now: the situation after the fault.
+    fault: class of the fault. element: name of the element that fails or returns. now: the situation after the fault.
     """
 
     fault: FaultClass
@@ -194,7 +192,7 @@ class Bounds:
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
         """Give the frames on the buses while slices go out.
 
-        Three epochs may send frames then: one that runs, one that was abandoned, and the new one.
+        Three epochs may cause frames then: one that runs, one that was abandoned, and the new one.
         """
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))
@@ -214,7 +212,7 @@ class Bounds:
         )
 
     def _activating(self, burst: Burst) -> Burst:
-        """Give the frames on the buses during a step of activation; `burst`: those while slices went out.
+        """Give the frames on the buses during a step of activation; `burst`: the frames while slices went out.
 
         PEs beyond a radio may still receive their slices.
         """
@@ -260,10 +258,7 @@ class Bounds:
         return max((sum(times[bus].command_ns + times[bus].answer_ns for bus in path) for path in paths), default=0)
 
     def _repeated(self, pes: Iterable[str], times: _Times) -> str | None:
-        """Say that one of these PEs may answer too late, so that the manager repeats its command.
-
-        None: none of them may.
-        """
+        """Say that one of these PEs may answer so late that the manager repeats its command; None if no PE may."""
         for pe in pes:
             if self._round_trip([pe], times) >= self._period_ns(pe):
                 return f"{pe} may answer later than a heartbeat period, so that the command is repeated"

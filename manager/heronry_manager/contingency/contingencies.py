@@ -21,7 +21,7 @@ from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope, place
 class Made:
     """One plan made ahead.
 
-    number: of its configuration.
+    number: number of the configuration.
     objective: the value of the plan at each level.
     optimal: the plan is proven to be the best one.
     """

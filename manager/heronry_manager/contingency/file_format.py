@@ -157,5 +157,5 @@ def _read_made(numbers: Unpacker, known: int) -> Made:
 
 def _checked(number: int, known: int) -> int:
     if not 1 <= number <= known:
-        raise PackingError(f"a plan names configuration {number}, and the file has only {known}")
+        raise PackingError(f"a plan names configuration {number}, but the file has only {known} of them")
     return number

@@ -12,8 +12,8 @@ three preconditions:
 If a precondition is not met, the planner must answer. While another configuration runs, a plan made ahead would be
 legal, but not the plan with the fewest changes.
 
-The file holds configurations; a look-up makes a whole plan of one, with its report, and keeps it. For single faults the
-plans are made at the start, since making one takes longer than a look-up may.
+The file holds configurations; a look-up makes a whole plan of a configuration, with its report, and keeps the plan. For
+single faults the plans are made at the start, since making one takes longer than a look-up may.
 """
 
 from heronry_dg.losses import lost_of

@@ -78,7 +78,7 @@ class Activation:
         return [known.configuration, *late]
 
     def _free(self, epoch: Reconfiguration) -> None:
-        """Set, in the epoch, until when unavailable PEs may still drive outputs that it gives to other PEs."""
+        """Note in the epoch until when unavailable PEs may still drive outputs that this epoch gives to other PEs."""
         if epoch.stage in (Stage.DONE, Stage.GOING):
             return
         available, now_ns = self._health.available(), self._turn.now_ns

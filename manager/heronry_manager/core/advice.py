@@ -46,7 +46,7 @@ class Advice:
             self._turn.emit("unknown_epoch", epoch=unknown)
 
     def follow(self, now: Situation, overheard: Runs | None) -> bool:
-        """Check whether the configuration that runs is known now; True: it was not known before.
+        """Find out whether the running configuration is known; True if it has just become known.
 
         An advised or overheard configuration becomes known when the PEs run it. If the PEs run any other configuration,
         what runs is no longer known.

@@ -4,8 +4,8 @@ A *fact* is one such announcement: CONTROL HOLDS with the phase, a latched fault
 or CONTROL CLEAR with a function that has the priority of the spec again, and for which requests were executed. The
 manager announces one fact at a time: a new fact with the next heartbeat, the others in turn, one with every
 ANNOUNCED_EVERY-th heartbeat. Before each answer to a request the manager announces the phase or the priority once more:
-a standby manager that has just started knows only its journal. Each time that the turn of a phase or a priority has
-come, the manager also sends which requests for it were executed.
+a standby manager that has just started knows only its journal. Whenever it is the turn of a phase or a priority, the
+manager also announces which requests for it were executed.
 
 A PE uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a
 fact hears it again later. It drops a fact that it has not heard for some turns (`known_situation`).

@@ -5,7 +5,7 @@ not fit, and an EMCY that no state has proven. A TAG that fits no command counts
 since a manager does not read every kind of command. Once in `_WINDOW_NS` the manager works out the share of its bus
 that these frames took. A share of a tenth or more is reported as an attack, with the rate of the frames. A smaller
 share does not harm the aircraft (protocol rule 11), and only the status shows the counts. A frame that was altered on
-its way counts, too: a bus that alters a tenth of its frames is as bad.
+its way counts, too: a bus that alters a tenth of its frames does the same harm as an attack.
 """
 
 from heronry_manager.core.turn import Turn

@@ -43,8 +43,8 @@ Page 1 is no sign of life, and needs no number: what a PE reports on an epoch st
 Page 3 and the reports of gateways on radios have no room for a proof. Page 3 only names digests that the manager tries.
 Page 2 names a nonce, and the nonce itself shows that a holder of the key has made it, now or earlier.
 
-*Denial.* Frames without proof end nothing here. A session is open until the PE tags a state in a newer one, and a PE
-begins a newer one only after RENEW or in a new term. `attack_rate` counts the frames without proof.
+*Denial.* Frames without proof end no session. A session is open until the PE tags a state in a newer session. A PE
+begins a newer session only after RENEW or in a new term. `attack_rate` counts the frames without proof.
 
 `command_tags` says what a lost frame leads to; a PE asks again. After a lost EMCY, page 0 cannot be believed until the
 PE has repeated the EMCY. A late or doubled page 0 is refused, since its number is not above the last one. A forged
@@ -106,7 +106,7 @@ class _Opened:
 
 @dataclass(slots=True)
 class _Peer:
-    """What one PE has proven with the key, and what its next state may be proven with."""
+    """What one PE has proven with the key, and the data by which its next state may be proven."""
 
     node: int
     period_ns: int

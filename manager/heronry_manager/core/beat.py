@@ -68,7 +68,7 @@ class Beat:
         self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:
-        """Note that a PE is no longer available which the last ALIVE has named: `leave_out` will send another ALIVE."""
+        """Note that a PE named in the last ALIVE is no longer available: `leave_out` will send another ALIVE."""
         self._has_to_leave_out = True
 
     def leave_out(self) -> None:
@@ -111,9 +111,9 @@ class Beat:
         self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, operation, a, b))
 
     def _tell_accepted(self, told: int) -> None:
-        """Send to a standby manager which requests were executed for the phase or priority `told`, just announced.
+        """Tell a standby manager which requests were executed for the phase or priority `told`.
 
-        A standby manager may have missed this when the requests were answered.
+        `told` was just announced. A standby manager may have missed the answers to these requests.
         """
         kind, index = told & 0xFF, told >> 8
         if kind == ElementKind.PHASE:

@@ -67,9 +67,9 @@ class ChangedPriorities:
         return list(self._changed.values())
 
     def facts(self) -> list[tuple[Operation, int, int]]:
-        """List what a standby manager must hear, as operation, a and b of one CONTROL for each function.
+        """List the facts for a standby manager, each as operation, a and b of a CONTROL.
 
-        These are the functions whose priority is changed, and those for which a request was executed.
+        There is a fact for each function whose priority is changed, or for which a request was executed.
         """
         functions = {*self._changed, *(function for _, function in self._last)}
         return [self.told(index) for index in sorted(map(self.index_of, functions))]

@@ -92,9 +92,9 @@ class Deployment:
         return self.current.plan if self.current is not None else None
 
     def unknown_epoch(self, leased: int) -> int | None:
-        """Give the newest epoch that PEs run or another manager has `leased`, if its configuration is not known.
+        """Give the newest epoch that PEs run, or that a LEASE of another manager names (`leased`).
 
-        Else None.
+        None if there is none, or if this manager has a current epoch, whose configuration it knows.
         """
         if self.current is not None:
             return None
@@ -135,7 +135,7 @@ class Deployment:
     # What the PEs report
 
     def observe(self, pe: str, page: StatePage0) -> str | None:
-        """Note what a PE runs by its page 0; gives the cause for which the PE must be failed, or None.
+        """Note from page 0 of a PE what it runs; gives the cause for which the PE must be failed, or None.
 
         A late page has no effect: it does not show what the PE has begun to drive since.
         """
@@ -167,7 +167,7 @@ class Deployment:
         return () if known is self.current else self.epochs.placed_since(known)
 
     def staging(self, pe: str, page: StatePage1) -> str | None:
-        """Note how far a PE has staged an epoch, by its page 1.
+        """Note from page 1 of a PE how far it has staged an epoch.
 
         Gives the cause for which the PE must be failed, or None.
         """
@@ -242,7 +242,7 @@ class Deployment:
     def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
         """Tell whether a PE that joins late needs a new epoch.
 
-        It does if it has modules in the current epoch, or may have staged a newer one.
+        The answer is yes if the PE has modules in the current epoch, or may have staged a newer epoch.
         """
         return bool(current.compiled.slices[self._spec.pes[pe].node_id]) or self._has_given_up
 
@@ -300,7 +300,7 @@ class Deployment:
     def advance(self) -> Reconfiguration | None:
         """Command the next step of each epoch that need not wait any more.
 
-        Gives the epoch that is completed now, or None.
+        Gives the epoch that is completed now; None if no epoch is.
         """
         if self.next is not None and self.next.all_staged():
             self._activate(self.next)

@@ -34,7 +34,7 @@ _REMEMBERED = 8
 
 @dataclass(frozen=True, slots=True)
 class ModuleChanges:
-    """Modules that moved to another PE, that are new, and that run no longer; each list in alphabetical order."""
+    """The modules that have moved to another PE, the new ones, and those that no longer run; each list is sorted."""
 
     moved: list[str]
     started: list[str]
@@ -58,7 +58,7 @@ class Epochs:
         """Begin without an epoch.
 
         on_board: the configurations to which a PREPARE can refer by number; None: there are none. frames_per_command: 2
-        where each command has its TAG: slices then still take half of the bus, TAGs included.
+        if each command has a TAG, so that slices with their TAGs still take half of the bus.
         """
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
         self._observed, self._on_board = observed, on_board
@@ -109,9 +109,9 @@ class Epochs:
     def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
         """Make these PEs participants of an epoch for this plan.
 
-        The epoch awaits the PEs that are reached by wire and that are up, and reached, in the situation of the plan. If
-        no available PE is, the epoch awaits all PEs that are reached by wire. contingency: number of the contingency
-        that the plan is; 0: it is none.
+        The epoch awaits those PEs that are reached by wire, and that are up and reached in the situation of the plan.
+        If there is no such PE, it awaits all PEs that are reached by wire. contingency: number of the contingency that
+        equals the plan; 0 if the plan is no contingency.
         """
         reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
         reaches_nobody = not any(pe in reached for pe in self._health.available())

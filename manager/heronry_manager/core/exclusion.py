@@ -105,7 +105,7 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether an ALIVE that no longer names some PE is not on the bus yet: `said` must be called then."""
+        """Tell whether an ALIVE that leaves a PE out for the first time is still to be sent (then call `said`)."""
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:
@@ -130,7 +130,7 @@ class Exclusion:
             self._holds[pe] |= tokens
 
     def reported(self, pe: str, *placed: Mapping[str, set[str]]) -> None:
-        """Keep only these tokens of a PE: of the epoch that it has reported, and of newer ones that it may take up."""
+        """Keep only the tokens in `placed`: of the epoch that a PE reports, and of newer epochs that it may take up."""
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:

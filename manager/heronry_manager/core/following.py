@@ -26,8 +26,8 @@ A LEASE that only this manager misses leads to no take-over, since the PEs have 
 nothing happen twice. A forged LEASE keeps the standby manager quiet for T_lease. Forged states of more than half of the
 PEs, while the active manager is silent, make the standby manager take over, and then the true manager ends or stands
 by. This manager ignores a manager with a lower term than another one, for as long as the one with the higher term
-sends. Forged states that make a mastership look refused only end that mastership, and a manager that the PEs accept
-follows it.
+sends. Forged states can make a mastership look refused by the PEs. That only ends this mastership, and a manager that
+the PEs accept begins the next one.
 
 A manager that only advises follows an active manager in the same way. It never takes over, and makes its plans for the
 situation that it learns of.
@@ -167,7 +167,7 @@ class Following:
         return self._digests.get(epoch)
 
     def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
-        """Note by page 0 of a PE what the PE runs, and whether it hears a manager."""
+        """Note from page 0 of a PE what the PE runs, and whether it hears a manager."""
         said = self._said if is_proven else self._unproven
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
         if self.node is None and page.state is not PeState.UNCONFIGURED:

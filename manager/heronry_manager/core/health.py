@@ -20,8 +20,8 @@ configuration goes on.
 A mastership that follows another one may hear a PE that was available to the previous manager, but has proven nothing
 to this one yet (`await_again`). That PE is WAITING again. ALIVE names it until the window closes, and nothing that it
 drives is given to another PE meanwhile. The manager does not wait for a PE that has stopped sending. A PE is not held
-down if it was available to the previous manager to the last, and still runs that manager's configuration (`inherited`):
-only this manager did not hear it.
+down if it was available to the previous manager until the end, and still runs that manager's configuration
+(`inherited`): only this manager did not hear it.
 
 A PE that the operator has *barred* stays DOWN, whatever it sends, until the operator lets it in again.
 
@@ -66,8 +66,8 @@ class Change(Enum):
 class HealthChange:
     """One change of a PE's health.
 
-    cause: why, in words.
-    last_heard_ns: time of the last frame of the PE before the change; None: it was never heard.
+    cause: the reason for the change, in words. last_heard_ns: time of the last frame of the PE before the change; None:
+    it was never heard.
     """
 
     pe: str
@@ -280,7 +280,7 @@ class Health:
                 self._window_closes_ns = now_ns + window_ns
 
     def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
-        """Make PEs available at once that were available to the previous manager, and still run its configuration."""
+        """Make these PEs available at once: they were available to the previous manager, and run its configuration."""
         return [
             self._join(record, now_ns, StandingEvent.INHERITED, "it was available to the previous manager")
             for record in map(self._records.__getitem__, sorted(pes))
@@ -316,7 +316,7 @@ class Health:
     def quarantine(self, pe: str, losses: int) -> None:
         """Restore the quarantine of a PE after a restart.
 
-        When the PE is heard, its hold-down is that after `losses` losses.
+        When the PE is heard, it is held down as after `losses` losses.
         """
         record = self._records[pe]
         record.move(StandingEvent.QUARANTINED)
@@ -335,8 +335,8 @@ class Health:
     def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
         """Make all PEs unavailable that a gateway no longer hears.
 
-        A PE that this manager has not heard for its `misses` periods either is LOST. Any other is FAILED: it may still
-        drive its outputs, so a false report of a gateway gives them to no other PE.
+        A PE that this manager has not heard for its `misses` periods either is LOST. Any other PE is FAILED: it may
+        still drive its outputs, so a false report of a gateway must not give them to another PE.
         """
         changes: list[HealthChange] = []
         for record in map(self._records.__getitem__, pes):

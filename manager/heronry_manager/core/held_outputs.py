@@ -37,7 +37,7 @@ class HeldOutputs:
         self._held: dict[str, _Held] = {}
 
     def reported(self, pe: str, page: StatePage0) -> None:
-        """Note by page 0 whether a PE holds outputs back.
+        """Note from page 0 whether a PE holds outputs back.
 
         Reports when that has lasted for longer than T_lease, or has ended.
         """

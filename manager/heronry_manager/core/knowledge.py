@@ -1,7 +1,7 @@
 """What a manager knows: everything that it forgets as a whole when it falls silent, or stands by for another one.
 
-Then each object below is made anew, and begins with what is remembered (`memory`). The other objects of the core refer
-to `Knowledge` alone, so that they always find the present objects.
+When the manager forgets, each object below is made anew, and begins with what is remembered (`memory`). The other
+objects of the core refer to `Knowledge` alone, so that they always find the present objects.
 
     health          which PEs are available
     exclusion       what silent PEs may still drive

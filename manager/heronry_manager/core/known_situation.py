@@ -58,7 +58,7 @@ _TURNS = 3  # of announcements, in which a latched fault may stay unannounced
 class PlanNeeded:
     """A plan is needed, because the situation has changed.
 
-    cause: why, in words.
+    cause: why a plan is needed, in words.
     since_ns: time of the last sign of the old situation; None: now.
     """
 
@@ -190,7 +190,7 @@ class KnownSituation:
     def reported(self, pe: str, emergency: Emergency) -> Changes | None:
         """Latch or note the fault that a PE reports.
 
-        Gives the changes that follow, or None if the spec lacks what it names.
+        Gives the changes that follow; None if the report names an element that the spec lacks.
         """
         element = self.failed.element(emergency.kind, emergency.index)
         if element is None:
@@ -210,7 +210,7 @@ class KnownSituation:
     def requested(self, pe: str, request: Emergency) -> Changes | None:
         """Decide on a request for a phase or a priority.
 
-        Gives the changes that follow, or None: do not acknowledge it.
+        Gives the changes that follow; None if the request must not be acknowledged.
         """
         incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
         if incarnation is not None and request.kind is ElementKind.PRIORITY:
@@ -242,7 +242,7 @@ class KnownSituation:
             self._request_accepted(pe, incarnation, number)
 
     def _request_accepted(self, pe: str, incarnation: int, detail: int) -> bool:
-        """Note that a request of a PE is executed, here or by another manager; tells whether it is a new one."""
+        """Note that a request of a PE is executed, here or by another manager; tells whether the request is new."""
         if not self._mission.accepted(pe, incarnation, detail):
             return False
         self._turn.keep(PhaseRequest(pe, incarnation, detail & ~FORWARD_ONLY))
@@ -251,7 +251,7 @@ class KnownSituation:
     def overheard(self, manager: int, told: Control) -> Changes:
         """Take over what the active manager announces; gives the changes that follow.
 
-        It announces what holds, what is cleared, or which request it has executed.
+        An announcement says that a fact holds, that a fault was cleared, or which request was executed.
         """
         if told.operation is Operation.ACKNOWLEDGE and told.a in (ElementKind.PHASE, ElementKind.PRIORITY):
             if told.node in self._pe_of_node:
@@ -314,7 +314,7 @@ class KnownSituation:
     def clear(self, element: str, by: str) -> Changes | None:
         """Clear an element.
 
-        Gives the changes that follow, or None: it had no latched fault and was not in quarantine.
+        Gives the changes that follow; None if the element had no latched fault and was not in quarantine.
         """
         faults = self.failed.clear(element)
         kind, _, name = element.partition(":")

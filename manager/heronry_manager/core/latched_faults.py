@@ -110,7 +110,7 @@ class LatchedFaults:
     def latch(self, fault: LatchedFault) -> bool:
         """Keep a fault, unless one is latched on the same element already; tells whether it was kept.
 
-        A fault that only the operator, or for a place another manager, has reported is replaced by a PE's report.
+        A PE's report replaces a fault that only the operator has reported, or, for a place, only another manager.
         """
         before = self._failed.get(fault.element)
         if before is not None:

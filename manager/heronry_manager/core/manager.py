@@ -17,8 +17,8 @@ or file.
 The loop: *health* says which PEs are available; together with the latched faults that is the *situation*. When the
 situation changes, the core requests a plan (`RequestPlan`, answered by `PlanReady` or `PlanFailed` with the same
 number, so that an answer to an older request is dropped). A plan becomes an epoch (`Reconfiguration`), and the epoch
-becomes what runs. A mission phase that is requested, and an element that the operator fails or clears, change the
-situation like a fault.
+becomes the running configuration. A mission phase that is requested, and an element that the operator fails or clears,
+change the situation like a fault.
 
 After each event, in this order: a standby manager takes over, if no manager is active any more; an ALIVE goes out
 without a PE that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the
@@ -86,7 +86,7 @@ class ManagerCore:
         tells_departures: bool = False,
         reads_objects: bool = False,
     ) -> None:
-        """Begin to listen at `now_ns`, with what is remembered of this spec.
+        """Begin to listen at `now_ns`; `memory`: what the journal has kept for this spec.
 
         `ManagerSettings` explains the other arguments.
 

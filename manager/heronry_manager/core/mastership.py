@@ -16,7 +16,7 @@
 With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending.
 Manager 127 also stands by for a while if it hears no manager at its start (`following`), so that 126 goes first. If a
 manager hears a LEASE of its own number and term, a second manager with its number was started by mistake. Of these two
-the one that first hears the other gives way. A manager that only advises gives way to none, and sends nothing.
+managers, the first that hears the other gives way. A manager that only advises gives way to none, and sends nothing.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
 `TRANSITIONS`. Another manager repeats its LEASE in each period, so a lost LEASE comes again. A late or doubled LEASE
@@ -201,7 +201,7 @@ class Claim:
         self.listens_until_ns, self._goes_first = None, True
 
     def gives_way_to(self, node: int, lease: Lease) -> bool:
-        """Decide on a LEASE of another manager; tells whether this one now stands by for it.
+        """Decide on a LEASE of another manager; tells whether this manager now stands by for that one.
 
         Without `standby` this manager ends instead, and the answer is False.
         """

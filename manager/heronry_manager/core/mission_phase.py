@@ -7,12 +7,12 @@ The spec's first phase is the initial one. Three things change it:
     a phase's rule  to that phase, and only from the phases that the rule names (`from`; by default those before it in
                     the spec)
 
-A PE makes its last request again in a new mastership, after another manager has acknowledged it. A request that comes
-again in this way is restricted: to a phase with a rule it leads only from the phases that the rule names, and to any
-other phase only forward.
+In a new mastership a PE makes its last request again, even if the previous manager has acknowledged the request. A
+request that comes again in this way is restricted: to a phase with a rule it leads only from the phases that the rule
+names, and to any other phase only forward.
 
 Any change has the same consequences as a fault: a plan for the new phase and a new epoch. Each request counts when it
-comes, so of several requests the last one wins. Of several rules the one with the latest phase wins.
+comes, so of several requests the last one wins. If several rules apply, the one with the latest phase wins.
 
 A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up until it restarts: a
 request that comes again, or after a later one, is acknowledged and has no further effect. The manager neither

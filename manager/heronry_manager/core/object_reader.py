@@ -1,4 +1,4 @@
-"""Reads objects of PEs by SDO (CiA 301, 7.2.4), for details that EMCY and state frames cannot carry. One at a time.
+"""Reads objects of PEs by SDO (CiA 301, 7.2.4), one at a time: details that EMCY and state frames cannot carry.
 
     idle      nothing is being read
     opened    the request for an object is out: an answer gives a short value at once, or the length of a long one
@@ -76,7 +76,7 @@ class _Reading:
     toggle: int = 0
 
     def anew(self) -> "_Reading":
-        """Give the same reading before its first request."""
+        """Give a copy of this reading as it was before its first request."""
         return replace(self, length=None, data=b"", toggle=0)
 
     def is_of(self, other: "_Reading") -> bool:
@@ -97,7 +97,7 @@ class ObjectReader:
     def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int, *, tries: int = 1) -> None:
         """Queue an object for reading; `take` is called once, with its value, or with None if it cannot be read.
 
-        tries: how often it is read at most, while it has no value.
+        tries: how often the reading is tried at most, as long as no value comes.
         """
         reading = _Reading(node, index, sub_index, take, tries)
         for replaced in [one for one in self._waiting if one.is_of(reading) and one.not_before_ns]:

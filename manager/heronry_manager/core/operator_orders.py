@@ -9,13 +9,13 @@
                      PE that was failed may join again after the shortest hold-down. The manager sends CONTROL, CLEAR to
                      every PE, so that a PE reports a fault that persists immediately. If that frame is lost, a PE
                      reports it a second later, and a standby manager learns of the clearing some beats later
-    script, release  another configuration, which a script makes of the one that runs (`held_script`); it is refused
-                     while anything is under way, and where it is not legal
+    script, release  run another configuration, which a script makes of the running one (`held_script`), or end that. A
+                     script is refused while anything is under way, or if its configuration is not legal
     unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
                      if it is lost, the operator has to give the order again
 
-A manager that only advises takes orders of phases, failures and clearances as suppositions: it reports what it would do
-then.
+A manager that only advises does not execute orders of phases, failures and clearances. It assumes what they say, and
+reports what it would do then.
 
 The consequences of an order are returned (`Outcome`). The caller carries them out in this order: the consequences of
 the changed situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has

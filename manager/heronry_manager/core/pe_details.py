@@ -2,7 +2,7 @@
 
     failure of a module      read by SDO when an EMCY has reported it, and given out as an event. The last failure of
                              each module is kept. A PE that is busy just then may not answer, so it is asked up to
-                             three times, two seconds apart; after that nothing is told until its next EMCY
+                             three times, two seconds apart; after that no event comes until the PE's next EMCY
     traceback                read when the operator asks for it, from the PE that reported the last failure
     standstills of a PE      read when the PE joins, or when this manager becomes active after that; when the PE answers
                              a PING, or is heard again; and when the operator asks for the status. If there were more
@@ -10,8 +10,8 @@
                              was not heard. The event gives the longest of them if the PE never had a longer one
 
 Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
-What was read stays until this manager ends; another manager reads again. Lost, late, doubled, forged: as in
-`object_reader`; these values decide nothing.
+What was read stays until this manager ends; another manager reads it again. `object_reader` says what lost, late,
+doubled and forged frames cause; these values decide nothing.
 """
 
 from collections.abc import Callable, Mapping
@@ -69,7 +69,7 @@ class PeDetails:
             self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
-        """Read from a PE why a module has failed, and tell it once, although the PE repeats its EMCY."""
+        """Read from a PE why a module has failed, and report that once, although the PE repeats its EMCY."""
         heard_ns = self._turn.now_ns
         before, at_ns = self._heard.get((pe, element), (None, 0))
         self._heard[pe, element] = emergency, heard_ns

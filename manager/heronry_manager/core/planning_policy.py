@@ -116,7 +116,7 @@ class Answer:
 class AskPlanner:
     """Instruction to the driver: send this request to the planner's process.
 
-    refusal: the rule for which the verifier refused the greedy plan; None: there was no refusal.
+    refusal: the violation for which the verifier refused the greedy plan; None if no plan was refused.
     """
 
     request: RequestPlan
@@ -219,7 +219,7 @@ class PlanningPolicy:
     def _in_its_place(self, request: RequestPlan, answer: PlanReady | PlanFailed) -> Answer:
         """Give the answer of the exact planner.
 
-        If it has failed and the aircraft needs a plan, that of the greedy planner.
+        If the exact planner has failed and the aircraft needs a plan, give the answer of the greedy planner.
         """
         if isinstance(answer, PlanFailed) and self._immediate is not None and not request.in_background:
             plan = self._immediate.plan(request.now, request.running)
@@ -255,7 +255,7 @@ class PlanningPolicy:
                 yield replace(now, phase=following)
 
     def _is_answered_ahead(self, one: Question) -> bool:
-        """Tell whether a contingency answers this question, or the pre-planner has it already."""
+        """Tell whether a contingency answers this question, or the pre-planner already works on it."""
         if self._in_pre_planning is not None and self._in_pre_planning.question == one:
             return True
         if self._contingencies is None or one.now.limits or one.now.priorities:

@@ -162,6 +162,6 @@ class RadioLinks:
 def _step_below(usable: int) -> int:
     """Give the largest of the fixed steps that is not above `usable` (per mille).
 
-    From nine tenths on that is the whole.
+    From nine tenths on, that is the whole bandwidth.
     """
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

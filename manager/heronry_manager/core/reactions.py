@@ -70,7 +70,7 @@ class Reactions:
     def discount_losses(self) -> None:
         """Discount the losses of PEs, since this manager itself heard nothing.
 
-        Quarantines that follow from them end.
+        The quarantines that these losses have caused end.
         """
         health = self._known.health
         for pe in health.discount_losses():

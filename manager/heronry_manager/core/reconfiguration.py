@@ -197,7 +197,7 @@ class Reconfiguration:
         return self.plan.configuration
 
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
-        """Note by page 1 that a PE has staged this epoch, or that it needs the body of its slice."""
+        """Note from page 1 that a PE has staged this epoch, or that it needs the body of its slice."""
         progress = self._progress.get(pe)
         if progress is None:
             return
@@ -209,14 +209,14 @@ class Reconfiguration:
             self._ask(progress, now_ns)
 
     def not_on_board(self, pe: str, now_ns: int) -> None:
-        """Note by page 1 that a PE does not hold this contingency: it gets its slice, if that was not sent before."""
+        """Note from page 1 that a PE does not hold this contingency: send the slice, unless that was done before."""
         progress = self._progress.get(pe)
         if progress is not None and not progress.staged and not progress.needs_slice:
             progress.needs_slice = True
             self._ask(progress, now_ns)
 
     def reported(self, pe: str, state: PeState, now_ns: int) -> None:
-        """Note by page 0 of a PE in this epoch which step the PE has taken."""
+        """Note from page 0 of a PE in this epoch which step the PE has taken."""
         progress = self._progress.get(pe)
         if progress is None or state is PeState.UNCONFIGURED:
             return

@@ -132,7 +132,7 @@ class Replanning:
     def ask(self) -> None:
         """Request a plan.
 
-        If this term does not yet know what runs, but can find out, adopt that configuration instead.
+        If the running configuration is not known in this term, but can be found out, adopt it instead.
         """
         is_first = self._claim.commands()
         runs = self._known.following.runs if self._settings.advise else self._turn.memory.runs
@@ -152,7 +152,7 @@ class Replanning:
             self.ask()
 
     def ready(self, answer: PlanReady) -> None:
-        """Deploy a plan from the planner, unless the PEs run it already, or what runs is not worse."""
+        """Deploy a plan from the planner, unless the PEs run it already, or the running configuration is no worse."""
         deployment = self._known.deployment
         if not self.planning.awaits(answer):
             return

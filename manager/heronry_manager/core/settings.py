@@ -17,7 +17,7 @@ class ManagerSettings:
     window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds.
     advise: the manager never sends anything on the bus, and reports what it would do instead.
     on_board: the configurations that PREPARE can name by number, to PEs that hold their part of the contingency file.
-    key: of the fleet; with a key every command is tagged, and the manager believes nothing without a tag.
+    key: key of the fleet; with it every command is tagged, and the manager believes nothing without a tag.
     standby: the manager stands by while another one is active, instead of ending.
     tells_departures: the driver reports when an ALIVE is on the bus; else each ALIVE counts as there immediately.
     reads_objects: the manager reads by SDO the details that PEs store for people (`pe_details`).
@@ -45,5 +45,5 @@ class ManagerSettings:
 
     @property
     def goes_first(self) -> bool:
-        """Tell whether this manager may begin as soon as it hears no other: it is 126, or has no `standby`."""
+        """Tell whether this manager may begin as soon as it hears no other: it has node-ID 126, or no `standby`."""
         return self.node == FIRST_MANAGER or not self.standby

@@ -48,7 +48,7 @@ class Storms:
     def may_finish(self, now: Situation, wanted: Configuration, running: Configuration | None) -> bool:
         """Tell whether `wanted` may still be deployed, although the situation has become `now`.
 
-        It may if it is still legal, and stops no critical function that `running` serves.
+        This is so if `wanted` is still legal, and stops no critical function that `running` serves.
         """
         if verify(self._spec, now, wanted):
             return False

@@ -5,12 +5,12 @@
                      follow that manager
     follow           a standby or advising manager takes the commands of the active one (`following`)
     take over        the PEs report that no manager is active any more: begin a term with what was learnt from the last
-                     one. A PE that was available to the last, and still runs its configuration, is not held down. The
-                     manager waits for a PE that it cannot believe yet (`health`)
+                     active manager. A PE that was available to that manager, and still runs its configuration, is not
+                     held down. This manager waits for a PE that it cannot believe yet (`health`)
     fall silent      no PE is heard, or most PEs refuse this manager: forget all but the memory, send nothing, and
                      listen for a PE
 
-Lost, late, doubled, forged: see `mastership` and `following`.
+`mastership` and `following` say what lost, late, doubled and forged frames cause.
 """
 
 from heronry_manager.core.mastership import Mastership

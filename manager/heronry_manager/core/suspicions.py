@@ -1,13 +1,14 @@
 """What modules report of PEs and buses: suspicions, which the manager assesses by its own evidence.
 
 A module sees a device that it drives, or another module whose data it reads. Of a PE or a bus it only sees that some
-data do not come. So a report about a PE or a bus fails nothing by itself:
+data do not come. So a report about a PE or a bus alone makes nothing count as failed:
 
     a PE     the manager asks it (PING). If the PE answers, it stays; if it is silent, it is lost like any other
              (`health`)
-    a bus    fails by no report. The manager's own bus has carried the report. Another bus works while a PE is available
-             that can be reached over that bus alone; every bus but the manager's leads to such PEs, since buses form a
-             forest. If all of them are lost, the plan does without them already, and they may return
+    a bus    never counts as failed because of a report. The manager's own bus has carried the report. Another bus works
+             as long as a PE is available that can be reached over that bus alone; every bus but the manager's leads to
+             such PEs, since buses form a forest. If all these PEs are lost, the plan does without them already, and
+             they may return
 
 An event reports each suspicion with the evidence (`suspicion`), and another event what was found
 (`suspicion_assessed`). A PE repeats its report every second while its module sees the fault, so a lost or doubled
@@ -58,7 +59,7 @@ class Suspicions:
         self._conclude(element, "it stays" if evidence is not None else "no plan uses it before a PE behind it is back")
 
     def beat(self) -> None:
-        """End the suspicion of each PE that is lost meanwhile.
+        """End the suspicion of each PE that has been lost meanwhile.
 
         Forget old reports, so that a repetition counts as new.
         """
@@ -77,7 +78,7 @@ class Suspicions:
         return None if beyond is None else f"pe:{beyond} is heard, which can be reached over it alone"
 
     def _note(self, element: str, by: str) -> bool:
-        """Note a report on an element; tells whether it is a new one, not a repetition."""
+        """Note a report on an element; tells whether the report is new, and no repetition."""
         is_new = (element, by) not in self._told_ns
         self._told_ns[element, by] = self._turn.now_ns
         return is_new

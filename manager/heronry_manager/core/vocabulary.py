@@ -68,14 +68,14 @@ class Emit:
 
 @dataclass(frozen=True, slots=True)
 class Keep:
-    """Instruction to the driver: write a record to the journal; a reserved number before any frame that follows."""
+    """Instruction to the driver: write a record to the journal; a reserved number before any later frame is sent."""
 
     record: Record
 
 
 @dataclass(frozen=True, slots=True)
 class JournalTold:
-    """The journal cannot write records, for this reason; None: it can write again."""
+    """The journal cannot write records, and `problem` says why; None: it can write again."""
 
     problem: str | None
 

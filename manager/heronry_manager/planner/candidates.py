@@ -41,7 +41,7 @@ class Candidate:
         return (self.module.modes[name] for name in self.hosts)
 
     def pes(self) -> tuple[str, ...]:
-        """Give the PEs that could carry some mode."""
+        """Give the PEs that could carry at least one of the possible modes."""
         return tuple(dict.fromkeys(pe for hosts in self.hosts.values() for pe in hosts))
 
 

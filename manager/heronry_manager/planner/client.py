@@ -164,7 +164,7 @@ class PlannerClient:
         self._selector.register(self._process.answers, EVENT_READ)
 
     def _stop(self, *, kill: bool) -> int | None:
-        """End the process and return its exit code; None: there is none."""
+        """End the process and return its exit code; None if there is no process."""
         process, self._process = self._process, None
         self.ready, self._inside, self._unread = False, None, b""
         if process is None:

@@ -176,7 +176,7 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Return the least jitter that a message brings from the bus before, in bit times: as if alone there."""
+        """Return the least jitter, in bit times, that a message brings from the bus before, if it was alone there."""
         if hop.after is None:
             return Fraction(0)
         alone = self._times.responses([replace(hop, bus=hop.after, after=None)])
@@ -190,7 +190,9 @@ class Deadlines:
         """
         messages = shrunk(self._times, late)
         if messages in self._forbidden:
-            raise PlannerDefectError(f"the search gave messages that it must not combine: {sorted(map(str, messages))}")
+            raise PlannerDefectError(
+                f"the search combined messages that exclude each other: {sorted(map(str, messages))}"
+            )
         self._forbidden.add(messages)
         self._publishing.forbid_together(messages)
         return messages

@@ -122,7 +122,7 @@ class Search:
         return self._is_at_bound(self._looked_at)
 
     def run(self, groups: int | None = None) -> None:
-        """Solve groups of levels one after the other: the first `groups` ones; None: all."""
+        """Solve the first `groups` groups of levels, one after the other; None: all groups."""
         self._looked_at = [level for group in self._groups[:groups] for level in group]
         for group in self._groups[:groups]:
             open_levels = self._fix_leading_at_bound(group)
@@ -200,7 +200,7 @@ class Search:
                 return
 
     def _look(self, solver: CpSolver) -> bool | None:
-        """Search once; tell whether the solution meets its deadlines and was kept. None: none was found."""
+        """Search once; tell whether the solution meets its deadlines and was kept. None if no solution was found."""
         status = solver.solve(self._model)
         self._effort -= solver.response_proto.deterministic_time
         if status not in (OPTIMAL, FEASIBLE):

@@ -1,11 +1,11 @@
-"""The first variables of the model: which module runs in which mode on which PE; and the rules on these alone.
+"""The first variables of the model (which module runs in which mode on which PE), and the rules on these alone.
 
-One boolean per possible (module, mode, PE); `on` (per mode), `at` (per PE) and `runs` (per module) are sums of these; a
-sum with one term uses the variable of that term.
+There is one boolean variable for each possible (module, mode, PE). `on` (per mode), `at` (per PE) and `runs` (per
+module) are sums of these variables; a sum with a single term is that variable itself.
 
-The rules of docs/semantics.md, section 3, that this part of the model ensures: semantics rules 1 (place: an impossible
-host has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE), 8
-(placement rules).
+This part of the model ensures these rules of docs/semantics.md, section 3: semantics rules 1 (place: an impossible host
+has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement
+rules).
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -109,11 +109,11 @@ class Placing(Choice):
             yield literal, runs.get(name) == (other, at)
 
     def count_parts(self) -> None:
-        """Add constraints that follow from modules being indivisible: no PE takes three above a third of its CPU.
+        """Add constraints that follow because a module is indivisible.
 
-        Likewise no PE takes four above a fourth. A larger module counts for each such part that it fills. The solver
-        finds the case of two halves by itself. The other cases do not follow from the linear relaxation, in which half
-        a module may fill the room that is left.
+        No PE takes three modules that need more than a third of its CPU, or four that need more than a fourth. A larger
+        module counts for each such part that it fills. The solver finds the case of two halves by itself. The other
+        cases do not follow from the linear relaxation, in which half a module may fill the room that is left.
         """
         modules = self.possible.spec.modules
         for pe, capacity in self.possible.left.pe_cpu_millis.items():

@@ -39,8 +39,8 @@ FaultSet = frozenset[str]
 class Scope:
     """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases.
 
-    places: if true and single faults are planned for, also the loss of each module of a phase's fault-free plan on the
-    PE on which that plan runs it.
+    places: if True, and single faults are planned for, the sweep also has the loss of each module of a phase's
+    fault-free plan on the PE where that plan runs it.
     """
 
     elements: tuple[str, ...]

@@ -64,13 +64,16 @@ def follow(path: Path) -> socket.socket:
 
 
 def find_socket(name: str | None) -> Path:
-    """Give the socket of the manager with this name; None: of the only running manager. Raises ControlError."""
+    """Give the socket of the manager with this name; without a name, that of the only running manager.
+
+    Raises ControlError.
+    """
     running = [path for path in found_sockets() if _is_listened_on(path)]
     names = ", ".join(path.stem for path in running)
     if name is not None:
         path = default_socket(name)
         if running and path not in running:
-            raise ControlError(f"no manager listens on {path}; running here: {names}")
+            raise ControlError(f"no manager listens on {path}; these run here: {names}")
         return path
     if not running:
         raise ControlError(

@@ -5,7 +5,8 @@ releases it however the process ends. A manager that gets the lock replaces a so
 behind. A second manager does not get the lock, and stops with an error. Only the manager's user and root can open the
 socket. The kernel names the user of each caller, and callers of any other user are dropped.
 
-A caller that wants to follow the manager's events (`followers`) gives no more orders, and counts with the followers.
+A caller that wants to follow the manager's events (`followers`) gives no more orders, and counts as a follower and not
+as a caller.
 
 A caller that sends too much without a line break, or does not read its answer, is dropped. If there are MOST_CALLERS
 already, or the process has no descriptor left, the caller that has been idle for longest makes room for a new one. If

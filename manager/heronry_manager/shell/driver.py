@@ -86,9 +86,9 @@ class ManagerDriver:
     ) -> None:
         """Prepare to run; `emit` is called with every event as it happens, or with `in_order` a moment later.
 
-        journal: None: nothing survives a restart.
-        place: what followers are told of where the manager runs: its bus, the file of its spec.
-        in_order: for people: the reason of a failure, which is read later, is given before what followed from it.
+        journal: None if nothing is to survive a restart. place: the bus of the manager and the file of its spec, for
+        followers. in_order: order the events for people: the reason of a failure is read late, but is given before the
+        events that followed from the failure.
         """
         self._core, self._link, self._planners, self._control = core, link, planners, control
         self._service, self._journal, self._spec = service, journal, spec
@@ -185,12 +185,15 @@ class ManagerDriver:
     def _core_due_ns(self) -> int | None:
         """Give the core's deadline on this computer's clock, in ns.
 
-        None: it has none, or its own clock stands still.
+        None if the core has no deadline, or while its clock stands still.
         """
         return self._on_this_clock(self._core.next_deadline_ns())
 
     def _on_this_clock(self, core_ns: int | None) -> int | None:
-        """Give a time on the core's clock as one on this computer's clock; None: none, or the core's stands still."""
+        """Convert a time on the core's clock to this computer's clock.
+
+        None if there is no time, or while the core's clock stands still.
+        """
         return None if core_ns is None or self._frozen_ns is not None else core_ns + self._stood_still_ns
 
     def _measure_lateness(self, now_ns: int) -> None:
@@ -268,7 +271,7 @@ class ManagerDriver:
             self._step(known)
 
     def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
-        """Give the followers the plan of an epoch that runs from now on: they may have begun after it was made."""
+        """Give the followers the plan of the epoch that runs from now on; some began to read after it was made."""
         plan = self._core.plan
         if told["event"] in ("reconfigured", "adopted") and plan is not None:
             runs = {"epoch": told["epoch"], "plan": plan.document()}

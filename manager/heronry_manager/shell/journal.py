@@ -6,8 +6,9 @@
 Each line is `[number, kind, fields...]`; number 0 is the head (format, name and digest of the spec), the others are
 records of `memory`, numbered in turn. *Every line is written twice*, with an empty line between the copies: a single
 bit that has changed on the disk, even in a line break, leaves one copy of every record. If both copies of a record are
-damaged, no fact after that record is read: what is read is what was known just before that record was written. Numbers
-(terms, blocks of epochs or counters) are read from every undamaged line, before and after the damage: they only rise.
+damaged, no fact after that record is read: the facts are then those that were known just before that record was
+written. Numbers (terms, blocks of epochs or counters) are read from every undamaged line, before and after the damage:
+they only rise.
 
 To reserve numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the first frame
 that uses a number of the block. The driver carries actions out in order, so the record is fsynced before any later
@@ -239,14 +240,14 @@ class Journal:
         self.memory, digest = recovered(data)
         if digest is None and self.memory == NOTHING:
             raise JournalError(
-                f"{self.file} is no manager's journal; remove it, and restart the PEs, which then begin at term 1 too"
+                f"{self.file} is no manager's journal; remove it, and restart the PEs so that they begin at term 1, too"
             )
         if digest == self._spec.digest:
             return
         if digest is not None and not accept_changed_spec:
             raise JournalError(
-                f"spec {self._spec.name} has changed since {self.file} was begun (its digest was {digest[:12]}, and is "
-                f"{self._spec.digest[:12]}); go on with the old spec, or accept this one with --changed-spec"
+                f"spec {self._spec.name} has changed since {self.file} was begun (digest then {digest[:12]}, now "
+                f"{self._spec.digest[:12]}); start with the old spec, or accept the new one with --changed-spec"
             )
         self.memory = self.memory.numbers()
 

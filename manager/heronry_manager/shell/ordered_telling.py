@@ -1,8 +1,8 @@
 """Passes events on to a reader in the order of their times.
 
-Two kinds of events come later than they happened: what a manager has to read from a PE first (`heard_ns` is when it
-happened), and, in a demo, what comes from another process. So each event is held for a moment, in case an earlier
-event comes within it. An event that comes even later is passed on when it comes.
+Two kinds of events come later than they happened: events whose content the manager first has to read from a PE
+(`heard_ns` is when they happened), and, in a demo, events that come from another process. So each event is held for a
+moment, in case an earlier event comes within it. An event that comes even later is passed on when it comes.
 """
 
 from collections.abc import Callable, Mapping

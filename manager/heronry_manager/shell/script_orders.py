@@ -1,8 +1,8 @@
 """The operator's order `script`: its text becomes the target of an order to the core, which knows no component graphs.
 
 The script is applied to the plan of the core's last epoch, in the situation as the core knows it, within the call. So
-PEs that the script leaves out are tried in `MOST_PLACEMENTS` ways at most; if there are more, each is the first
-possible one of the spec.
+the PEs that the script leaves out are chosen from at most `MOST_PLACEMENTS` combinations. If there are more, each
+module gets its first possible PE in the spec's order.
 """
 
 from dataclasses import dataclass

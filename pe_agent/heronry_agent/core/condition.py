@@ -38,7 +38,8 @@ class Condition:
     def facts(self) -> Facts:
         """Return the present content of the state frames, and log what has changed since the last call.
 
-        Logged is only what no command causes: whether a manager is heard, and whether exclusive outputs are authorized.
+        It logs only changes that no command causes: whether a manager is heard, and whether exclusive outputs are
+        authorized.
         """
         now_ns = self.turn.now_ns
         hears_lease = self.mastership.hears_lease(now_ns)

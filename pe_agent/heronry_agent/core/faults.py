@@ -102,8 +102,7 @@ class Faults:
     def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
         """Record a fault; returns the frames that report it.
 
-        Returns none while an earlier report of the fault is not acknowledged, and for a second after the
-        acknowledgement.
+        Returns no frames while an earlier report of the fault is not acknowledged, and for a second after that.
         """
         key = (code, kind, index)
         if key in self._pending:
@@ -164,7 +163,7 @@ class Faults:
     def repeat_priority(self, function: int, now_ns: int) -> list[Frame]:
         """Report the last request for a function once more, unchanged; returns its frames.
 
-        Returns none while the request is not acknowledged, since it is being repeated anyway.
+        Returns no frames while the request is not acknowledged, since it is being repeated anyway.
         """
         request = self._priorities[function]
         return [] if _key(request) in self._pending else self._pend(request, now_ns)

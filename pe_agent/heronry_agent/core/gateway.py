@@ -89,7 +89,7 @@ class Gateway:
         return [Send(port, frame) for port in self._far if node in self._beyond[port]]
 
     def up(self, port: int, frame: Frame) -> list[Send]:
-        """Return the copy for the uplink of a report that a node on a far bus has sent; nothing for another frame."""
+        """Return the copy, for the uplink, of a report from a node on a far bus; nothing for any other frame."""
         return [Send(self._uplink, frame)] if (port, frame.can_id) in self._rising else []
 
     def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
@@ -110,7 +110,7 @@ class Gateway:
 
     @property
     def data_ids(self) -> frozenset[int]:
-        """CAN identifiers of the data that the slice has this PE forward."""
+        """CAN identifiers of the data that this PE forwards according to its slice."""
         return frozenset(self._data)
 
     def _is_due(self, port: int, command: Command, meaning: bytes, now_ns: int) -> bool:

@@ -14,9 +14,9 @@ bandwidth too early than too late, since a late reduction lets a queue grow.
 An *outage* is silence in both directions, and says nothing about the bandwidth before and after it. It counts as one
 lost frame of each sender; the frame of this node that was stuck in the controller is not counted.
 
-The radio is *gone* when no frame has been heard for the number of periods that a node of its bus may miss, and an
-eighth of a period. So the manager learns that everything beyond the radio is lost, before it would declare the first of
-those nodes down. When a frame is heard again, the measurement begins anew.
+The radio is *gone* when no frame has been heard for as many periods as a node of its bus may miss, plus an eighth of a
+period. So the manager learns that everything beyond the radio is lost, before it would declare the first of those nodes
+down. When a frame is heard again, the measurement begins anew.
 
 Counting of a sequence begins anew if its numbers jump (its sender has rebooted), or if the sequence was not heard for
 ten periods (its frames may have taken another route). A doubled or late frame is not counted as a loss. A forged state
@@ -55,7 +55,7 @@ class _Period:
 
 
 class _Numbered(NamedTuple):
-    """The last frame that came of one sequence of numbered frames."""
+    """The last received frame of one sequence of numbered frames."""
 
     sequence: int
     time_ns: int
@@ -142,7 +142,7 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count how many frames have come, and should have come, from the sender of a frame since its last frame."""
+        """Count the frames from this frame's sender that have come since its last one, and those that were due."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return

@@ -46,7 +46,7 @@ class ObjectDictionary:
         readers: return the value of a variable.
         arrays: return the elements of an array, by index.
         number_writers, bytes_writers: write a value; they return None, or the reason why they refuse it.
-        takes_bytes: tells whether values of any length are accepted now; asked before the first byte comes.
+        takes_bytes: tells whether values of any length are accepted now; called before the first byte comes.
         """
         self._node = node
         self._readers, self._arrays = readers, arrays

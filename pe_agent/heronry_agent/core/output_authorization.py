@@ -86,7 +86,7 @@ class OutputAuthorization:
         return now_ns <= self.until_ns(now_ns)
 
     def until_ns(self, now_ns: int) -> int:
-        """Time in ns at which the authorization ends if no frame comes; a time before now: not authorized."""
+        """Time in ns at which the authorization ends if no frame comes; if that is before now, it has ended."""
         if not self._named or self._overtaken or self._heard_ns is None:
             return now_ns - 1
         if not self._is_past(self._doubted_ns, now_ns) or not self._is_past(self._clashed_ns, now_ns):

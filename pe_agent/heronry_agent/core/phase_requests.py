@@ -1,4 +1,4 @@
-"""Which mission phase a PE requests: that of a module's request, or that whose `when` rule of the spec is satisfied.
+"""Which mission phase a PE requests: one that a module requests, or one whose `when` rule in the spec is satisfied.
 
 A `when` rule compares a variable with a threshold. The PE that runs the module which gives this variable checks the
 rule, at each value of the module. So the values need not be sent on a bus, and the rule cannot fire while no such

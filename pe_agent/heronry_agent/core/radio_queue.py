@@ -6,9 +6,9 @@
     take      removes the most urgent frame for which its class has bandwidth. There are two classes, data and
               management, since data must leave management the share that the spec reserves
 
-The queue drops a frame in two cases, and counts it: the least urgent one when the queue is full, and one that cannot
-leave before its time limit. A frame is late already when less time is left than one frame takes on the radio, because
-the driver would drop it silently, and the port would wait a whole period for its departure.
+In two cases the queue drops and counts a frame: the least urgent frame when the queue is full, and a frame that cannot
+leave before its time limit. A frame counts as late when less time is left than one frame takes on the radio: the driver
+would drop it silently, and the port would wait a whole period for its departure.
 
 The bandwidth of each class is limited by a token bucket. Each frame counts with its worst-case length, as in plans, so
 a plan that fits its bus fits this queue too.
@@ -65,7 +65,7 @@ class Waiting:
     """A frame in the queue, and what decides when it is sent or dropped.
 
     key: a newer frame with the same key replaces this one.
-    order: of frames with one identifier, that with the lowest order is sent first.
+    order: among frames with the same identifier, the one with the lowest order is sent first.
     until_ns: time in ns after which the frame is dropped.
     bits: worst-case length of the frame.
     """
@@ -85,7 +85,7 @@ class RadioQueue:
         """Begin with an empty queue and full buckets.
 
         rate: bandwidth of the radio in bit/s.
-        data_per_mille: how many thousandths of it data may take.
+        data_per_mille: share of the bandwidth that data may take, in thousandths.
         """
         self.dropped = 0
         self._data_per_mille = data_per_mille
@@ -126,7 +126,7 @@ class RadioQueue:
         self._waiting = {key: one for key, one in self._waiting.items() if one.frame.can_id not in identifiers}
 
     def take(self, now_ns: int) -> Waiting | None:
-        """Remove and return the most urgent frame that its bucket lets go now; None if there is no such frame."""
+        """Remove and return the most urgent frame that its bucket allows to be sent now; None if there is none."""
         self._expire(now_ns)
         for bucket in (self._data, self._management):
             bucket.fill(now_ns)

@@ -14,8 +14,8 @@ LEASE. After a restart of the PE nothing runs.
 A module whose mode changes is stopped at BREAK and started at GO, because its old mode may read variables that no PE
 sends any more. It is built anew, unless it can go on with its present state. If GO_ALL is the first command that comes,
 the module is stopped and started at once. A DEMUX branch that ran on this PE until BREAK is not held at GO, whatever
-its new mode. It may go on, since no other PE drives that DEMUX, unless this PE is in doubt (`output_authorization`),
-and then it drives nothing.
+its new mode. It may go on, since no other PE drives that DEMUX. While this PE is in doubt (`output_authorization`), the
+branch drives nothing.
 
 A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides. There is
 one exception (`forgive`). If the operator has cleared the fault, and another manager becomes active before such an
@@ -40,7 +40,7 @@ class Moves:
     """Which modules to stop and to start, by index in the table: first `drop` and `stop`, then `start`.
 
     stop: modules that run and must stop.
-    keep: those of `stop` that will start again in another mode, and keep their state until then.
+    keep: modules in `stop` that will start again in another mode, and keep their state until then.
     drop: modules that were kept before, and whose state is not needed any more.
     start: (module, mode) of each module to start.
     rewire: the epoch is new, so the inputs of all modules change.
@@ -84,7 +84,9 @@ class Reconfiguration:
         return (epoch, digest) == (self.running.epoch, self.running.digest) and epoch != NO_EPOCH
 
     def advance(self, target: Configured, step: Step) -> Moves | None:
-        """Take an activation step of `target`; returns what to stop and to start, None if the step was taken before.
+        """Take an activation step of `target`; returns the modules to stop and to start.
+
+        Returns None if the step was taken before.
 
         target: the running configuration, or the staged one.
         """

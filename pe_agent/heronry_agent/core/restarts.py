@@ -42,7 +42,7 @@ class Restarts:
     def failed(self, module: int, budget: int, now_ns: int) -> int | None:
         """Record a failure; returns how often the module has failed so far, None if it is given up.
 
-        budget: after this many failures a module is restarted; after one more it is given up.
+        budget: the module is restarted after each of its first `budget` failures, and is given up after the next one.
         """
         record = self._records.get(module)
         known = 0 if record is None or now_ns - record.last_ns > FORGIVEN_NS else record.failures

@@ -253,7 +253,7 @@ class RunningModules:
         self._found(code, ElementKind.MODULE, module, 0)
 
     def repeat_faults(self) -> None:
-        """Send the reports again that are due and not acknowledged."""
+        """Send again the reports that are due and that the manager has not acknowledged."""
         self._tell(self.faults.tick(self._turn.now_ns))
 
     def lack(self, images: Mapping[str, str]) -> None:
@@ -431,7 +431,7 @@ class RunningModules:
         self._turn.out.append(Send(self._index.uplink, frame))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
-        """Report to the manager something that is no fault, unless it was reported within a second.
+        """Report to the manager an event that is not a fault, unless it was reported within the last second.
 
         Tells whether it was sent.
         """

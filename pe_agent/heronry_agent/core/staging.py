@@ -1,9 +1,9 @@
 """Collects the next configuration of a PE from PREPARE and SLICE frames, checks it, and stages it.
 
     nothing      no PREPARE has been accepted, or the last one was refused
-    collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, some of them
-                 perhaps doubled or not at all. A contingency on board is complete immediately; for one that is not on
-                 board the PE requests the slice (NOT_ON_BOARD)
+    collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, and some frames may
+                 be doubled or missing. A contingency on board is complete immediately; for one that is not on board the
+                 PE requests the slice (NOT_ON_BOARD)
     staged       the slice is complete, has its digest, and this PE can run it
 
 The *head* of a slice gives its length and its digest; its *body* is the slice itself, in frames of five bytes. A newer
@@ -50,7 +50,7 @@ UNCONFIGURED = Configured(NO_EPOCH, 0, Slice(), 0, 0)
 
 @dataclass(slots=True)
 class _Collection:
-    """What has come of the slice of a new epoch: its PREPARE, its head, and frames of its body by their number."""
+    """The received parts of the slice of a new epoch: its PREPARE, its head, and frames of its body by number."""
 
     prepare: Prepare
     head: SliceHead | None = None
@@ -122,7 +122,8 @@ class Staging:
     def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
         """Take the head of this PE's slice.
 
-        running: the configuration that runs here; if the head announces its slice, that is staged at once.
+        running: the configuration that runs here; if the head announces the slice of this configuration, the slice is
+        staged at once.
         """
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):

@@ -4,9 +4,10 @@
     resting    no LEASE came, and the policy is `safe_mode`: the modules that the slice marks as expendable have
                stopped; the others go on, wired, published and forwarded as before
 
-With the policy `keep` no module rests. An expendable module serves nothing critical, and no module that goes on reads
-from it. So a PE can stop its expendable modules by itself: no other PE starts a module in their place. The state frames
-still report the same state, epoch and digest, since the PE keeps its configuration; only the load in page 1 falls.
+With the policy `keep` no module rests. An expendable module serves nothing critical, and no module that keeps running
+reads from it. So a PE can stop its expendable modules by itself: no other PE starts a module in their place. The state
+frames still report the same state, epoch and digest, since the PE keeps its configuration; only the load in page 1
+falls.
 
 A LEASE that names the configuration which runs here starts the stopped modules again: it shows that no other
 configuration has been activated. A new configuration starts its modules in any case. A LEASE that names another

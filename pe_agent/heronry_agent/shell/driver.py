@@ -198,7 +198,7 @@ class AgentDriver:
                 return
 
     def _take_departures(self) -> None:
-        """Tell the core of each frame to a radio that has left the CAN controller, and how long it was there."""
+        """Tell the core which frames to a radio have left the CAN controller, and how long each was in there."""
         for port in self.core.radio_ports:
             while departures := self._links[port].departures_ns():
                 for took_ns in departures:

@@ -50,7 +50,7 @@ def find_image(name: str) -> type[Module]:
 
 
 def why_not_here(name: str) -> str | None:
-    """Give the reason why the file of an image's code is not installed; None where it is.
+    """Give the reason why the file of an image's code is not installed; None if it is installed.
 
     Nothing is imported, so the code may still be broken.
     """

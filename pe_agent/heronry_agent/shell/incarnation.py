@@ -7,12 +7,13 @@ the disk each time. The agent never waits for the disk in flight: a thread write
 
     in one process       the count before is in memory: each count is the one before plus one
     from start to start  a process begins one above the reserve on the disk, and writes its own before it sends a frame
-    no disk              it does not know. The count is drawn at random, but differs from the count that the disk has,
-                         and one restart in 256 is not recognized. This is so without a folder, with a full or read-only
-                         disk at the start, and with a disk that takes longer than `LONGEST_START_S` at the start
+    no disk              the agent does not know. The count is drawn at random, but differs from the count that the disk
+                         has, and one restart in 256 is not recognized. This is so without a folder, with a full or
+                         read-only disk at the start, and with a disk that takes longer than `LONGEST_START_S` at the
+                         start
 
-A disk that fails does not stop the agent: it reports the problem, flies on, and reports when the reserve is written
-again.
+A disk that fails does not stop the agent. The agent reports the problem, continues, and reports when the reserve is
+written again.
 """
 
 import threading

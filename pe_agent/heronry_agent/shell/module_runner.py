@@ -123,7 +123,7 @@ class ModuleRunner:
         return None
 
     def start(self, module: int, orders: Orders, now_ns: int) -> Failure | None:
-        """Build a module, or continue one that `stop` has kept in its new mode; returns None, or why that failed."""
+        """Build a module, or continue, in its new mode, one that `stop` has kept; returns None, or why that failed."""
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
             return None
@@ -193,7 +193,7 @@ def one_line(error: BaseException) -> str:
 
 
 def failure_of(error: Exception, file: str | None = None) -> Failure:
-    """Describe an exception that a module or driver has raised; `file` is that of its class, None if unknown."""
+    """Describe an exception of a module or driver; `file` has the class of that module or driver, None if unknown."""
     try:
         line = str(error) if isinstance(error, UnknownImageError) else one_line(error)
         if len(line) > _LONGEST_MESSAGE:
@@ -205,7 +205,7 @@ def failure_of(error: Exception, file: str | None = None) -> Failure:
 
 
 def _place(error: BaseException, file: str | None) -> str | None:
-    """Return "FILE:LINE" of the innermost frame in `file`, or else in any code that is not heronry's; or None."""
+    """Return "FILE:LINE" of the innermost frame in `file`; else of that in any code outside heronry; else None."""
     if isinstance(error, UnknownImageError) and error.__cause__ is not None:
         error = error.__cause__
     frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]

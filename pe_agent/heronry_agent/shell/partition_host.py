@@ -14,8 +14,8 @@ modules in its own process: `heronry_tools.sim.world.module_host`.) A partition 
 The host ends a partition that sends an answer without an order, a packet that cannot be read, or a packet that is too
 long. It reports to the core that a partition has ended, and why; the core decides which module counts as failed. The
 core also decides when a step hangs, except the step of a module that has been stopped since: the core no longer waits
-for that one, although it delays all later orders. So the host itself ends the partition when such a step has spent the
-time after which a module counts as hanging.
+for this step, although the step delays all later orders. So the host itself ends the partition when such a step has
+spent the time after which a module counts as hanging.
 """
 
 import time

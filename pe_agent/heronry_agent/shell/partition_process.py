@@ -130,7 +130,8 @@ class PartitionProcess:
 
         Returns None if this is not the step that the partition has to answer next.
         ended_ns: when the step ended.
-        period_ns: period of the module; for a shorter step the waiting for a processor is not subtracted.
+        period_ns: period of the module; if the step is shorter than this, the time of waiting for a processor is not
+        subtracted.
         """
         if not self._pending or (self._pending[0].module, self._pending[0].release) != (module, release):
             return None

@@ -1,10 +1,10 @@
 """Finds out from the command line which CAN interface and channel each port of a PE uses.
 
 The flags of python-can (or can.conf, or variables CAN_*) name the channel of the uplink. `--bus
-NAME=[INTERFACE:]CHANNEL` names that of any bus in the table; without INTERFACE the interface is that of the flags. The
-bit rate comes from the table, unless a flag gives another one for the uplink. The table's bit rate of a radio is that
-of its radio link, and is not passed to the adapter (an slcan modem takes only the rates of CAN controllers). For a
-replicated bus both channels must be named.
+NAME=[INTERFACE:]CHANNEL` names the channel of any bus in the table; without INTERFACE, the interface of the flags is
+used. The bit rate comes from the table, unless a flag gives another one for the uplink. For a radio, the table has the
+bit rate of the radio link. This rate is not passed to the adapter (an slcan modem takes only the rates of CAN
+controllers). For a replicated bus both channels must be named.
 """
 
 import argparse

@@ -24,7 +24,7 @@ _FORMS: dict[str, tuple[str, type[schema.Form]]] = {
     "functions": ("one entry per system output", schema.FunctionForm),
     "phases": ("one entry per mission phase; the first is the initial one", schema.PhaseForm),
     "phases: when": ("exactly one of `above` and `below`", schema.WhenForm),
-    "plants": ("one entry per part of the physical world; no plan needs them", schema.PlantForm),
+    "plants": ("one entry per part of the physical world; plans do not depend on them", schema.PlantForm),
     "contingency": ("what must be planned ahead", schema.ContingencyForm),
 }
 _OF_EVERY_KIND = "rate_per_h"

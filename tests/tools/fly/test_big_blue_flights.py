@@ -61,7 +61,7 @@ def test_where_guidance_is_kept_a_single_fault_lets_it_come_home() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["elevator_and_chute"], "the devices of no aircraft"),
+        (["elevator_and_chute"], "does not have the devices of an aircraft"),
         (["eav", "--phase", "glide"], "only big_blue has phases"),
         (["big_blue", "--without-rover"], "are for the EAV"),
         (["big_blue", "--wind", "40"], "0 to 15 m/s"),

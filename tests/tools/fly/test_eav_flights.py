@@ -87,7 +87,7 @@ def test_the_command_tells_how_it_ended_and_draws_it(capsys, tmp_path):
         (
             "--kill",
             "pe:nav_a=stuck@3",
-            "a pe is killed without '=stuck'; only a device may be dead, stuck, bias, loose",
+            "a pe takes no '=stuck'; only a device may be dead, stuck, bias, loose",
         ),
         ("--kill", "pe:nav_a@soon", "is not a number"),
         ("--kill", "pe:nav_a@-2m", "is not between"),

@@ -58,7 +58,7 @@ def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, defau
         type=_source,
         default=Ahead.SINGLE_FAULTS,
         metavar="FILE",
-        help=f"plans made ahead, {what}: a file of 'heronry contingencies', or 'none' (default: {default})",
+        help=f"plans made ahead ({what}): a file of 'heronry contingencies', or 'none' (default: {default})",
     )
 
 
@@ -69,7 +69,7 @@ def _source(text: str) -> Source:
 def contingencies_of(
     spec: "Spec", source: Source, before_making: Callable[[], None] = lambda: None, workers: int | None = None
 ) -> "Contingencies | None":
-    """Give the plans made ahead for a spec, made now if needed; None where none are wanted or can be made.
+    """Give the plans made ahead for a spec, and make them now if needed; None if none are wanted or possible.
 
     before_making: called before planning, which takes minutes; it may raise an error that the user should see first.
     workers: the number of processes that plan; None: one for each processor, or this process if there are few plans.
@@ -102,7 +102,7 @@ def questions(spec: "Spec") -> int:
 
 
 def found_so_far(spec: "Spec") -> int:
-    """Give the number of plans in the journal of a run that is not complete, or was killed; 0 without one."""
+    """Give the number of plans in the journal of a run that is not complete, or was killed; 0 without a journal."""
     from heronry_tools.analysis.campaign.sweeping import partial_of  # noqa: PLC0415
 
     with suppress(OSError):

@@ -1,6 +1,6 @@
 """`heronry bound`: how long a reconfiguration takes at most, for every class of faults, and the parts of that time.
 
-Exit codes: 0 every class has a bound; 1 one has none; 2 the input cannot be used.
+Exit codes: 0 every class of faults has a bound; 1 some class has none; 2 the input cannot be used.
 """
 
 import argparse
@@ -42,7 +42,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry bound`."""
     parser = subparsers.add_parser(
         "bound",
-        description="Bound the time from a fault to the new configuration: detect, decide, distribute, activate.",
+        description="Bound the time from a fault to the new configuration, in four parts: "
+        "detect, decide, distribute, activate.",
         epilog=_EPILOG,
     )
     add_spec_argument(parser)
@@ -51,7 +52,7 @@ def add_parsers(subparsers: Any) -> None:
         "--decide",
         type=_milliseconds,
         metavar="MS",
-        help="take MS milliseconds as the time to make a plan, instead of measuring it",
+        help="assume that making a plan takes MS milliseconds, instead of measuring that",
     )
     add_output(parser, "write every element as JSON")
     parser.set_defaults(run=run)

@@ -36,7 +36,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry bus`."""
     parser = subparsers.add_parser(
         "bus",
-        description="Show what a plan puts on each bus: every message with its worst case, and the totals.",
+        description="Show what a plan puts on each bus: every message with its longest response time, and the totals.",
         epilog=_EPILOG,
     )
     add_spec_argument(parser)
@@ -46,7 +46,7 @@ def add_parsers(subparsers: Any) -> None:
         "--limit",
         metavar="ELEMENT=PERCENT",
         action="append",
-        help="what is left of the capacity of a PE or bus; may be repeated",
+        help="percentage of its capacity that a PE or bus still has; may be repeated",
     )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument(
@@ -110,6 +110,6 @@ def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Con
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
             raise UserError(
-                f"{arguments.plan}: {violation}; the messages of such a plan are not defined: correct the plan"
+                f"{arguments.plan}: {violation}; the messages of an illegal plan are not defined: correct it"
             )
     return now, configuration

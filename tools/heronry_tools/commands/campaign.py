@@ -30,7 +30,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry campaign`."""
     parser = subparsers.add_parser(
         "campaign",
-        description="Plan for every set of faults and tell what survives: how gracefully a system degrades.",
+        description="Plan for every set of faults, and tell which functions survive: how gracefully a system degrades.",
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
@@ -40,7 +40,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="'WHAT after N [in PHASE]'",
         action="append",
         default=[],
-        help="a class or function that must survive any N faults; may be repeated; exit code 1 where one does not",
+        help="a class or function that must survive any N faults; may be repeated; exit code 1 if one does not",
     )
     add_output(parser, forms={"text": (), "json": JSON, "html": (".html", ".htm")})
     parser.add_argument("--html", metavar="FILE", type=Path, help=argparse.SUPPRESS)  # older: the page as well

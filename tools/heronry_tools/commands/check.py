@@ -1,7 +1,7 @@
 """`heronry check`: checks specs as a linter checks code, for editors, hooks and CI.
 
-Exit codes: 0 no errors (perhaps warnings), 1 errors, 2 what was typed cannot be used, as a file that is not there,
-3 a defect of heronry. With --strict a warning is an error.
+Exit codes: 0 no errors (perhaps warnings), 1 errors, 2 the input cannot be used, such as a file that does not exist, 3
+a defect of heronry. With --strict a warning is an error.
 """
 
 import argparse

@@ -77,7 +77,7 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
     unproven = sum(not plan.optimal for _, _, plan in made.entries())
     in_use = "places in use, " if scope.places else ""
     phases = f" in {len(made.phases)} phases" if len(made.phases) > 1 else ""
-    print(f"{file}: {written.size} bytes, bound to {spec.name} {spec.digest[:12]}")
+    print(f"{file}: {written.size} bytes, for {spec.name} with digest {spec.digest[:12]}")
     print(
         f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, {in_use}and safe mode"
     )

@@ -45,7 +45,7 @@ def add_parsers(subparsers: Any) -> None:
         "--order", metavar="N", type=int, help="find sets of up to N faults (default: the spec's contingency.faults)"
     )
     parser.add_argument(
-        "--kinds", metavar="KINDS", help="only elements of these kinds, for example pe,bus (default: all)"
+        "--kinds", metavar="KINDS", help="let only these kinds of elements fail, for example pe,bus (default: all)"
     )
     parser.add_argument(
         "--given-up",

@@ -34,7 +34,7 @@ def add_parsers(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "demo",
-        description="Start the bus (if needed), the manager and every PE, each as a process; kill and restore some.",
+        description="Start the bus (if needed), the manager and every PE, each as a process; kill and restart PEs.",
         epilog=_EPILOG,
     )
     add_spec_argument(parser, default="big_blue")
@@ -45,7 +45,7 @@ def add_parsers(subparsers: Any) -> None:
         default=[],
         help="kill a PE at this time, or the active manager (manager@SECONDS), by SIGKILL",
     )
-    parser.add_argument("--no-kill", action="store_true", help="kill nothing: the aircraft flies as it is")
+    parser.add_argument("--no-kill", action="store_true", help="kill nothing during the flight")
     parser.add_argument(
         "--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start a killed PE again at this time"
     )
@@ -57,7 +57,7 @@ def add_parsers(subparsers: Any) -> None:
         dest="seconds",
         metavar="SECONDS",
         type=_seconds,
-        help=f"seconds to run (default {DEFAULT_SECONDS:.0f}); then the demo completes what has begun, within 15 s",
+        help=f"seconds to run (default {DEFAULT_SECONDS:.0f}); then up to 15 s until a reconfiguration is complete",
     )
     parser.add_argument(
         "--from",
@@ -65,7 +65,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="SECONDS",
         type=_seconds,
         default=0.0,
-        help="begin so long after take-off: at 90 the aircraft will soon leave the balloon, from 240 on it has landed",
+        help="begin SECONDS after take-off: at 90 the aircraft will soon leave the balloon, from 240 on it has landed",
     )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
     add_contingencies_argument(
@@ -81,7 +81,7 @@ def add_parsers(subparsers: Any) -> None:
         action="store_true",
         help="also serve a page for a browser on this computer, and print its address; the demo goes on until Ctrl-C",
     )
-    parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines instead of the story")
+    parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines instead of sentences")
     parser.add_argument(
         "--bus",
         metavar="NAME=[INTERFACE:]CHANNEL",

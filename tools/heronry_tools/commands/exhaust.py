@@ -49,7 +49,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry exhaust`."""
     parser = subparsers.add_parser(
         "exhaust",
-        description="Fly every single fault at every message of every reconfiguration, and check each flight.",
+        description="Inject each single fault at each message of each reconfiguration, one per flight, and check all.",
         epilog=_EPILOG,
     )
     add_spec_argument(parser)

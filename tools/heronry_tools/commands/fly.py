@@ -123,11 +123,13 @@ def add_parsers(subparsers: Any) -> None:
         help="inject this fault, written as for 'heronry sim --act'; its seconds count from the start of the flight; "
         "may be repeated; with --live only faults of a bus",
     )
-    parser.add_argument("--one-fault", action="store_true", help="inject one fault, drawn with its time by the seed")
+    parser.add_argument(
+        "--one-fault", action="store_true", help="inject one fault; the seed decides which one, and when"
+    )
     parser.add_argument("--judged", action="store_true", help="check each flight by the oracles of 'heronry sim'")
     parser.add_argument("--latency", action="store_true", help="measure the delay from sensor to servo, in still air")
     parser.add_argument("--live", action="store_true", help="eav: fly in real time, with processes on software buses")
-    parser.add_argument("--record", type=Path, metavar="FILE", help="write the record of the one flight as JSON")
+    parser.add_argument("--record", type=Path, metavar="FILE", help="write the record as JSON; for one flight only")
     parser.add_argument(
         "--report", type=Path, metavar="FILE", help="write an HTML page with pictures: of one flight, or of all"
     )
@@ -201,7 +203,8 @@ def _run_live(arguments: argparse.Namespace) -> int:
         return 0
     if len(ends) > 1:
         print(
-            f"{acceptable} of {len(ends)} landings are acceptable; the computer stood still in {figures['stood_still']}"
+            f"{acceptable} of {len(ends)} landings are acceptable; "
+            f"the computer stood still in {figures['stood_still']} of the flights"
         )
     if figures["latency_s"]:
         print(latency_line(figures["latency_s"]))
@@ -305,7 +308,7 @@ def _blow(spec: "Spec", text: str) -> "Blow":
     if name not in known:
         raise UserError(f"--kill {text}: no {kind} is named '{name}'; {meant(name, known)}")
     if how and kind != "device":
-        raise UserError(f"--kill {text}: a {kind} is killed without '={how}'; only a device may be {', '.join(_HOW)}")
+        raise UserError(f"--kill {text}: a {kind} takes no '={how}'; only a device may be {', '.join(_HOW)}")
     if how and how not in _HOW:
         raise UserError(f"--kill {text}: a device may be {', '.join(_HOW)}")
     if when.endswith("m"):

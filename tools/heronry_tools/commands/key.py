@@ -28,7 +28,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_EPILOG,
     )
     parser.add_argument("file", metavar="FILE", type=Path, help="the file of the key")
-    parser.add_argument("--check", action="store_true", help="make no key; print the fingerprint of the one in FILE")
+    parser.add_argument("--check", action="store_true", help="make no key; print the fingerprint of the key in FILE")
     add_json(parser, "write the fingerprint as JSON")
     parser.set_defaults(run=run)
 

@@ -31,7 +31,7 @@ def add_parsers(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "manager",
-        description="Follow the PEs, plan, and deploy: the system manager of one spec.",
+        description="Run the system manager of one spec: follow the PEs, make plans, and deploy them.",
         epilog=_EPILOG,
     )
     add_spec_argument(parser)
@@ -45,7 +45,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--changed-spec",
         action="store_true",
-        help="accept the journal of an older text of SPEC: forget its faults and phase, continue its numbers",
+        help="accept a journal written for an older SPEC: continue its numbers, forget its faults and phase",
     )
     parser.add_argument(
         "--key",

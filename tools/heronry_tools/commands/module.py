@@ -1,7 +1,7 @@
 """`heronry module try`: runs the code of a module without a bus.
 
-Exit codes: 0 every step has been computed; 1 the code fails, when it is imported, built or stepped; 2 what was typed
-cannot be used, as where there is no such code.
+Exit codes: 0 every step has been computed; 1 the code fails, when it is imported, built or stepped; 2 the input cannot
+be used, for example because there is no such code.
 """
 
 import argparse
@@ -56,7 +56,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="SECONDS",
         type=_limit,
         default=10.0,
-        help="seconds after which code counts as failed (default 10)",
+        help="seconds after which a call of the code counts as failed (default 10)",
     )
     add_output(trial, "print steps and failure as one JSON object")
     trial.set_defaults(run=run)

@@ -55,7 +55,9 @@ def add_parsers(subparsers: Any) -> None:
     add_json(phase)
     priority = _parser(subparsers, "priority", "change the priority of a function", _PRIORITY_EPILOG)
     priority.add_argument("what", metavar="FUNCTION", help="a function of the spec")
-    priority.add_argument("to", metavar="N|default", type=_priority, help="0 to 32767, or default: that of the spec")
+    priority.add_argument(
+        "to", metavar="N|default", type=_priority, help="the priority, 0 to 32767; 'default': that of the spec"
+    )
     add_json(priority)
     for name, sentence, epilog in (
         ("fail", "plan without an element, whatever is heard of it", _FAIL_EPILOG),

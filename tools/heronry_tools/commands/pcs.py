@@ -83,7 +83,9 @@ def _add_subject(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_plan(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--plan", metavar="PLAN.json", help="the plan of a spec (- for standard input; default: best)")
+    parser.add_argument(
+        "--plan", metavar="PLAN.json", help="the plan of a spec (- for standard input; default: the best one)"
+    )
 
 
 def _add_write(parser: argparse.ArgumentParser) -> None:
@@ -102,7 +104,7 @@ def _add_graph(commands: Any) -> None:
         "--level",
         choices=("module", "pe", "side"),
         default="module",
-        help="show modules, PEs or sides of the radio without what is inside them (default: module)",
+        help="show each module, PE or side of the radio as one symbol (default: module)",
     )
 
 
@@ -114,7 +116,7 @@ def _add_check(commands: Any) -> None:
         "--require",
         metavar="P,..",
         type=_names,
-        help="what has to hold for exit code 0 (default: configuration; of a spec: on_path of plants of class A and B)",
+        help="what must hold for exit code 0 (default: configuration; for a spec: on_path of plants of class A and B)",
     )
     parser.add_argument("--path", metavar="K,..", type=_names, help="tell whether one loop runs through these members")
 
@@ -140,7 +142,7 @@ def _add_edit(commands: Any) -> None:
 def _add_script(commands: Any) -> None:
     parser = _command(commands, "script", "write the script that leads from one graph, or plan, to another", run_script)
     parser.add_argument("old", metavar="OLD", help="a component graph, or a plan")
-    parser.add_argument("new", metavar="NEW", help="the graph or plan to reach")
+    parser.add_argument("new", metavar="NEW", help="the graph or plan to which the script leads")
     parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans, if it is not a shipped spec")
 
 
@@ -149,9 +151,7 @@ def _add_apply(commands: Any) -> None:
     parser.add_argument("script", metavar="SCRIPT", help="a *.pcs.script file (- for standard input)")
     _add_subject(parser)
     _add_write(parser)
-    parser.add_argument(
-        "--live", action="store_true", help="give the script to the running manager of this spec, which flies it"
-    )
+    parser.add_argument("--live", action="store_true", help="let the running manager of this spec carry the script out")
     add_manager_argument(parser)
 
 

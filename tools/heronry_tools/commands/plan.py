@@ -76,7 +76,7 @@ def add_parsers(subparsers: Any) -> None:
         "--effort",
         type=_effort,
         metavar="E",
-        help="most work of the search, in units of about a second that are equal on every computer (default 60)",
+        help="limit of the search (default 60); one unit is about a second, and the same work on every computer",
     )
     add_output(plan, "write the plan as JSON")
     plan.set_defaults(run=run_plan)
@@ -103,7 +103,7 @@ def _add_situation(parser: argparse.ArgumentParser) -> None:
         "--limit",
         metavar="ELEMENT=PERCENT",
         action="append",
-        help="what is left of the capacity of a PE or bus; may be repeated",
+        help="percentage of its capacity that a PE or bus still has; may be repeated",
     )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument(
@@ -180,7 +180,7 @@ def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transitio
 
 
 def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
-    """Read the running configuration from a plan; without all its wires, only the modules' PEs and modes."""
+    """Read the running configuration from a plan; if the plan lacks wires, read only the modules' PEs and modes."""
     from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
 
     try:

@@ -119,7 +119,7 @@ def _spec_of(recording: Path, text: str | None) -> "Spec":
     if recording.name.endswith((".yaml", ".yml")):
         raise UserError(f"{recording} is a spec, and no recording: write 'heronry replay FILE.log SPEC'")
     if text is None:
-        raise UserError(f"{recording} does not say of which spec it is: write SPEC after it")
+        raise UserError(f"{recording} does not name its spec: write SPEC after it")
     return load_spec(text)
 
 
@@ -134,7 +134,7 @@ def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Na
             raise UserError(f"{arguments.recording} is of a flight without a key: leave --key out")
         return frames
     if arguments.key is None:
-        raise UserError(f"{arguments.recording} is of a flight with a key: name it with --key")
+        raise UserError(f"{arguments.recording} is of a flight with a key: name the key file with --key")
     return proven(spec, read_key(arguments.key), frames)
 
 

@@ -116,7 +116,7 @@ def _fields(rule: "Rule") -> dict[str, object]:
 
 
 def run_schema(arguments: argparse.Namespace) -> int:
-    """Write the schema; returns the exit code."""
+    """Write the JSON schema of a spec or of a component graph; returns the exit code."""
     from heronry_dg.check import json_schema as of_specs  # noqa: PLC0415
     from heronry_pcs import json_schema as of_graphs  # noqa: PLC0415
 

@@ -81,14 +81,14 @@ def add_parsers(subparsers: Any) -> None:
         "--seconds",
         type=seconds,
         metavar="S",
-        help="let faults occur for S seconds, not less than given faults last (default: 5, or 1 more than they last)",
+        help="inject faults for S seconds, at least as long as given ones last (default: 5, or 1 s longer than these)",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
     parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw only faults of this kind")
     parser.add_argument(
-        "--act", action="append", default=[], metavar="ACT", help="inject this fault instead of drawn ones"
+        "--act", action="append", default=[], metavar="ACT", help="inject this fault, and draw none; may be repeated"
     )
     parser.add_argument("--acts", type=Path, metavar="FILE", help="inject the faults of this file, one a line")
     parser.add_argument(
@@ -120,7 +120,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--shrink",
         action="store_true",
-        help="look for the fewest faults with which the flight fails; writes SPEC-seed-N.scenario",
+        help="if a flight fails, find fewer faults with which it fails, too; writes SPEC-seed-N.scenario",
     )
     add_compiled_argument(parser)
     add_output(parser, "write one JSON object per flight, and one for all flights")
@@ -238,7 +238,7 @@ def _lines_of(file: Path) -> list[str]:
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
-    """Tell whether an oracle was violated; that a given fault was not injected does not count."""
+    """Tell whether an oracle was violated; a given fault that was not injected is no violation."""
     from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
 
     return any(violation.rule != MISSED for violation in outcome.violations)

@@ -25,7 +25,7 @@ def add_parsers(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "softbus",
-        description="Run a CAN bus in software, until Ctrl-C. All programs of this user reach it: -i softbus -c NAME.",
+        description="Run a CAN bus in software, until Ctrl-C. Programs of this user reach it with -i softbus -c NAME.",
         epilog=_EPILOG,
     )
     parser.add_argument(

@@ -38,7 +38,7 @@ def add_parsers(subparsers: Any) -> None:
         "--at",
         type=float,
         metavar="SECONDS",
-        help="show a recording from SECONDS after its start on (default: its end)",
+        help="show a recording SECONDS after its start (default: at its end)",
     )
     parser.add_argument("--json", action="store_true", help="print a snapshot twice a second, one JSON object a line")
     parser.add_argument("--once", action="store_true", help="with --json: print one snapshot, and end")
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(source: "TopSource", *, once: bool) -> int:
-    """Print snapshots as JSON: of a recording the one at its cursor, of a live system one every half second."""
+    """Print snapshots as JSON: for a recording, the one at its cursor; for a live system, one every half second."""
     from heronry_tools.watch.snapshot import document  # noqa: PLC0415
 
     try:

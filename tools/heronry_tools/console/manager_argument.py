@@ -18,7 +18,7 @@ def add_manager_argument(parser: argparse.ArgumentParser) -> None:
     which.add_argument(
         "--of",
         metavar="NAME",
-        help="the manager to call: the name of its spec; of a demo, NAME-demo (default: the only one that runs)",
+        help="the manager to call: the name of its spec; for a demo, NAME-demo (default: the only manager)",
     )
     which.add_argument(
         "--socket", type=Path, metavar="PATH", help="the manager's socket, if the manager was started with --socket"

@@ -85,7 +85,9 @@ def spec_text(text: str) -> SpecText:
 def spec_path(text: str) -> Path:
     """Give the file that SPEC names, for a command whose processes read the file again; raises UserError."""
     if text == "-" or _is_pipe(text) or _is_in_git(text):
-        raise UserError(f"{text}: this command reads the spec more than once; write it to a *.dg.yaml, and name that")
+        raise UserError(
+            f"{text}: this command reads the spec more than once; save it as a *.dg.yaml file, and name that file"
+        )
     if text.endswith(".table"):
         raise UserError(f"{text}: a table is what 'heronry table' compiles from a spec; name the *.dg.yaml itself")
     if Path(text).suffix:

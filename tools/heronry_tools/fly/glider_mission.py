@@ -25,7 +25,7 @@ class GliderMission:
     strongest_wind_m_per_s: upper limit of the wind at 20 ft that the seed draws
     pace: how many times faster than on the avionics' clock the time passes while the aircraft hangs on its line
     blows: faults that are injected at a time of the flight or below a height
-    acts: faults as of `heronry sim`; their times count from the beginning of the flight
+    acts: faults of the kinds of `heronry sim`; their times count from the beginning of the flight
     `judged`: whether the simulator's oracles check the flight; `GliderLanding.violations` has what they find
     longest_s: when the flight ends without a touchdown
     """

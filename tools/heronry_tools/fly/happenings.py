@@ -35,7 +35,7 @@ class Happenings:
     def reconfigured_after_s(self) -> float | None:
         """Return the time from the first fault to the next active configuration, in s.
 
-        Return None if there was no fault, or no configuration since.
+        Return None if there was no fault, or no new configuration after it.
         """
         struck_s = self.struck_s
         if struck_s is None:

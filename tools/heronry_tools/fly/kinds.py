@@ -77,6 +77,6 @@ def aircraft_of(spec: Spec) -> Name:
         if device in spec.devices:
             return name
     raise UserError(
-        f"the spec '{spec.name}' has the devices of no aircraft in a flight dynamics model; "
-        f"those are {' and '.join(_KNOWN_BY)}"
+        f"the spec '{spec.name}' does not have the devices of an aircraft with a flight dynamics model; "
+        f"such aircraft are {' and '.join(_KNOWN_BY)}"
     )

@@ -42,7 +42,7 @@ class Mission:
     has_rover: whether the rover is beside the runway
     must_land: whether the operator orders to land even without a good position
     blows: faults that are injected at a time of the flight or below a height
-    acts: faults as of `heronry sim`; their times count from the beginning of the flight
+    acts: faults of the kinds of `heronry sim`; their times count from the beginning of the flight
     most_height_bias_m: upper limit of a constant height error of the differential receiver, which the seed draws
     `judged`: whether the simulator's oracles check the flight; `Landing.violations` has what they find
     probed: whether latencies from sensor to servo are measured, in still air and with sensors without errors
@@ -78,7 +78,8 @@ class Landing:
     touchdown: state at the first contact with the ground; None if there was none
     mode: mode of the flight management at the end; None if it does not run
     digest: digest of every frame and of the state at the end
-    reconfigured_after_s: time from the first fault to the next active configuration; None without one of them
+    reconfigured_after_s: time from the first fault to the next active configuration; None if there was no fault, or no
+    configuration after it
     worst_height_error_m: greatest error, below 10 m, of the estimated height; None if the flight ended above 10 m
     nees: by state of the tracking filter, its mean squared error over its variance; empty without a filter
     violations: what the simulator's oracles found

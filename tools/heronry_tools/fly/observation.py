@@ -58,7 +58,7 @@ class Observer:
     def mode(self) -> str | None:
         """Return the mode of the flight management; None if it does not run.
 
-        The mode tells how good a position the plan supplies.
+        The plan selects the mode by the quality of the position that it can supply.
         """
         management = self.management()
         return None if management is None else management.ctx.mode

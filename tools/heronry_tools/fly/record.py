@@ -152,7 +152,7 @@ class Recorder:
     def state(self, time_s: float, kind: StretchKind, subject: str, label: str | None) -> None:
         """Record that the subject has the state `label` from now on; None: it has no state any more.
 
-        This ends the subject's stretch before. If the label is the same as before, the stretch goes on.
+        This ends the previous stretch of the subject. If the label is the same as before, the stretch goes on.
         """
         before = self._states.get((kind, subject))
         if before is not None:

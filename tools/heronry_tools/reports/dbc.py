@@ -63,7 +63,7 @@ _COMMANDS: Mapping[Command, Layout] = {
 
 
 def dbc_text(spec: Spec | None) -> str:
-    """Write a DBC of the management protocol; with a spec also of its PEs' names and of all its data."""
+    """Write a DBC of the management protocol; with a spec, it also has the names of the PEs and all data."""
     nodes = {node: f"node_{node}" for node in PE_NODES} if spec is None else _nodes_of(spec)
     messages = [*_management(), *_per_node(nodes, spec), *_links(spec)]
     if spec is not None:

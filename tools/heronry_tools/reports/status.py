@@ -125,7 +125,7 @@ def _held(held: Mapping[str, Any] | None) -> str:
 
 
 def _runs(pe: Mapping[str, Any]) -> str:
-    """Write what a PE runs; for a PE that is down, what it said last."""
+    """Write what a PE runs; for a PE that is down, what it reported last."""
     if pe["epoch"] is None:
         return str(pe["runs"])
     runs = f"{pe['runs']} in epoch {pe['epoch']}"

@@ -197,7 +197,10 @@ class Story:
         return bool(needs_one)
 
     def _standstill(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give the line for a standstill; that of a PE is read when the PE is heard again, so it names the loss."""
+        """Give the line for a standstill.
+
+        The manager reads it from a PE that is heard again, so the line names the loss.
+        """
         if not self._needs_a_line(event):
             return
         by, for_ms = event["by"], event["for_ns"] // 1_000_000

@@ -1,1 +1,1 @@
-"""What runs on this computer: software bus, manager process, demo, doctor, vcan, units for systemd."""
+"""Programs for this computer: software bus, manager process, demo, doctor, vcan, units for systemd."""

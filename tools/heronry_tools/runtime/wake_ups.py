@@ -22,9 +22,9 @@ _GRID_NS, _WORK_NS = 10_000_000, 400_000  # about what an agent of the shipped a
 
 
 def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
-    """Rehearse with this many processes for this long; returns the largest lateness, in ns.
+    """Run a rehearsal with `processes` processes for `seconds`; return the largest lateness in ns.
 
-    niceness: as of setpriority(2); a negative one is ignored where this user may not use it.
+    niceness: nice value of these processes (setpriority(2)); a negative value is ignored if this user may not set it.
     """
     end_ns = time.monotonic_ns() + round(seconds * 1e9)
     pipe, theirs = os.pipe()

@@ -9,8 +9,8 @@ It has a part for each kind of observation:
     manager    a manager's core that only advises, and whose advice is dropped: from the frames that the active manager
                gets and sends it concludes, as that one does, which PE is lost or joins
 
-If the manager's own events are available (`tells_why`), the last two parts are left out. Nothing is sent. Time is that
-of the frames: `until` first handles the deadlines before it, so the same frames give the same events.
+If the manager's own events are available (`tells_why`), the last two parts are left out. Nothing is sent. All times are
+those of the frames: `until` first handles the deadlines before its time, so the same frames give the same events.
 """
 
 from collections.abc import Iterator, Mapping

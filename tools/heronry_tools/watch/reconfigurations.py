@@ -21,7 +21,8 @@ _KEPT_OUTAGES = 200
 def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapshot:
     """Return the snapshot `after` a reconfiguration with that reconfiguration added to its list.
 
-    before: the snapshot with the configuration that ran until now. event: the `reconfigured` or `epoch_seen` of it.
+    before: the snapshot with the configuration that ran until now. event: the event `reconfigured` or `epoch_seen` of
+    this reconfiguration.
     """
     times = {key: event["times_ns"].get(key) for key in ("detect", "decide", "distribute", "activate")}
     t_ns = event["t_ns"]
@@ -76,7 +77,7 @@ def _served(snapshot: Snapshot) -> set[str]:
 
 
 def _places(snapshot: Snapshot, known: Mapping[str, Place]) -> Mapping[str, Place]:
-    """Give the places of the modules that run; `known` itself where nothing has changed: a hundred of them are kept."""
+    """Give the places of the modules that run; `known` itself if nothing has changed, since a hundred are kept."""
     found = {
         name: _place(module.pe, module.mode)
         for name, module in snapshot.modules.items()

@@ -36,7 +36,7 @@ class Recorder:
     def __init__(self, folder: Path, spec: Spec, source: Source, spec_text: bytes, limit_bytes: int) -> None:
         """Begin a folder, which must be empty or new; raises UserError.
 
-        limit_bytes: of the whole folder; LEAST_BYTES or more.
+        limit_bytes: largest size of the whole folder; LEAST_BYTES or more.
         """
         self._folder, self._reducer = folder, Reducer(spec)
         self._state = self._reducer.start(source)

@@ -61,9 +61,9 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
     if path.suffix == ".scenario":
         return _flown(path)
     if path.is_dir():
-        raise UserError(f"{path} is a folder, and none of 'heronry record': name a log, or such a folder")
+        raise UserError(f"{path} is a folder, but not one of 'heronry record': name a log, or such a folder")
     if spec is None:
-        raise UserError(f"{path} does not say of which spec it is: write SPEC after it")
+        raise UserError(f"{path} does not name its spec: write SPEC after it")
     loaded = load_spec(spec)
     if path.suffix == ".jsonl":
         events = list(read_events(path))
@@ -126,7 +126,7 @@ def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: 
     Raises UserError where the flight had a key and none is given, or was flown with another spec.
     """
     if is_tagged(frames) and key is None:
-        raise UserError(f"{name} is of a flight with a key: name it with --key")
+        raise UserError(f"{name} is of a flight with a key: name the key file with --key")
     on_the_bus = on_the_managers_bus(spec, frames, None)
     found = masterships(spec, on_the_bus if key is None else proven(spec, key, on_the_bus))
     for mastership in found:
@@ -152,7 +152,7 @@ def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
 
 
 def tables_of(spec: Spec) -> tuple[PeTable, ...]:
-    """Give the tables of the PEs with the plans made ahead that are in this user's cache; none without a solver."""
+    """Give the tables of the PEs, with the plans made ahead from this user's cache; none if there is no solver."""
     try:
         from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415 - needs the solver
     except ModuleNotFoundError:
@@ -161,7 +161,7 @@ def tables_of(spec: Spec) -> tuple[PeTable, ...]:
 
 
 def _why(spec: Spec, found: Sequence[Mastership]) -> list[Event] | None:
-    """Give the manager's events by running its core again; None where that is not possible, or its decisions differ."""
+    """Give the manager's events by running its core again; None if that is not possible, or gives other decisions."""
     if not found or found[0].epoch:
         return None
     try:

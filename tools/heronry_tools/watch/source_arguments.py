@@ -118,9 +118,7 @@ def _listened(arguments: argparse.Namespace, flags: dict[str, object], key: "Key
     from heronry_tools.watch.recordings import tables_of  # noqa: PLC0415
 
     if arguments.spec is None:
-        raise UserError(
-            "a bus does not say of which spec it is: name it, as in 'heronry top big_blue -i socketcan -c can0'"
-        )
+        raise UserError("a bus does not name its spec: name it, as in 'heronry top big_blue -i socketcan -c can0'")
     spec = load_spec(arguments.spec)
     return ListenedBuses(spec, list(_choices(spec, arguments, flags)), key=key, tables=tables_of(spec))
 

@@ -1,4 +1,4 @@
-"""A manager's status (`heronry_manager.core.status`) as the beginning of a snapshot."""
+"""Fills a snapshot with what a manager's status (`heronry_manager.core.status`) says."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,7 +10,7 @@ _STAGES: Mapping[str | None, Any] = {None: "starting", "done": "running"}
 
 
 def from_status(snapshot: Snapshot, event: Mapping[str, Any]) -> Snapshot:
-    """Return the snapshot with the content of a `status` event; what only other events tell stays unchanged."""
+    """Return the snapshot with the content of a `status` event; facts that only other events give stay unchanged."""
     status, t_ns = event["status"], event["t_ns"]
     manager = status["manager"]
     keys = ("node", "term", "state", "advises", "key", "journal")

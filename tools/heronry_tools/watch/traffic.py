@@ -1,7 +1,7 @@
 """The load of a bus, by kind of traffic, from its frames: over the last second, given twice a second.
 
 Bits are counted exactly (`heronry_wire.timing`), in slots of 100 ms. `peak` is the busiest slot of the last second.
-Time is that of the frames, so a recording gives the same figures as the flight.
+All times are those of the frames, so a recording gives the same figures as the flight.
 """
 
 from collections import Counter, deque

@@ -116,7 +116,7 @@ class Site:
     async def candump(self, _: Request) -> Response:
         """Answer with the frames as a candump log, where they are recorded."""
         if not self.frames:
-            return _refused(404, "no frames are recorded here: 'heronry record' does that, and 'heronry demo --record'")
+            return _refused(404, "no frames are recorded here: use 'heronry record' or 'heronry demo --record'")
         lines = (f"{format_log_line(frame)}\n" for frame in self.frames)
         head = {**_NO_STORE, "content-disposition": f'attachment; filename="{self.spec.name}.log"'}
         return StreamingResponse(lines, media_type="text/plain", headers=head)

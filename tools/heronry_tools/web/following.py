@@ -35,7 +35,7 @@ def standby_of(path: Path) -> Path:
 
 
 def read_in_thread(open_feed: OpenFeed, live: Live, manager: Path | None) -> None:
-    """Start the thread, which gives `live` all that comes, in the running event loop.
+    """Start a thread that reads the feed and hands all events to `live`, in the running event loop.
 
     manager: the socket of the manager, if its standby manager is to be followed after it.
     """

@@ -103,14 +103,14 @@ def refusal(access: Access, asked: Asked) -> Refusal | None:
     if not access.knows_host(host):
         return Refusal(403, f"'{host}' is no address of this server: open {access.url(with_token=False)}")
     if origin is not None and origin != f"http://{host}":
-        return Refusal(403, f"a page of {origin} must not ask this server")
+        return Refusal(403, f"a page from {origin} must not send requests to this server")
     if asked.method not in ("GET", "HEAD", "POST"):
         return Refusal(405, f"{asked.method} is not understood here")
     if asked.method == "POST":
         if origin is None:
-            return Refusal(403, "a request that asks or orders something must name its Origin")
+            return Refusal(403, "a question or an order must have a header Origin")
         if asked.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-            return Refusal(415, "a request that asks or orders something must be JSON")
+            return Refusal(415, "a question or an order must be JSON")
     return _without_token(access, asked)
 
 

@@ -33,7 +33,7 @@ def load_of(number: int, event: Event) -> Load:
 
 
 class DrawnLoads:
-    """Tells which loads of buses are drawn: of each bus one a second."""
+    """Tells which loads of buses are drawn: one per second for each bus."""
 
     def __init__(self) -> None:
         self._last_ns: dict[str, int] = {}  # by bus

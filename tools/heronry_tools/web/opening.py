@@ -36,7 +36,7 @@ class Opened:
     shown: the live state or the recording.
     feed: opens the live feed.
     manager: the socket of the manager that takes orders.
-    frames: of a recording.
+    frames: the frames of a recording.
     """
 
     spec: Spec

@@ -55,7 +55,7 @@ class Orders:
             case _:
                 pass
         known = ", ".join(self.kinds()) or "none"
-        return Answer(done=False, sentence=f"this is no order that can be given here; there is {known}")
+        return Answer(done=False, sentence=f"this order cannot be given here; possible are {known}")
 
     def _to_manager(self, order: Spoken) -> Answer:
         assert self.manager is not None

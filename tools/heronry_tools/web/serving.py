@@ -24,7 +24,7 @@ _LONGEST_END_S: Final = 2
 def listening(address: str, port: int | None) -> socket.socket:
     """Open the server's socket, on an address or a name of this computer.
 
-    Without a port it is USUAL_PORT, or a free one where that is taken. Raises UserError.
+    If no port is given, it is USUAL_PORT, or a free port if that is taken. Raises UserError.
     """
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     for number in (USUAL_PORT, 0) if port is None else (port,):

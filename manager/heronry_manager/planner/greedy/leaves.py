@@ -1,4 +1,4 @@
-"""Inputs and gates as integers: leaves are numbered from 0 through all modes; a gate is a tree of tuples, its nodes."""
+"""Inputs and gates in integers: leaves are numbered from 0 through all modes, and the nodes of a gate are tuples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

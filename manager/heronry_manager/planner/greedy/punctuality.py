@@ -9,11 +9,12 @@ First it bounds w in closed form, with (w + J + tau) / T + 1 in place of the rou
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
-and then, if that is too late, by iteration. Either way gives a response time J + w + C that is no less than the exact
-one, as long as it is within the message's own period: B is the longest frame there is, so it covers the blocking of one
-instance of a message by the one before (Davis et al. 2007, section 3.4). The iterated response time of the first
-instance alone is also a lower bound of the exact one. Sources are checked in the order of their identifiers, each along
-its route, so that every jitter is known when it is needed; a response time that becomes a jitter is always iterated.
+If the message is too late by that bound, w is computed by iteration. Both ways give a response time J + w + C that is
+no less than the exact one, as long as it is within the message's own period: B is the longest frame that exists, so it
+covers the blocking of one instance of a message by the instance before (Davis et al. 2007, section 3.4). The iterated
+response time of the first instance alone is also a lower bound of the exact one. Sources are checked in the order of
+their identifiers, each along its route, so that every jitter is known when it is needed; a response time that becomes a
+jitter is always iterated.
 
 The bounds are floating-point numbers, rounded to the safe side, and a jitter counts only if rounding does not change
 it. Where the bounds do not decide, the exact analysis does; its verdicts are remembered. So this check accepts exactly

@@ -132,9 +132,9 @@ class Scenery:
         return self._shrunk(possible, touched & possible)
 
     def _shrunk(self, possible: int, touched: int) -> int:
-        """Remove the modes whose needs cannot hold, until all that are left can hold.
+        """Remove modes whose needs cannot hold, until the needs of all remaining modes can hold.
 
-        Check those in `touched` first.
+        touched: the modes to check first.
         """
         orders = self._tables.orders
         while touched:

@@ -110,7 +110,7 @@ class Server:
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
-        """Yield the PEs to try for a mode: the module's old PE, then the emptiest first, then one that is cleared."""
+        """Yield the PEs to try for a mode: the module's old PE, then the others by free room, then a cleared one."""
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
         hosts = self._scene.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
@@ -130,7 +130,7 @@ class Server:
                 yield cleared
 
     def _clear(self, module: int, mode: int, pe: int) -> bool:
-        """Move modules away from a PE until a mode fits there: the smallest one that is enough, else the largest."""
+        """Move modules from a PE until a mode fits there: each time the smallest that is enough, else the largest."""
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]
         left = [other for other in range(len(draft.mode)) if here >> other & 1]
@@ -252,7 +252,7 @@ class Server:
         return False
 
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
-        """Wire a leaf to `module` in `mode`, which is started, or put into that mode, where needed.
+        """Wire a leaf to `module` in `mode`; if needed, start the module or put it into that mode.
 
         Tell whether it is wired.
         """

@@ -1,6 +1,6 @@
 """The functions that a situation wants, in the order in which the planner serves them.
 
-For each of them: what each mode of its output adds to levels 1 and 2.
+For each of these functions, the file computes what each mode of its output adds to levels 1 and 2.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ class Wanted:
 
 
 def wanted_in(numbers: Numbering, price: Sequence[int], now: Situation) -> Wanted:
-    """Work out the wanted functions of a situation, by its phase and priorities; `price`: of each mode."""
+    """Work out the wanted functions of a situation, by its phase and priorities; `price`: the price of each mode."""
     appraiser = _Appraiser(numbers, now)
     functions = [one for one in numbers.spec.functions.values() if now.priority_of(one) > 0]
     goals = sorted(map(appraiser.goal, functions), key=lambda goal: _urgency(goal, price))
@@ -66,7 +66,7 @@ def wanted_in(numbers: Numbering, price: Sequence[int], now: Situation) -> Wante
 
 
 class _Appraiser:
-    """Works out what the functions of a situation are worth."""
+    """Works out how much each function of a situation counts at levels 1 and 2."""
 
     def __init__(self, numbers: Numbering, now: Situation) -> None:
         self._numbers, self._now = numbers, now

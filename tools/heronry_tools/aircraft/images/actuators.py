@@ -65,7 +65,7 @@ class ReportingElevatorServo(ElevatorServo):
 
 
 class LimitedElevatorServo1(SurfaceServo):
-    """The elevator servo of the first of three redundant paths; its demand is limited before it."""
+    """The elevator servo of the first of three redundant paths, in each of which a limiter precedes the servo."""
 
     demand = "servo_demand_1"
 

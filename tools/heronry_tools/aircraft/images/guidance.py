@@ -6,7 +6,7 @@ circles over the field by a vector field. The vector field leads to the circle f
 approach and orbit. Both publish commands in degrees; the inner loops limit the commands, and fly on without them.
 
 An attitude of gyros alone has a wrong bank after a long turn: an aircraft that circles over the field would bank more
-and more. So `Guidance` learns to command less bank while the track turns tighter than it wants, down to level wings.
+and more. So `Guidance` learns to command less bank, down to level wings, while the track turns tighter than it should.
 
 A restart of `Guidance` loses what it has learned, and it takes half a minute to learn that again. A restart of
 `OrbitAutopilot` loses nothing: every command depends only on the inputs of one step.

@@ -28,7 +28,7 @@ class PressureFailOver(FailOver):
 
 
 class PitchVersions(NVersion):
-    """The pitch of the gyros, else that of the horizon sensor, in degrees."""
+    """Gives the pitch in degrees: from the gyros, or without them from the horizon sensor."""
 
     variable, output, tolerance = "pitch_angle", "checked_pitch", 5.0
     authors = {1: "module:gyro_attitude", 2: "module:horizon_attitude"}  # noqa: RUF012 - a ClassVar of NVersion

@@ -70,8 +70,9 @@ class Surroundings:
     device: the name of the sensor.
     time_ns: the time since take-off.
     now: the state of the aircraft at that time.
-    position, rate: of a mechanism, by its name; in the unit of the mechanism (deg, hPa) and in that unit per second.
-    seed: of the noise; None for the noise of the scripted flight.
+    position: gives the position of a mechanism, by its name, in the unit of the mechanism (deg, hPa).
+    rate: gives the rate of a mechanism, by its name, in its unit per second.
+    seed: seed of the noise; None for the noise of the scripted flight.
     """
 
     device: str

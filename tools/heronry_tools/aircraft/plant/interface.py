@@ -39,7 +39,7 @@ class PlantDevice:
     """One device of a plant, as an object with the interface of `heronry_agent.device`."""
 
     def __init__(self, plant: PlantOfDevices, name: str, clock: Callable[[], int] | None = None) -> None:
-        """Take as time that of `clock` (ns); without a clock, the `now_ns` of each call."""
+        """Use the time of `clock` (ns); without a clock, use the `now_ns` of each call."""
         self._plant, self._name, self._clock = plant, name, clock
 
     def read(self, now_ns: int) -> Reading:

@@ -3,12 +3,13 @@
 Most of the world is a script that depends only on the time since the origin (flight.py). A few mechanisms depend on
 actuators: the surfaces, the airframe that follows them, the gas in the wings.
 
-Each process has one `Plant`. The plants share only the origin, on one monotonic clock. A plant is told of an actuator
-of its own PE by `write`, and of an actuator of another PE by `heard`, from an output echo on the bus:
+Each process has one `Plant`. The plants share only the origin, on one monotonic clock. A plant gets the commands to
+actuators of its own PE by `write`. It gets those to actuators of other PEs by `heard`, from output echoes on the bus:
 
 - if an echo is lost or late, the mechanism lags in this plant until the next echo, which follows in the next period;
-- if an echo arrives twice, it pushes to the same position, so nothing changes;
-- after a restart the script is right immediately, and a mechanism some tenths of a second after the first echo.
+- if an echo arrives twice, it moves the mechanism to the same position, so nothing changes;
+- after a restart the script is right immediately, and a mechanism is right some tenths of a second after the first
+  echo.
 
 A device is healthy until `fail` is called. Other plants do not learn of the failure, so a device must be failed in the
 process of the PE to which it is connected. A failed actuator is not echoed (`write` returns None), so no other plant

@@ -23,8 +23,7 @@ class Entry:
     """One plan of a contingency file.
 
     what: the fault set and the phase, or the safe mode, for which the plan is.
-    now: that situation.
-    configuration: the planned one.
+    now: the situation with these faults. configuration: the planned configuration.
     objective: its value according to the file; None for a safe mode, for which the file has no value.
     running: the modules and their PEs before the faults; None for a plan with nothing down.
     """

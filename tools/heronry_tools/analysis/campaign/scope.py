@@ -17,19 +17,26 @@ KINDS: Final = ("pe", "device", "module", "bus", "channel")
 def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
     """Add --faults, --phase, --kinds, and --jobs or --scheduler."""
     parser.add_argument(
-        "--faults", metavar="N", type=int, help="up to N faults together (default: the spec's contingency.faults)"
+        "--faults",
+        metavar="N",
+        type=int,
+        help="plan for up to N faults at a time (default: the spec's contingency.faults)",
     )
     parser.add_argument(
         "--phase",
         metavar="NAME",
         action="append",
-        help="only this phase; may be repeated (default: the spec's contingency.phases)",
+        help="plan only for this phase; may be repeated (default: the spec's contingency.phases)",
     )
     parser.add_argument(
-        "--kinds", metavar="KINDS", help=f"only elements of these kinds, as pe,bus (default: {','.join(KINDS)})"
+        "--kinds",
+        metavar="KINDS",
+        help=f"let only these kinds of elements fail, for example pe,bus (default: {','.join(KINDS)})",
     )
     parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="plan on the Dask cluster of this scheduler instead")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="plan on this scheduler's Dask cluster, not on this computer"
+    )
 
 
 def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = False) -> "Scope":
@@ -42,7 +49,7 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = Fals
 
     faults = spec.contingency.faults if arguments.faults is None else arguments.faults
     if faults < 0:
-        raise UserError(f"--faults {faults}: write how many may happen at once, 0 or more")
+        raise UserError(f"--faults {faults}: write how many may be present at the same time, 0 or more")
     wanted = arguments.phase or phases_of(spec)
     phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in wanted))
     kinds = kinds_of(arguments.kinds)
@@ -51,7 +58,7 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = Fals
 
 
 def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
-    """Give the phases that are planned ahead: those of the spec's `contingency`, else all; (None,) without phases."""
+    """Give the phases that are planned ahead: those of the spec's `contingency`, else all; (None,) if none."""
     return spec.contingency.phases or tuple(spec.phases) or (None,)
 
 

@@ -134,7 +134,7 @@ def _voter(dependence: Dependence, findings: Findings, place: Place, module: Mod
             f"the vote of {len(gate.inputs)} in '{module.name}' has {sources}: "
             f"inputs {first + 1} and {second + 1} are lost with {shared}"
         )
-        findings.add(rules.VOTER_SHARES, place, sentence, "bring each input from a PE and a sensor of its own")
+        findings.add(rules.VOTER_SHARES, place, sentence, "feed each input from a PE and a sensor of its own")
 
 
 def _gate_place(subject: Subject, module: Module, mode: str, path: str) -> Place:
@@ -153,7 +153,10 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
             if bound[one] == bound[other]:
                 sentence = f"'{one}' and '{other}' are to be separate here, and together by other rules"
                 findings.add(
-                    rules.SEPARATE_AND_TOGETHER, place, sentence, "only one of the two can run at a time: remove a rule"
+                    rules.SEPARATE_AND_TOGETHER,
+                    place,
+                    sentence,
+                    "remove one of the rules: now only one of the two can run",
                 )
         _room_to_separate(spec, findings, place, group)
     for index, group in enumerate(spec.together):

@@ -22,7 +22,7 @@ _CLASSES: Final = ("A", "B")
 
 
 def lost_plants(planning: Planning) -> Iterator[Loss]:
-    """Give each element with which plants are lost, with these plants.
+    """Give each element whose loss also loses plants, with these plants.
 
     A module is left out if the loss of its device loses the same plants.
     """

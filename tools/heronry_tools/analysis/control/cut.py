@@ -1,9 +1,9 @@
 """The least cut of a component graph: the least bandwidth that the radio must carry between two sides.
 
 The nodes of the cut are the leaves of the component graph that have a vertex, except plants. A port costs its weight
-once if any of its consumers is on the other side, however many they are: it is a net, not a sum of edges. Leaves that
-are pinned to a side stay there, and there must be two sides. If there are several least cuts, the result is the one in
-which the first side keeps most leaves; least cuts form a lattice, so there is exactly one.
+once if any of its consumers is on the other side, however many they are: the port is a net, not a sum of edges. Leaves
+that are pinned to a side stay there, and there must be two sides. If there are several least cuts, the result is the
+one in which the first side keeps most leaves; least cuts form a lattice, so there is exactly one such cut.
 
 The cut is found by maximum flow: the leaves pinned to the first side are the source, those of the second side the sink.
 Each net becomes an arc of its weight between two nodes of its own. Arcs lead to the first of these nodes from each leaf

@@ -1,8 +1,9 @@
 """The longest component-cycle of a block, with CP-SAT.
 
 The model has one arc per direction of each pair of neighbors, and a loop at each member that the cycle leaves out,
-under AddCircuit. Two arcs there and back between two members are no cycle. The search ends at `effort`, the solver's
-own count of its work, so that the bounds are the same on every machine. Then the lower and the upper bound differ.
+under AddCircuit. Two arcs there and back between two members are no cycle. The search ends when the solver's own count
+of its work reaches `effort`, so that the bounds are the same on every machine. If the search ends in this way, the
+lower and the upper bound differ.
 """
 
 from typing import Final

@@ -1,4 +1,4 @@
-"""The graph on which a command about component graphs works: that of a file, or that of a spec and a plan."""
+"""The graph on which a command about component graphs works: read from a file, or made of a spec and a plan."""
 
 import json
 from dataclasses import dataclass

@@ -19,7 +19,7 @@ from heronry_tools.analysis.control.subject import Planned, Subject
 class Trial:
     """The result of a script.
 
-    statements: their number.
+    statements: number of statements in the script.
     errors: errors of the script; where there are any, nothing is changed.
     before, after: the graphs before and after the script.
     violations: for a plan, the reasons why the resulting configuration is not legal; None for a graph.

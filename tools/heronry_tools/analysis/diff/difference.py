@@ -20,7 +20,8 @@ V = TypeVar("V")
 class Moved:
     """The change in the single points of failure of one function.
 
-    gone, new, left: the elements that are no longer, that have become, and that still are single points of failure.
+    gone: elements that are no longer single points of failure. new: elements that have become such. left: elements that
+    still are such.
     """
 
     gone: tuple[str, ...]

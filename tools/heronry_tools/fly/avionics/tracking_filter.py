@@ -64,10 +64,10 @@ class TrackingFilter:
 
     @classmethod
     def by_sight(cls, camera_m: Camera, elevation_rad: float, now_ns: int, *, sinks: bool) -> "TrackingFilter":
-        """Begin without a receiver: where the line of sight crosses the nominal approach, uncertain along that line.
+        """Begin without a receiver, where the line of sight meets the nominal approach; uncertain along this line.
 
-        sinks: the aircraft is on the slope; on its level part it may have the same elevation. Near the ground even a
-        wrong range gives a good height, as the height is the range times the elevation.
+        sinks: the aircraft is on the slope of the approach; on the level part before, it may have the same elevation.
+        Near the ground even a wrong range gives a good height, as the height is the range times the elevation.
         """
         rise = math.tan(elevation_rad)
         if sinks or elevation_rad < _LEVEL_FROM_RAD:

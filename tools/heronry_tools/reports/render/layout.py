@@ -59,7 +59,7 @@ class Loop:
 class Layout:
     """The places of a graph's symbols and edges, in pixels.
 
-    width, height: of the whole picture.
+    width, height: size of the whole picture.
     boxes: the box of each symbol, by its key.
     curves: the segments.
     loops: the feedback edges.
@@ -242,7 +242,8 @@ class _Placing:
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
         """Give the x at which an edge meets its target, or passes the column whose left side is `left`.
 
-        into: height of the edge's end, from the top of the target; near its top and bottom a circle is met later
+        into: height at which the edge ends, from the top of the target. An edge meets a circle later near its top and
+        bottom.
         """
         if not segment.last:
             return left

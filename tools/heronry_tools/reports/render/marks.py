@@ -15,7 +15,7 @@ from heronry_dg.why_not import Feasible, feasible
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Both marks for one spec, situation and configuration; the function `marks` makes them."""
+    """What is dead and what is chosen, for one spec, situation and configuration; made by the function `marks`."""
 
     spec: Spec
     found: Feasible
@@ -47,7 +47,7 @@ class Marks:
         return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 
     def running(self, module: Module) -> Running | None:
-        """Give how a module runs; None if it does not run."""
+        """Give the part of the configuration about a module; None if the module does not run."""
         return self.configuration.modules.get(module.name)
 
     def runs(self, module: Module, mode: Mode) -> bool:

@@ -21,7 +21,7 @@ _SWEEPS = 12
 class Ranks:
     """The columns of a graph.
 
-    of: the column of each symbol, from 0 at the left.
+    of: column of each symbol, counted from 0 at the left.
     feedback: the feedback edges, by their index in the graph.
     """
 
@@ -44,7 +44,7 @@ def ranked(graph: Graph) -> Ranks:
 
 
 def _feedback(graph: Graph) -> frozenset[int]:
-    """Find the edges, as few as possible, without which no cycle is left; only those out of initialized variables."""
+    """Find as few edges as possible whose removal leaves no cycle; only edges out of initialized variables."""
     successors: dict[str, list[str]] = {key: [] for key in graph.nodes}
     for edge in graph.edges:
         successors[edge.source].append(edge.target)

@@ -1,7 +1,8 @@
 """A graph as a picture: one SVG file that needs no other file.
 
-Edges are drawn first, then chosen edges over them, then the symbols; if there are several sheets, sheet by sheet. In
-the file every symbol has its key, and every edge the keys of its ends, so that programs can read the picture, too.
+If there are several sheets, each is drawn completely before the next one. The edges of a sheet are drawn first. Over
+them come the edges that are in use in the configuration (`Edge.chosen`), and then the symbols. In the file every symbol
+has its key, and every edge has the keys of its ends, so that programs can read the picture, too.
 
 `uncoloured` draws the graph for a page that colours the symbols itself: without a style, with a cross on every symbol,
 and with the names of all edges on every line.

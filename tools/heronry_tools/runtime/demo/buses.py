@@ -1,8 +1,9 @@
 """The python-can bus that stands for each bus of a spec in a demo.
 
-For the manager's bus it is the one that the user named with python-can's flags; without flags vcan0, where this machine
-has it; else a software bus. For every other bus of the spec it is the one that `--bus NAME=[INTERFACE:]CHANNEL` names,
-else a software bus. A replicated bus has two channels, with a comma between their names.
+For the manager's bus, it is the bus that the user names with python-can's flags. Without these flags it is vcan0 if
+this machine has vcan0, and otherwise a software bus. For every other bus of the spec, it is the bus that `--bus
+NAME=[INTERFACE:]CHANNEL` names, and otherwise a software bus. A replicated bus has two channels, with a comma between
+their names.
 """
 
 import socket
@@ -53,7 +54,7 @@ def choose(
 ) -> dict[str, BusChoice]:
     """Choose a python-can bus for each bus of the spec.
 
-    named: the values of `--bus`; without an interface, it is SocketCAN.
+    named: the values of `--bus`; a value without an interface means SocketCAN.
     first: the manager's bus, as python-can's flags name it.
     prefer_vcan: whether vcan0 is taken for the manager's bus where this machine has it.
     Raises UserError for a bus that is named in both ways.

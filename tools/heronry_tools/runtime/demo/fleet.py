@@ -7,7 +7,8 @@ everything else on this computer, the hubs with the highest.
 The standard input of every child is a pipe from this process, and a child ends when that ends, so a demo that is itself
 killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and the process
 namespace (`_here`); the next start in the same namespace removes folders whose process is gone. Each process writes its
-standard error to a log in that folder, an agent also what its modules print. The logs of a run that failed are kept.
+standard error to a log in that folder; the log of an agent also has what its modules print. The logs of a run that
+failed are kept.
 """
 
 import contextlib

@@ -1,6 +1,7 @@
 """Gathers outages, so that the functions of a busy computer do not fill the story of a demo.
 
-The first outages after a quiet second are told at once, what comes within a second after them together at its end.
+The first outages after a quiet second are reported at once. Those that come within a second after them are reported
+together at the end of that second.
 """
 
 from collections.abc import Sequence
@@ -19,14 +20,14 @@ class HeldOutages:
         self._told_ns: int | None = None
 
     def take(self, outages: Sequence[Outage]) -> None:
-        """Hold those of `outages` that are of this kind; a held outage that has ended lasts no longer."""
+        """Hold those of `outages` that are of this kind. If this kind lasts, drop the held outages that have ended."""
         if not self._are_over:
             ended = {(one.function, one.from_ns) for one in outages if one.to_ns is not None}
             self._held = [one for one in self._held if (one.function, one.from_ns) not in ended]
         self._held += [one for one in outages if (one.to_ns is not None) == self._are_over]
 
     def due(self, now_ns: int) -> list[Outage]:
-        """Give what is to be told now; nothing within a second after the last time."""
+        """Give the outages to report now; none within a second after the last report."""
         if not self._held or (self._told_ns is not None and now_ns - self._told_ns < TELL_AGAIN_NS):
             return []
         self._told_ns = now_ns

@@ -2,8 +2,8 @@
 
 In a demo each process stands for a computer of its own. When other programs keep the processors of this computer busy,
 a process waits for one, and a node that waits too long is lost to the others although it works. The kernel adds up
-these waits for each process (`/proc/PID/schedstat`, second number, in ns), a wait when it has ended. So the demo can
-say with the loss of a PE that its process waited; the agent's own report of the standstill comes later, on the bus.
+these waits for each process (`/proc/PID/schedstat`, second number, in ns); a wait is added when it has ended. So when a
+PE is lost, the demo can say that its process waited; the agent's own report of the standstill comes later, on the bus.
 """
 
 from collections import deque
@@ -19,7 +19,7 @@ _PROC = Path("/proc")
 class Wait:
     """For `for_ns` of the last `of_ns`, a process has waited for a processor.
 
-    who: whose process: 'pe:NAME', 'manager NODE', or 'bus NAME'.
+    who: name of the process: 'pe:NAME', 'manager NODE', or 'bus NAME'.
     """
 
     who: str
@@ -44,9 +44,9 @@ class ProcessorWaits:
             self._samples.popleft()
 
     def longest(self, now_ns: int, pe: str, processes: Mapping[str, int]) -> Wait:
-        """Give the longest wait that may have made the PE silent: of its process, a manager or a bus.
+        """Give the longest wait that may have made a PE silent: that of its process, of a manager or of a bus.
 
-        The time that it looks back is the window, or more if this process was kept waiting, too.
+        It looks back over the window, or further if this process was kept waiting, too.
         """
         began_ns, before = self._samples[0] if self._samples else (now_ns, {})
         of_ns = now_ns - began_ns

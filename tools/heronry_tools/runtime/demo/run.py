@@ -211,7 +211,7 @@ class Show:
                 pass
 
     def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
-        """Give an event of the manager with what the demo knows better.
+        """Give an event of the manager, corrected by what only the demo knows.
 
         If a PE is lost although the demo has not killed it, its process runs; `_pass_on` adds what that process waited
         for.
@@ -221,7 +221,7 @@ class Show:
         return one
 
     def _pass_on(self, one: Mapping[str, Any]) -> None:
-        """Tell an event; say of a lost PE whose process runs how long it was kept waiting, which is known by now."""
+        """Pass on an event; if a PE was lost although its process runs, add how long that process had to wait."""
         if "waited" in one:
             wait = self._waits.longest(time.monotonic_ns(), one["pe"], self._fleet.processes())
             one = {**one, "waited": {"who": wait.who, "for_ns": wait.for_ns, "of_ns": wait.of_ns}}

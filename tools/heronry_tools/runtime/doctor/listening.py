@@ -1,4 +1,4 @@
-"""The check of a bus by listening for a while: it finds no node, no manager or two, two nodes with one node-ID.
+"""The check of a bus by listening: whether there are nodes, one manager, and no node-ID that two nodes use.
 
 Only received frames are assessed: `Hearing` takes frames and clock readings, `assess_hearing` makes findings of them.
 """
@@ -45,7 +45,7 @@ class BusNamed:
         return f"-i {self.interface} -c {self.channel}"
 
     def start_agents(self, where: str) -> str:
-        """Give the command that starts a node; where: on which nodes."""
+        """Give the command that starts a node; `where`: words that say on which nodes."""
         if self.interface == "socketcan":
             return f"systemctl start heronry-agent@PE   ({where})"
         return f"pe-agent --table PE.table {self.flags}   (for each PE)"

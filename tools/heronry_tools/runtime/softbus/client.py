@@ -9,9 +9,10 @@ SocketCAN; the mailbox is empty by then. As on SocketCAN, acceptance filters hol
 recognize an echo by its identifier and data. (Here `is_rx` is False for exactly the own frames, but SocketCAN in
 python-can 4.6.1 sets it to False for every frame from the same host.)
 
-*Receiving.* Filters act in the hub. A timestamp is the end of the frame on the bus, as a time of `time.time()` by the
-setting of that clock at the start of the hub. `StampedMessage` has the same time in CLOCK_MONOTONIC, which cannot be
-set. `fileno()` is readable when a frame waits, and at the end of the hub. One thread may receive while others send.
+*Receiving.* Filters act in the hub. A timestamp is the time at which the frame ended on the bus. It is a time of
+`time.time()`, as if that clock had not been set since the start of the hub. `StampedMessage` has the same time in
+CLOCK_MONOTONIC, which cannot be set. `fileno()` is readable when a frame waits, and at the end of the hub. One thread
+may receive while others send.
 
 *Errors.* No hub, another bit rate, or a request for CAN FD: CanInitializationError. If the hub ends, the next call
 raises CanOperationError, and so does a call that waits. A reader that is too slow loses the newest frames;
@@ -120,7 +121,7 @@ class SoftBus(can.BusABC):
     def _from_bus(self, record: bytes) -> can.Message:
         received = decode_frame(record)
         if isinstance(received, Malformed):
-            raise can.CanOperationError(f"{self._path}: the bus sent what is no frame: {received.reason}")
+            raise can.CanOperationError(f"{self._path}: the bus sent a record that is no frame: {received.reason}")
         frame = received.frame
         return StampedMessage(
             received.time_ns,

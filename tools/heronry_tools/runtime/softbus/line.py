@@ -3,9 +3,9 @@
 As in CAN arbitration, the bus goes to the highest priority among the frames that are offered when it becomes idle. It
 is then busy for the exact length of that frame (stuff bits, intermission) at the bit rate.
 
-Time is that of the bus, not of the hub. A frame starts at max(end of the previous frame, time of its offer) and ends
-one frame time later. If the hub wakes late, it calls `advance` late and delivers frames late. But delays do not add up,
-and the bandwidth stays the same, because the next frame has started in time.
+All times are those of the bus, not of the hub. A frame starts at max(end of the previous frame, time of its offer) and
+ends one frame time later. If the hub wakes late, it calls `advance` late and delivers frames late. But delays do not
+add up, and the bandwidth stays the same, because the next frame has started in time.
 
 States: idle, or one frame on the air. A client has at most one frame offered or on the air.
 

@@ -24,7 +24,7 @@ class BusNameError(HeronryError, ValueError):
 def path_to_listen(channel: str) -> Path:
     """Give the path at which a hub serves the bus `channel`; for a name, its folder is made.
 
-    Raises RuntimeFolderError, and BusNameError for what is neither a path nor a name.
+    Raises RuntimeFolderError; raises BusNameError if `channel` is neither a path nor a name.
     """
     return Path(channel) if _is_path(channel) else owned_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
 
@@ -32,7 +32,8 @@ def path_to_listen(channel: str) -> Path:
 def path_to_call(channel: str) -> Path:
     """Give the path at which clients find the bus `channel`.
 
-    Raises RuntimeFolderError if its folder is another user's, and BusNameError for what is neither a path nor a name.
+    Raises RuntimeFolderError if its folder belongs to another user, and BusNameError if `channel` is neither a path nor
+    a name.
     """
     return Path(channel) if _is_path(channel) else trusted_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
 
@@ -45,7 +46,7 @@ def _checked(name: str) -> str:
 
 
 def how_to_start(channel: str) -> str:
-    """Give the remedy for a bus that nobody serves; it names the buses that were started by name."""
+    """Give the remedy for a bus that no hub serves; it lists the buses that were started by name."""
     remedy = f"start one with: heronry softbus {channel}"
     others = [] if _is_path(channel) else [name for name in _names() if name != channel]
     return f"{remedy}   (there is: {', '.join(others)})" if others else remedy

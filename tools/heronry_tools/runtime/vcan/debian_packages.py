@@ -77,7 +77,7 @@ def _fetch(package: str, staging: Path, folder: Path) -> None:
 
 
 def _downloaded(package: str, staging: Path) -> Path:
-    """Download with the system's package lists, else with newly fetched lists, into `staging`."""
+    """Download a package into `staging`, with the system's package lists or else with newly fetched lists."""
     as_we_are = ["-o", "APT::Sandbox::User="]  # root would hand the download to a user that may not write here
     lists = staging / "lists"
     own_lists = ["-o", f"Dir::State::Lists={lists}", "-o", f"Dir::Cache={staging / 'cache'}"]

@@ -62,8 +62,8 @@ def make_interfaces(job: "Job") -> None:
 def prepare_terminal(job: "Job") -> None:
     """Make the guest's terminal as wide as the user's, and hand it to the user.
 
-    One of the two terminals adds a carriage return to the end of a line: the user's, which the outer program makes raw
-    while the user types (`keyboard`), then the guest's.
+    Only one of the two terminals adds a carriage return to the end of a line. It is the user's terminal; but while the
+    user types, the outer program makes that terminal raw (`keyboard`), and then it is the guest's.
     """
     rows, columns = job["rows_columns"]
     processing = "opost" if job["stdin"] == TERMINAL else "-opost"

@@ -10,8 +10,8 @@
     forged_refusal  page 1 of a PE that refuses the running configuration
     forged_report   EMCYs of every PE about any element
     forged_order    PING, RENEW, UNLOCK and CLEAR to every PE, and NMT
-    forged_session  against one PE: ten wrong pages 0; then a WELCOME after one of its own, so that it requests a
-                    session, and nonces, so that the manager's answer is one of many
+    forged_session  against one PE: first ten wrong pages 0; then, after each page 0 of the PE itself, a WELCOME, so
+                    that it requests a session, and six nonces, so that the manager may answer one of these
     forged_all      all of these in random order
 
 `Forgery` makes the frames, `Denier` sends them on a simulated bus. The attacker sends only while the bus is free: it
@@ -112,7 +112,7 @@ class Forgery:
         return self._nodes_of.keys()
 
     def hear(self, frame: Frame) -> None:
-        """Note what a PE says of itself; a frame with any other identifier is ignored."""
+        """Note what a PE reports of itself; ignore a frame with any other identifier."""
         node = self._nodes_of.get(frame.can_id)
         page = None if node is None else decode_state(frame.data)
         if node is not None and isinstance(page, StatePage0):
@@ -125,7 +125,7 @@ class Forgery:
         return self._next.pop(0)
 
     def pause_ns(self, frame: Frame, bitrate: int, share_percent: int) -> int:
-        """Draw the time from this frame to the next one, so that all of them take this share of the bus."""
+        """Draw the time from this frame to the next one, so that the forged frames take this share of the bus."""
         even_ns = round(exact_bits(frame) * _NS_PER_S / (bitrate * (share_percent / 100)))
         return self._random.randint(even_ns // 2, even_ns * 3 // 2)
 

@@ -5,8 +5,9 @@ may have only restarts and another only noise, and no kind always hides the effe
 
 A reconfiguration lasts for milliseconds, and the time between two for seconds. So most faults wait for a state of the
 protocol (`protocol_state`), and a state that lasts for a shorter time is drawn more often (`_AIM`). The state *idle* is
-not drawn more often, since every fault that waits for no state hits it. The weights come from the tables of campaigns
-(`campaign.Coverage`). They are the same for every seed, so that a seed alone gives the same flight as in its campaign.
+not drawn more often, since every fault that waits for no state is injected in it. The weights come from the tables of
+campaigns (`campaign.Coverage`). They are the same for every seed, so that a seed alone gives the same flight as in its
+campaign.
 
 For a fault that waits for a state other than idle, further faults are drawn that lead to this state: a PE other than
 the target is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost,

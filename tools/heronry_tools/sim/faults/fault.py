@@ -11,8 +11,8 @@ the protocol is in that state (`protocol_state`).
 What cannot be promised, and why:
 
 - `corrupt`, `wrong` and `bias`: the data plane is not authenticated, so a module that reads a wrong number may report a
-  healthy element (rule `blame`). Data command no node, so all else is promised; but no oracle can tell that altered
-  data were ever sent (`foreign`).
+  healthy element (rule `blame`). Data command no node, so every other rule is promised; but no oracle can tell that
+  altered data were ever sent (`foreign`).
 - `forge` alters a management frame past its CRC (about one of 10^10 destroyed frames). Without a key a forged command
   is a valid command, so nothing is promised until the fault is over. After that the aircraft must converge, unless a
   forged term was far higher than all others: then PEs accept no other manager's commands for a long time. So no seed
@@ -23,8 +23,8 @@ What cannot be promised, and why:
   fall silent for it, and no PE may lose its session (oracle `availability`).
 - `babble`: a node whose identifier wins every arbitration takes the bus. No function is served; but since no node is
   heard, no PE may drive anything exclusive, and that is promised.
-- `rogue`: a foreign node that sends under an identifier of the aircraft collides with its owner, down to bus-off. This
-  clash is no violation; everything else is promised.
+- `rogue`: a foreign node that sends under an identifier of the aircraft collides with the owner of that identifier,
+  down to bus-off. This clash is no violation; everything else is promised.
 - `twin`: a second node has a PE's node-ID. The manager takes it for that PE after a restart. The PE gives up everything
   exclusive as soon as it hears the other node. The two destroy each other's frames, down to bus-off.
 - `raise` and `unfit` stop a module, and it does not return. Where it drove an actuator, a monitor that does not know
@@ -34,11 +34,12 @@ What cannot be promised, and why:
   without them. (A manager that has lost all PEs sends nothing.) With `manager_clock_jump` it is the same: all PEs seem
   to have been silent for the time of the jump.
 - `bus_split`: each half continues with the managers that it has, and may drive anything exclusive, since no node can
-  tell a separated half from a dead one. After the repair they collide until the manager of the lower term has stopped.
-- `manager_double`: two managers with one node-ID send under one node-ID until one hears the other. Where both open an
-  epoch of one number, no PE can tell which manager's epoch it is. Each may use numbers that the other has used, also
-  later: they have two journals. At the start of a mastership ALIVE names only PEs that are known already; if the clash
-  puts the manager off the bus then, a PE that was not yet named withholds its output.
+  tell a separated half from a dead one. After the repair the halves collide until the manager of the lower term has
+  stopped.
+- `manager_double`: two managers send under one node-ID until one hears the other. Where both open an epoch of one
+  number, no PE can tell which manager's epoch it is. The two have separate journals, so each may later, too, use
+  numbers that the other has used. At the start of a mastership ALIVE names only PEs that are known already; if the
+  clash puts the manager off the bus then, a PE that was not yet named withholds its output.
 - `disk_full`: a manager whose journal accepts no write may use, after a restart, a term or an epoch a second time; with
   a key it may also use the numbers of its commands a second time.
 - `order_fail`: the active manager plans without a healthy element, and so does the oracle: an order of the operator is
@@ -299,7 +300,7 @@ class Fault:
 
     @property
     def over_ms(self) -> int:
-        """Return the latest time in ms at which the fault is over; if it has no end, at which it is injected."""
+        """Return the latest time in ms at which the fault is over, or at which it is injected if it has no end."""
         return self.at_ms + (WAITS_MS if self.during else 0) + self.lasts_ms
 
     @property

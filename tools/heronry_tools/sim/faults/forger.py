@@ -61,7 +61,7 @@ _DUE_NS = (14_000_000, 40_000_000)  # when the next LEASE is due after one, with
 
 
 class Forger:
-    """An attacker that sends forged frames from its creation until it leaves the bus; `attacks` is their number."""
+    """An attacker that sends forged frames from its creation until it leaves the bus; `attacks` counts the frames."""
 
     def __init__(self, clock: Clock, bus: SimulatedBus, random: Random) -> None:
         self.attacks = 0

@@ -188,7 +188,7 @@ def _read_frame_fault(victims: Sequence[str], text: str) -> FrameFault:
     if match["victim"] not in victims:
         raise UserError(f"'{text}': there is no node '{match['victim']}'; VICTIM is one of {', '.join(victims)}")
     if match["kind"] in _DEATHS and match["victim"] == ALL_NODES:
-        raise UserError(f"'{text}': only one node can die; name one of {', '.join(victims[1:])}")
+        raise UserError(f"'{text}': only a single node can crash; name one of {', '.join(victims[1:])}")
     return FrameFault(int(match["number"]), match["kind"], match["victim"])
 
 

@@ -7,7 +7,7 @@ element is kept, and given as soon as a manager is active.
 
 With two managers, a term can end before the other manager has heard of an order, and the protocol does not promise that
 the next manager learns of it. A real operator sees that in the status, and repeats the order. This operator does the
-same after `insist`. To a manager that has restarted with its journal it does not repeat orders.
+same after `insist`. It does not repeat orders to a manager that has restarted with its journal.
 """
 
 from heronry_dg.losses import lost_elements

@@ -203,8 +203,8 @@ class Simulation:
 
         The aircraft has converged when no requirement was violated for a certain time: the longest time for which a
         silent PE or function may stay undetected. If the aircraft does not converge in the time allowed, the simulation
-        ends too. The oracle `planned_load` counts data only in the second half of that certain time: before, a
-        controller may still send queued frames, and a PE that returns may send what it ran before.
+        ends too. The oracle `planned_load` counts data only in the second half of that certain time. In the first half
+        a controller may still send queued frames, and a PE that returns may send the data of what it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
@@ -217,7 +217,7 @@ class Simulation:
             if epoch != epoch_before:
                 unwell.append(
                     Violation(
-                        self.now_ns, "active", f"epoch {epoch} was activated after the aircraft should have settled"
+                        self.now_ns, "active", f"epoch {epoch} was activated after the aircraft should have converged"
                     )
                 )
             if unwell and self.now_ns >= end_ns:

@@ -31,7 +31,7 @@ class Wiring:
         self._both = {name: FirstCopies() for name, wires in self.wires.items() if len(wires) > 1}
 
     def tap(self, bus: str, tap: Callable[[Sent], None]) -> None:
-        """Call `tap` for every frame of a bus, unnoticed by the nodes; of a replicated bus only for first copies."""
+        """Call `tap` for every frame of a bus, unnoticed by the nodes; on a replicated bus only for first copies."""
         (self._both[bus].taps if bus in self._both else self.buses[bus].taps).append(tap)
 
     def watch(self, see: Callable[[Sent], None], channel: Callable[[int, Sent], None]) -> None:

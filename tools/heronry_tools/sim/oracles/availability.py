@@ -59,4 +59,4 @@ class AvailabilityCheck(Oracle):
 
 
 def _violation(t_ns: int, what: str, since_ns: int | None = None) -> Violation:
-    return Violation(t_ns, "availability", f"{what}, though nothing but a few forged frames was on the bus", since_ns)
+    return Violation(t_ns, "availability", f"{what}, though only a few forged frames disturbed the bus", since_ns)

@@ -57,7 +57,7 @@ class Checks:
         self._inspections: list[Violation] = []
 
     def rest(self) -> None:
-        """Give the oracles no further frames and steps; what they find from then on means nothing."""
+        """Stop giving frames and steps to the oracles; what they find after this call means nothing."""
         self._of_copies = self._of_channels = self._of_driving = self._of_looks = self._of_moves = ()
 
     # What is seen
@@ -168,7 +168,8 @@ class Checks:
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
         """Report to the oracles that the operator has cleared an element.
 
-        truth: the real situation just before. everywhere: False if only one of two managers knows of the order.
+        truth: the real situation just before the clearing. everywhere: False if only one of two managers knows of the
+        order.
         """
         for oracle in self._oracles:
             oracle.cleared(t_ns, element, truth, everywhere=everywhere)

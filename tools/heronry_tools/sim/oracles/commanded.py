@@ -60,7 +60,7 @@ def _low(message: ManagementMessage) -> int:
 
 @dataclass(slots=True)
 class Epoch:
-    """An epoch as its commands were heard.
+    """An epoch, as read from its commands.
 
     Its `configuration` is set when the epoch was activated and all its slices are known.
     """
@@ -81,7 +81,7 @@ class Epoch:
     def has(self, node: int) -> bool:
         """Tell whether a node takes part in the epoch.
 
-        It does if a slice was sent to it, or if it has staged a slice that it had on board.
+        The answer is yes if a slice was sent to the node, or if it has staged a slice that it had on board.
         """
         return node in self.heads or node in self.staged
 

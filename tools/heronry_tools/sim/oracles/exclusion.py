@@ -4,8 +4,8 @@ Exclusive are the branches of a DEMUX, the ends of its `to`, an actuator without
 one bus; each is called a *thing* here. Each thing has a *holder*. The holder of an identifier is the node that sent it
 last. The holder of a DEMUX, of its ends or of an actuator is the module and PE that moved it last. If the module has no
 device, the step in which it computed counts as a movement. Another holder may take a thing over, and the first holder
-may get it back with a later handover. Without a handover in between, the first holder must not drive the thing again:
-that shows that two holders have driven at one time. So the oracle detects two modules that drive in turn at the second
+may get it back with a later handover. Without a handover in between, the first holder must not drive the thing again;
+if it does, two holders have driven at one time. So the oracle detects two modules that drive in turn at the second
 turn, whatever their rates are.
 
 A *handover* is a GO of the newest epoch of its term, or the GO_ALL that follows it for outputs that had to wait. The
@@ -14,11 +14,11 @@ term falls silent the term before continues with its own numbers. BREAK is no ha
 the epoch before, and a holder of that epoch may drive for the first time after BREAK (its frame may wait in its
 controller).
 
-A holder may also have released a thing by itself. That is possible if no manager has been active for T_lease, and the
-PE of that holder was not heard for as long. Then the holder before it may drive again. If the silent holder has not
-released the thing, the oracle detects that when that holder drives next.
+A holder may also have released a thing by itself. That is possible if for T_lease no manager was active and the PE of
+that holder was not heard. Then the holder before it may drive again. If the silent holder has not released the thing,
+the oracle detects that when that holder drives next.
 
-Not verified is what a PE drives within T_lease of one of these frames of a foreign node:
+The oracle does not verify what a PE drives within T_lease after one of these frames of a foreign node:
 
 - an ALIVE that names the PE. A repeated ALIVE is valid for a PE that was cut off when the ALIVE was sent first;
 - a state in the name of the PE, which shows a restart. The manager then does not wait for the PE, though the PE may
@@ -65,15 +65,15 @@ class ExclusionCheck(Oracle):
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """Record that some manager was heard; during T_lease from then, no driver counts as stopped by itself."""
+        """Record that some manager was heard; for T_lease from now on, no driver counts as stopped by itself."""
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """Record that a PE was heard; during T_lease from then, its drivers do not count as stopped by themselves."""
+        """Record that a PE was heard; for T_lease from now on, its drivers do not count as stopped by themselves."""
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
-        """Record that a foreign node has named these PEs in an ALIVE, or has sent a state of one of them."""
+        """Record that a foreign node has named these PEs in an ALIVE, or has sent a state in the name of one."""
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, _t_ns: int, _station: str, message: ManagementMessage) -> None:
@@ -127,7 +127,7 @@ class ExclusionCheck(Oracle):
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
         """Tell whether a driver may have stopped by itself.
 
-        It may if neither a manager nor the PE of the driver was heard for T_lease.
+        The answer is yes if neither a manager nor the PE of the driver was heard for T_lease.
         """
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))

@@ -53,7 +53,7 @@ class Oracle:
         """Called when a channel of a replicated bus, 0 or 1, has carried a frame."""
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
-        """Called when a foreign node has sent an ALIVE that names these PEs, or a state of one of them."""
+        """Called when a foreign node has sent an ALIVE that names these PEs, or a state in the name of one."""
 
     # What PEs send
 
@@ -171,7 +171,8 @@ class Oracle:
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
         """Called when the operator has cleared an element.
 
-        truth: the real situation just before. everywhere: False if only one of two managers knows of the order.
+        truth: the real situation just before the clearing. everywhere: False if only one of two managers knows of the
+        order.
         """
 
 

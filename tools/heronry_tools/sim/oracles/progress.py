@@ -9,10 +9,10 @@ answers that a manager is given. A request is *in vain* if the manager replaces 
 another request in the same step in which it is given a plan other than what runs. A violation is more than `_IN_A_ROW`
 requests in vain, one after the other, over more than `_STORM_NS`, without one ACTIVATE.
 
-Fewer are allowed, since the manager answers each change by a plan for the newest situation.
+Fewer epochs or requests are allowed, since the manager answers each change by a plan for the newest situation.
 
 Not verified: whether the manager was right to abandon a single epoch or request, and a request that is never answered
-(if a plan was needed, `end_state` sees that).
+(`end_state` detects that if a plan was needed).
 """
 
 from dataclasses import dataclass

@@ -11,19 +11,19 @@ may be those of any moment from shortly before PREPARE on. Two cases are special
   only by the next ALIVE. In three cases ALIVE does not show it, and nothing is compared: the manager dies before that
   ALIVE; that ALIVE comes so late that a PE may have been lost and have rejoined; or an ALIVE was late within the last
   period, since delayed frames then go out in the order of their identifiers.
-- A manager that adopts what runs drops nothing by that, so an adopted epoch is not compared.
+- A manager that adopts the running configuration drops no function by that, so an adopted epoch is not compared.
 
 *While no more faults are injected*, a critical function that was heard must not stay silent for longer than
 `longest_ns`: one patience, and a second for planning, steps and first values. The oracle plans for a situation in which
-everything is down that had a fault injected, counts as failed, or is not available by ALIVE in that time. If that plan
-serves every wanted function of this class and of those above, every plan with less down serves them, too.
+everything is down that in that time had a fault injected, counts as failed, or is not named as available by ALIVE. If
+that plan serves every wanted function of this class and of those above, every plan with less down serves them, too.
 
 Not verified are silences
 
 - while a bus or a manager has a fault, or any measurement may be wrong;
 - in the start-up window of a mastership, as long as no PE runs a module. A manager that hears no such PE cannot tell
-  this from an aircraft that has just been switched on: it waits for PEs that it has not heard, and makes no plan
-  before. The window counts from the first ALIVE of the mastership.
+  this from an aircraft that has just been switched on: it waits for PEs that it has not heard, and makes no plan before
+  they are heard or the window ends. The window counts from the first ALIVE of the mastership.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

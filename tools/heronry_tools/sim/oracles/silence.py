@@ -41,7 +41,7 @@ class LeftOut:
     """Tells which functions an activated epoch rightly leaves out, or moves to another PE."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch], in_force: InForce) -> None:
-        """Begin; `epochs`: the activated ones, which are read whenever a question is asked."""
+        """Begin; `epochs`: the activated epochs, which are read again at every call of `explains`."""
         self._spec, self._epochs, self._in_force = spec, epochs, in_force
 
     def explains(self, outage: Outage, patience_ns: int) -> bool:

@@ -17,7 +17,8 @@ from heronry_wire.pe_table import PeTable
 def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable] | None) -> str | None:
     """Return a sentence if a mastership was flown with another spec; None if it may have been flown with this one.
 
-    on_board: the tables with the contingencies; None: these are not known, so a PREPARE by a number shows nothing.
+    on_board: the tables with the contingencies. None: these are not known, so a PREPARE that names a contingency by its
+    number shows nothing.
     """
     called = None if on_board is None else {one.digest for table in on_board for one in table.preloaded()}
     clues = list(_clues(spec, mastership, called))

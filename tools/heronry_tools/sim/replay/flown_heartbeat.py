@@ -2,10 +2,10 @@
 
 On a computer that cannot keep the spec's heartbeat period, `heronry demo` uses a longer one: the spec's, doubled as
 often as needed (`kept_heartbeat_ns`). Every time of the protocol follows from that period, so the core that replays
-needs it. The recording shows it, since a manager sends one LEASE in each period: whatever was late, half of the
-intervals between two LEASEs are shorter than a period and half are longer. Of the possible periods, the one nearest to
-the median interval was used. A recording with fewer than `_FEWEST` intervals shows nothing, and is replayed with the
-spec's own period.
+needs it. The recording shows it, since a manager sends one LEASE in each period. Even if some LEASEs were late, half of
+the intervals between two LEASEs are shorter than a period and half are longer. So the flight used the possible period
+that is nearest to the median interval. A recording with fewer than `_FEWEST` intervals shows nothing, and is replayed
+with the spec's own period.
 """
 
 from itertools import pairwise

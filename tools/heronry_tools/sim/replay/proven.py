@@ -1,4 +1,4 @@
-"""Turns a recording of a flight with a key into one without: keeps what the key proves, and drops all other frames.
+"""Turns a recording of a flight with a key into a recording without a key, which keeps only frames that the key proves.
 
 The core that replays has no key: its own nonces and numbers would differ from those in the recording. `Authenticity`,
 which decides in a standby manager which frames are authentic, decides here, too. The sessions are those that the

@@ -46,7 +46,7 @@ def head_of(folder: Path) -> dict[str, Any]:
 
 
 def spec_of(folder: Path, text: str | None = None) -> Spec:
-    """Load the spec in a folder, or the one that `text` names; raises UserError where that is another one."""
+    """Load the spec in a folder, or the spec `text` if given; raises UserError if that is not the recording's spec."""
     head = head_of(folder)
     if text is None:
         return load_spec(str(folder / head["spec_file"]))
@@ -56,7 +56,7 @@ def spec_of(folder: Path, text: str | None = None) -> Spec:
 
 
 def expect_spec_of(told: Mapping[str, Any], spec: Spec, remedy: str, name: str) -> None:
-    """Raise UserError where the recording `name` says in `told` that it is of another spec."""
+    """Raise UserError if the recording `name` was made with another spec; `told`: the content of its flight.json."""
     flown, digest = told["spec"], told["spec_digest"]
     if digest != spec.digest:
         other = "another text of it" if flown == spec.name else f"'{spec.name}' ({_short(spec.digest)})"

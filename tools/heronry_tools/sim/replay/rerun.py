@@ -169,7 +169,7 @@ class Rerun:
                 return
 
     def _due_ns(self, deadline_ns: int | None) -> int | None:
-        """Give the time at which the manager can handle a deadline: in a standstill, at its end."""
+        """Give the time at which the manager can handle a deadline; during a standstill, this is its end."""
         if deadline_ns is None:
             return None
         return next((end_ns for begin_ns, end_ns in self._standstills if begin_ns < deadline_ns < end_ns), deadline_ns)

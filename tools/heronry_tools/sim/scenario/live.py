@@ -164,7 +164,7 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Return the expectation with more time: times `patience`, and 3 s more if a process starts in its time."""
+        """Return the expectation with more time: `patience` times its time, and 3 s more if a process starts in it."""
         if not one.within_ns:
             return one
         starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0
@@ -229,7 +229,7 @@ class _Show:
                 raise UserError(f"{place}: {error}") from None
 
     def _do_to_manager(self, step: Step) -> None:
-        """Do a step to the manager that the deed names.
+        """Execute a step of a deed (an action of the script) on the manager that the deed names.
 
         The second step of a deed goes to the same manager as the first.
         """

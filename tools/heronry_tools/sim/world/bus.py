@@ -10,8 +10,9 @@ again. Two stations that win one arbitration with the same bits send one frame t
 destroy each other's frames. Both cases are recorded in `clashes`.
 
 A frame that is not destroyed may still be missed by one receiver, or reach it twice: CAN is not an atomic broadcast,
-since a receiver accepts a frame at its last bit but one, the sender at the last. Very rarely a receiver gets another
-frame than the one sent (`corrupt`). See `Faults.omission`, `Faults.doubled`, and `tamper` for one frame at a time.
+since a receiver accepts a frame at the last bit but one of the frame, and the sender only at the last bit. Very rarely
+a receiver gets another frame than the one sent (`corrupt`). See `Faults.omission`, `Faults.doubled`, and `tamper` for
+one frame at a time.
 
 A station that leaves while it sends destroys its frame. `slowdown` lengthens all bits, as for a radio far from its
 base. A wire that is `broken` carries nothing and causes no errors; frames wait until the wire is mended. A bus that is

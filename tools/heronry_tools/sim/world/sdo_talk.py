@@ -204,7 +204,7 @@ class SdoTalk:
     ) -> Talk[Abort | None]:
         """Write an object by blocks; return the server's abort, or None.
 
-        loses: number of the segment of the first block that is not sent; 0 if all are sent
+        loses: number, in the first block, of the segment that is not sent; 0 if all are sent
         checksum: a wrong checksum to send; None for the right one
         """
         answer = yield from self.ask(

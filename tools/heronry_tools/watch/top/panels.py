@@ -139,7 +139,7 @@ def function_state(function: Function) -> tuple[str, str]:
 
 
 def functions(view: Snapshot, look: Look) -> list[Text]:
-    """Give one line for each function; one that is not served has `lost <- why`."""
+    """Give one line for each function; a function that is not served has `lost <- ` and the reason."""
     lines = [Text("  function         cl mode", "bold")]
     shown = [(name, one) for name, one in view.functions.items() if _matches(look, name, one.why_not, one.mode)]
     lines += [_function(view, name, one) for name, one in shown if one.wanted]

@@ -55,7 +55,7 @@ class RecordedSource:
         self._speed, self._ran_ns = 0, 0
 
     def readers(self) -> Sequence[Any]:
-        """Give no descriptor: a recording need not be waited for."""
+        """Give no file descriptor, since nothing has to wait for a recording."""
         return ()
 
     def look(self) -> None:
