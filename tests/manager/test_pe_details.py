@@ -23,7 +23,7 @@ TEXT = "ValueError: no such angle (control.py:12)"
 
 
 class Reading(OneManager):
-    """A manager that reads objects, which played PEs answer unless they are deaf."""
+    """A manager that reads objects, which played PEs answer unless their reception has failed."""
 
     def __init__(self) -> None:
         super().__init__(reads_objects=True)
