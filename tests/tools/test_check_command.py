@@ -217,6 +217,11 @@ def test_a_spec_of_a_flight_is_known_by_its_name(capsys: pytest.CaptureFixture[s
     assert "nothing wrong" in capsys.readouterr().out
 
 
+def test_many_findings_begin_with_their_number_of_each_code(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "elevator_and_chute"]) == 0
+    assert re.match(r" +\d+ DG\d{3} warning  \w", capsys.readouterr().out)
+
+
 def test_shipped_specs_have_no_findings(capsys: pytest.CaptureFixture[str]) -> None:
     assert said(capsys, str(ROOT / "dg_specs"), "--strict", "--format", "concise") == (0, "")
     assert said(capsys, "big_blue", "--format", "concise") == (0, "")

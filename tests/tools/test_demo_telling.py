@@ -9,7 +9,9 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
+from heronry_dg.situation import situation
 from heronry_manager.core.events import event
+from heronry_manager.planner.exact import plan
 from heronry_manager.shell.ordered_telling import OrderedTelling
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
@@ -99,6 +101,24 @@ def test_the_loss_of_a_pe_whose_process_runs_says_in_the_same_breath_what_that_p
     show._follow(lost)
     show._telling.tell_until()
     assert (told[0]["waited"]["who"], told[0]["waited"]["for_ns"]) == ("pe:tail_pe", 141 * MS)
+
+
+def test_a_function_that_was_never_heard_is_told_with_what_the_processes_of_its_pes_waited_for(tmp_path: Path) -> None:
+    told: list[Any] = []
+    show = Show(ELEVATOR, cast("Fleet", _Running()), {}, told.append)
+    show._seconds, show._plan = 1.0, plan(ELEVATOR, situation(ELEVATOR)).document()
+    show._waits = ProcessorWaits(1000 * MS, tmp_path)
+    for at_ms, waits_ms in ((0, (0, 0, 0)), (1000, (700, 900, 27))):
+        for number, waited_ms in zip((11, 12, 13), waits_ms, strict=True):
+            (tmp_path / str(number)).mkdir(exist_ok=True)
+            (tmp_path / str(number) / "schedstat").write_text(f"5 {waited_ms * MS} 3\n")
+        show._waits.look(at_ms * MS, _Running().processes())
+    assert show._summary() == 1
+    show._telling.tell_until()
+    waited = {name: (one["who"], one["for_ns"] // MS) for name, one in told[-1]["waited"].items()}
+    at_the_tail = ("pe:tail_pe", 700)
+    assert waited.pop("parachute") == ("manager 126", 27)  # its PE has not waited
+    assert waited == {"elevator": at_the_tail, "servo_monitoring": at_the_tail}
 
 
 def test_a_loss_after_a_kill_is_its_consequence_and_one_before_it_is_not_however_late_the_demo_reads_it() -> None:

@@ -457,6 +457,7 @@ def test_no_document_installs_heronry_from_where_it_is_not() -> None:
     ]
     assert commands
     assert [one for one in commands if not re.search(r"heronry\[\w+\] @ git\+|^--no-index -f ", one[1])] == []
+    assert any("\npip wheel --no-deps" in document.read_text() for document in DOCUMENTS), "how to build the wheel"
 
 
 def test_the_table_of_extras_has_every_extra_that_a_user_may_add() -> None:

@@ -277,6 +277,7 @@ def test_waiting_silence_and_failures_are_shown() -> None:
             served=[],
             unserved=["parachute"],
             never=["parachute"],
+            waited={"parachute": {"who": "pe:control_pe", "for_ns": 99 * MS, "of_ns": 1000 * MS}},
             rivals=["servo_driver_1 and servo_driver_2"],
             pending="epoch 3",
         ),
@@ -295,6 +296,32 @@ def test_waiting_silence_and_failures_are_shown() -> None:
     assert texts[6] == "still under way: epoch 3"
     assert texts[7].startswith("not served: elevator: servo_driver_1 needs device elevator_servo_1")
     assert texts[-1] == "two drivers at once: servo_driver_1 and servo_driver_2"
+
+
+@pytest.mark.parametrize(
+    ("waited_ms", "stood_still_ms", "reason"),
+    [
+        (99, 0, ""),
+        (850, 200, " the process of pe:control_pe has waited 850 of the last 1000 ms for a processor,"),
+        (99, 200, " this computer stood still for 200 ms,"),
+        (99, 60, ""),
+    ],
+)
+def test_a_function_that_was_never_heard_on_a_busy_computer_may_be_its_doing(
+    waited_ms: int, stood_still_ms: int, reason: str
+) -> None:
+    waited = {"who": "pe:control_pe", "for_ns": waited_ms * MS, "of_ns": 1000 * MS}
+    over = {"served": [], "unserved": ["parachute"], "never": ["parachute"], "rivals": [], "pending": None}
+    events = [
+        *reconfiguration(0, 1, plan_after(None), "all joined"),
+        event("stood_still", 500 * MS, by="the demo", for_ns=stood_still_ms * MS, times=1),
+        event("summary", 1000 * MS, **over, waited={"parachute": waited}),
+    ]
+    told_reason = f"{reason} which may be the cause; if not," if reason else ""
+    assert told(Story(ELEVATOR), events)[-1].text.strip() == (
+        f"parachute was never heard: chute_driver on control_pe drove nothing;{told_reason} "
+        "a step of such a module has to command its device: ctx.write(value)"
+    )
 
 
 def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_shown() -> None:

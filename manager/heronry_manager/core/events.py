@@ -94,6 +94,7 @@ KINDS: Mapping[str, str] = {
     "a summary of the gathered `outage` events just before",
     "overtime": "awaited, at_most_s: the time of the demo is up, but it still awaits these effects",
     "summary": "served, unserved (planned, but not heard on the bus), never (of these, those never heard at all), "
+    "waited (for each of these, which process waited for a processor, as in `pe_lost`), "
     "rivals (branches of one DEMUX that drove alternately), pending (what the manager had not finished; null: "
     "nothing): the end of the demo: what the plan serves, and what was heard of it",
 }

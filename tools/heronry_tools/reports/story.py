@@ -82,6 +82,8 @@ RUNS_KEPT = 5  # runs of the demo whose logs stay
 _WHILE_NS = 2_000_000_000
 _MOST_NAMES = 5  # of functions in one line
 _SHORT_WAIT_MS = 5  # for a processor: a quarter of the usual heartbeat period, which makes no node late
+_SHARE_OF_WAITS = 10  # waits of at least a tenth of the time may keep a module from what it has to do
+_LONG_STANDSTILL_NS = 100_000_000
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 
 
@@ -115,6 +117,7 @@ class Story:
     _suspects: set[str] = field(default_factory=set)
     _lost: dict[str, int] = field(default_factory=dict)  # when each PE was lost that has not joined since
     _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by what stood still -> when told, how long
+    _stood_still: tuple[int, int] = (0, 0)  # when this computer did so last, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -201,10 +204,13 @@ class Story:
 
         The manager reads it from a PE that is heard again, so the line names the loss.
         """
+        by, for_ms = event["by"], event["for_ns"] // 1_000_000
+        is_of_this_computer = by == "the demo" or by.startswith("manager ")
+        if is_of_this_computer:
+            self._stood_still = event["t_ns"], event["for_ns"]
         if not self._needs_a_line(event):
             return
-        by, for_ms = event["by"], event["for_ns"] // 1_000_000
-        if by == "the demo" or by.startswith("manager "):
+        if is_of_this_computer:
             noticed = f"this computer stood still for {for_ms} ms ({by} noticed it)"
             yield Line(f"{noticed}, which may be the cause of what follows", "bad")
             return
@@ -229,6 +235,23 @@ class Story:
         self._suspects.discard(pe)
         if event["event"] == "pe_suspected":
             self._suspects.add(pe)
+
+    def _never_driven(self, function: Function, summary: Mapping[str, Any]) -> Line:
+        """Give the line for a planned function that was not heard at all.
+
+        The cause may be this computer, if it stood still or kept a process waiting; else the modules do nothing.
+        """
+        modules, waited = self._plan["modules"], summary["waited"][function.name]
+        ran = [f"{name} on {modules[name]['pe']}" for name in function.outputs if name in modules]
+        words = f"  {function.name} was never heard: {' and '.join(ran)} drove nothing"
+        told_ns, for_ns = self._stood_still
+        if waited["for_ns"] * _SHARE_OF_WAITS >= waited["of_ns"] > 0:
+            words = f"{words}; the process of {waited['who']} {_has_waited(waited)}, which may be the cause; if not,"
+        elif for_ns >= _LONG_STANDSTILL_NS and summary["t_ns"] - told_ns < _WHILE_NS:
+            words = f"{words}; this computer stood still for {for_ns // 1_000_000} ms, which may be the cause; if not,"
+        else:
+            words = f"{words};"
+        return Line(f"{words} a step of such a module has to command its device: ctx.write(value)", "bad")
 
     def _process(self, event: Mapping[str, Any]) -> Iterator[Line]:
         what, pe = event["what"], event["pe"]
@@ -309,7 +332,7 @@ class Story:
         yield Line(f"heard on the bus at the end: {', '.join(event['served']) or 'nothing'}", "title")
         if event["unserved"]:
             yield Line(f"planned, but not heard: {', '.join(event['unserved'])}", "bad")
-        yield from (_never_driven(self.spec.functions[name], self._plan) for name in event["never"])
+        yield from (self._never_driven(self.spec.functions[name], event) for name in event["never"])
         if event["pending"] is not None:
             yield Line(f"still under way: {event['pending']}", "bad")
         for name, function in self._plan.get("functions", {}).items():
@@ -356,18 +379,13 @@ def _heartbeat(event: Mapping[str, Any]) -> Line:
 def _living(pe: str, waited: Mapping[str, Any]) -> Line:
     """Give the line for a lost PE of a demo whose process runs: only this computer can have made it silent."""
     whose = "it" if waited["who"] == f"pe:{pe}" else f"the process of {waited['who']}"
-    for_ms = waited["for_ns"] // 1_000_000
-    if for_ms < _SHORT_WAIT_MS:
+    if waited["for_ns"] // 1_000_000 < _SHORT_WAIT_MS:
         return Line("  its process runs: this computer may have kept it from working", "bad")
-    waits = f"{whose} has waited {for_ms} of the last {waited['of_ns'] // 1_000_000} ms for a processor"
-    return Line(f"  its process runs: {waits}, which may be the cause", "bad")
+    return Line(f"  its process runs: {whose} {_has_waited(waited)}, which may be the cause", "bad")
 
 
-def _never_driven(function: Function, plan: Mapping[str, Any]) -> Line:
-    """Give the line for a planned function that was not heard at all: what its modules have to do."""
-    ran = [f"{name} on {plan['modules'][name]['pe']}" for name in function.outputs if name in plan["modules"]]
-    remedy = "a step of such a module has to command its device: ctx.write(value)"
-    return Line(f"  {function.name} was never heard: {' and '.join(ran)} drove nothing; {remedy}", "bad")
+def _has_waited(waited: Mapping[str, Any]) -> str:
+    return f"has waited {waited['for_ns'] // 1_000_000} of the last {waited['of_ns'] // 1_000_000} ms for a processor"
 
 
 def _advice(event: Mapping[str, Any]) -> Line:

@@ -222,10 +222,15 @@ class Show:
 
     def _pass_on(self, one: Mapping[str, Any]) -> None:
         """Pass on an event; if a PE was lost although its process runs, add how long that process had to wait."""
-        if "waited" in one:
-            wait = self._waits.longest(time.monotonic_ns(), one["pe"], self._fleet.processes())
-            one = {**one, "waited": {"who": wait.who, "for_ns": wait.for_ns, "of_ns": wait.of_ns}}
+        if one["event"] == "pe_lost" and "waited" in one:
+            one = {**one, "waited": self._waited([one["pe"]])}
         self._tell(one)
+
+    def _waited(self, pes: Sequence[str]) -> dict[str, Any]:
+        """Give the longest wait for a processor that may have made these PEs silent, as events have it."""
+        now_ns, processes = time.monotonic_ns(), self._fleet.processes()
+        longest = max((self._waits.longest(now_ns, pe, processes) for pe in pes), key=lambda wait: wait.for_ns)
+        return {"who": longest.who, "for_ns": longest.for_ns, "of_ns": longest.of_ns}
 
     def _begin(self, now_ns: int) -> None:
         """Start the demo's clock with its first configuration, and the process that plans."""
@@ -334,9 +339,16 @@ class Show:
         planned = (name for name, function in self._plan.get("functions", {}).items() if function["served"])
         return [name for name in planned if not self._witness.served(name, now_ns)]
 
+    def _driving(self, function: str) -> list[str]:
+        """Give the PEs on which modules of the plan drive a function that the plan serves."""
+        modules = self._plan["modules"]
+        return [modules[name]["pe"] for name in self._spec.functions[function].outputs if name in modules]
+
     def _summary(self) -> int:
         unserved = self._unserved()
         silent = unserved if self._seconds > 0 else []  # else no output could be heard yet
+        never = [name for name in silent if self._witness.last_output(name) is None]
+        waited = {name: self._waited(self._driving(name)) for name in never}
         for held in self._held_outages:
             self._tell_outages(held.all(), time.monotonic_ns())
         self._tell_plans(None if self._behind is None else self._behind.close())
@@ -344,7 +356,8 @@ class Show:
             "summary",
             served=[n for n, f in self._plan.get("functions", {}).items() if f["served"] and n not in unserved],
             unserved=silent,
-            never=[name for name in silent if self._witness.last_output(name) is None],
+            never=never,
+            waited=waited,
             rivals=[f"{a.module} and {b.module}" for a, b in self._witness.rivals],
             pending=self._pending,
         )
