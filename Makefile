@@ -27,16 +27,18 @@ help:
 demo: .venv/ready-to-run
 	@.venv/bin/heronry demo $(ARGS)
 
-# Four runs of pytest: tests that compute, in parallel; tests that start processes and mostly wait for them, more of them
-# at a time than there are processors; tests that pass only where this computer keeps up with heartbeats, one by one; and
-# tests that need a CAN bus. Processes fly by this computer's clock, which may stand still for longer than a heartbeat: a
-# test of these that fails is run once more, and reported as such. And flights with seeds never flown before: one that
-# goes wrong prints the command that replays it. `test` leaves no processor idle: simulated flights with one and two
-# faults take what tests with processes leave over, at the lowest priority; new flights and the scenario files fly beside
-# the tests on a CAN bus, since a user-mode Linux has one processor. `test` and `soak` do all of this; `test` runs the
-# long tests (tests/thoroughness.py) in part, `soak` completely.
+# Four runs of pytest: tests that compute, in parallel (but those that are part of `make lint`); tests that start
+# processes and mostly wait for them, more of them at a time than there are processors; tests that pass only where this
+# computer keeps up with heartbeats, one by one; and tests that need a CAN bus. Processes fly by this computer's clock,
+# which may stand still for longer than a heartbeat: a test of these that fails is run once more, and reported as such.
+# And flights with seeds never flown before: one that goes wrong prints the command that replays it. `test` leaves no
+# processor idle: simulated flights with one and two faults take what tests with processes leave over, at the lowest
+# priority; new flights and the scenario files fly beside the tests on a CAN bus, since a user-mode Linux has one
+# processor. `test` and `soak` do all of this; `test` runs the long tests (tests/thoroughness.py) in part, `soak`
+# completely.
 FAULTS := $(wildcard tests/scenarios/test_single_*.py tests/scenarios/test_two_*.py)
 SCENARIO_FILES := tests/scenarios/test_scenario_files.py
+LINTING := tests/wire/test_bytes_of_frames.py tests/lab/tests/test_clock_of_the_day.py tests/lab/tests/test_retired_words.py
 test: BUT := and not soak
 test: FLIGHTS := 7
 test: FLIGHTS_OF_BIG_BLUE := 3
@@ -46,7 +48,7 @@ soak: FLIGHTS_OF_BIG_BLUE := 100
 soak: AT_A_TIME := -j 1 JOBS=0
 soak coverage: export HERONRY_SOAK := 1
 test soak: .venv/ready-to-test
-	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal $(addprefix --ignore ,$(FAULTS) $(SCENARIO_FILES))
+	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal $(addprefix --ignore ,$(FAULTS) $(SCENARIO_FILES) $(LINTING))
 	$(MAKE) $(AT_A_TIME) with-processes simulated-faults 'BUT=$(BUT)'
 	$(PYTEST) -m 'timing and not vcan $(BUT)' --reruns 1 -r R
 	$(MAKE) $(AT_A_TIME) on-vcan new-flights scenario-files 'BUT=$(BUT)' FLIGHTS=$(FLIGHTS) FLIGHTS_OF_BIG_BLUE=$(FLIGHTS_OF_BIG_BLUE)
@@ -83,7 +85,7 @@ lint: .venv/ready-to-test
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
 	.venv/bin/lint-imports
-	$(PYTEST) tests/wire/test_bytes_of_frames.py tests/lab/tests/test_clock_of_the_day.py tests/lab/tests/test_retired_words.py
+	$(PYTEST) $(LINTING)
 	.venv/bin/heronry check --quiet dg_specs
 
 clean:

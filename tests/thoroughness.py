@@ -17,12 +17,12 @@ Thing = TypeVar("Thing")
 IS_WHOLE = os.environ.get("HERONRY_SOAK", "") not in ("", "0")
 
 
-def part_of(number: int, share: int = 5) -> int:
+def part_of(number: int, share: int = 8) -> int:
     """Give the number of examples to try: all of them, or in `make test` one of `share`."""
     return number if IS_WHOLE else max(1, number // share)
 
 
-def sample(things: Sequence[Thing], share: int = 5) -> Sequence[Thing]:
+def sample(things: Sequence[Thing], share: int = 8) -> Sequence[Thing]:
     """Give the things to try: all of them, or in `make test` the first of every `share`."""
     return things if IS_WHOLE else things[::share]
 

@@ -61,6 +61,7 @@ class PeDetails:
         self._standstills: dict[str, dict[str, int]] = {}  # by PE
         self._compared: dict[str, dict[str, int]] = {}  # by PE: with which the next ones are compared
         self._joined: set[str] = set()  # PEs that joined while this manager was not active: read once it is
+        self._untold: set[str] = set()  # PEs of which a reading to report new standstills has not succeeded yet
         self._position = cache(self._position_in_table)
 
     def stood_still(self, event: StoodStill) -> None:
@@ -109,6 +110,8 @@ class PeDetails:
         if look is Look.BEGIN and not self._claim.is_active:
             self._joined.add(pe)
             return
+        if look is Look.TELL:
+            self._untold.add(pe)
         found: dict[str, int] = {}
 
         def take(key: str, value: bytes | None) -> None:
@@ -154,10 +157,13 @@ class PeDetails:
     def _found_standstills(self, pe: str, found: dict[str, int], look: Look) -> None:
         times, before = found["long_times"], self._compared.get(pe, {"long_times": 0, "longest_ms": 0})
         self._standstills[pe] = found
-        if look is not Look.SHOW:  # else a status that is asked for just then would hide what has to be told
-            self._compared[pe] = found
+        if look is Look.SHOW:  # a status that is asked for just then must not hide what has to be told
+            return
+        is_to_be_told = pe in self._untold
+        self._compared[pe] = found
+        self._untold.discard(pe)
         has_restarted = times < before["long_times"]  # and counts anew
-        if look is not Look.TELL or times == (0 if has_restarted else before["long_times"]):
+        if not is_to_be_told or times == (0 if has_restarted else before["long_times"]):
             return
         is_longest_new = has_restarted or found["longest_ms"] > before["longest_ms"]
         for_ms = found["longest_ms"] if is_longest_new else found["last_long_ms"]

@@ -423,8 +423,16 @@ def standstills_are_read_from_a_pe_that_was_not_heard() -> None:
     misses_a_beat()
     told = [(one["by"], one["for_ns"] // MS, one["times"]) for one in manager.told("stood_still")]
     equal(told, [("tail_b", 44, 3), ("tail_b", 300, 4)], "the standstills")
+    objects.values.clear()
+    pe.speaks = False
+    manager.run(100)
+    pe.speaks = True
+    manager.run(100)  # it is heard again, and gives no answer
+    stood_still(5, 500, 500)
+    manager.run(300)
+    equal(manager.told("stood_still")[-1]["for_ns"], 500 * MS, "told when the PE joins")
     standstills = _status(manager)["pes"]["tail_b"]["standstills"]
-    equal(standstills, {"times": 4, "long_times": 4, "last_long_ms": 300, "longest_ms": 300}, "in the status")
+    equal(standstills, {"times": 5, "long_times": 5, "last_long_ms": 500, "longest_ms": 500}, "in the status")
 
 
 def another_sdo_client_goes_first() -> None:

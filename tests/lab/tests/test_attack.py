@@ -37,6 +37,7 @@ def test_attacks_find_a_verifier_that_accepts_everything(monkeypatch: pytest.Mon
     }  # truncated commands are malformed
 
 
+@pytest.mark.soak  # the figure is printed by the command, below
 def test_a_command_costs_at_most_one_more_frame() -> None:
     spec = load_spec("elevator_and_chute")
     plain, tagged = management_load(spec, None), management_load(spec, Key(bytes(32)))
