@@ -4,7 +4,8 @@ A frame that was handed over is *in flight* until its echo comes back: the bus i
 and the echo is recognized by its identifier and bytes (SocketCAN marks the frames of all programs on one host as "not
 received"). Only then does the next most urgent frame follow, so that a more urgent frame that is queued meanwhile goes
 first. If an echo does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives the
-frame up and counts it. If the echo comes after all, it is still recognized, and is not received as a frame.
+frame up and counts it. If the echo comes after all, the link still recognizes it, and does not take it for a frame of
+another node.
 
 Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock (`arrival_times`). So a
 process that was paused does not take old frames for new ones, and a clock of the day that is set changes nothing.
@@ -19,18 +20,18 @@ error ends a link that was once open:
            do so (restart-ms). It does not use an interface with another bit rate than requested: sending there would
            destroy frames. A bus that may take seconds to open (`slow_opening`) is opened in a thread
 
-`health` has the time since when the bus is lost, the link status events as sentences, and counts. LinkError is raised
-only where the bus cannot be opened at the start. A channel of a replicated bus (`replicated_link`) may be lost from the
-start, without an error.
+`health` tells since when the bus has been lost, gives the link status events as sentences, and has counts. LinkError is
+raised only where the bus cannot be opened at the start. A channel of a replicated bus (`replicated_link`) may be lost
+from the start, without an error.
 
 A node need not receive all frames: `accept` makes the kernel (or the hub of a software bus) filter out identifiers that
 the node does not take. Filters apply to echoes as well, so an identifier that is sent for the first time is added
 before the frame goes out.
 
 SocketCAN and the software bus echo frames, stamp them with this machine's clock, and have nothing left when `recv`
-gives nothing. Other back-ends may differ. With them a frame counts as sent when `send` returns, and as arrived when it
-is read; the link itself drops frames that the node does not take, and calls `recv` again while there is something to
-read.
+gives nothing. Other back-ends may differ. With such a back-end a frame counts as sent when `send` returns, and as
+arrived when the link reads it; the link itself drops frames that the node does not take, and calls `recv` again while
+there is something to read.
 """
 
 import select

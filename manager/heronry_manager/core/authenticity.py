@@ -10,17 +10,18 @@ the frame has no room. The manager tries the digests that this PE may mean: the 
 knows it, and the digests that the PE has named in page 3.
 
 The manager holds an EMCY until a page 0 with FAULT_PENDING proves it: the tag of such a page covers one EMCY. The
-manager tries every EMCY that it has heard from this PE, and forgets them when a page 0 reports no pending fault. Of an
-EMCY that is forgotten without proof, each frame counts as forged. EMCYs with some codes (`_SENT_ONCE`) are never
-pending, so no page 0 proves them, and with a key they have no effect.
+manager tries every EMCY that it has heard from this PE, and forgets them when a page 0 reports no pending fault. If an
+EMCY is forgotten without proof, each frame that brought it counts as forged. EMCYs with some codes (`_SENT_ONCE`) are
+never pending, so no page 0 proves them, and with a key they have no effect.
 
     no session    nothing from this PE counts; the manager answers a nonce that the key has made (`nonce_answers`)
-    offered       answers have gone out, and no state tagged with one of them has come
+    offered       answers have gone out, and each offers a session; no state that is tagged in one of these sessions has
+                  come
     open          page 0 is believed, and its digest is put back where the tag was
 
 A restarted PE requests a session by itself. If a PE is heard, but cannot be believed for T_lease, the manager sends
 RENEW, and the PE requests a new session. The reason may be that the PE has missed the answer that opened its session,
-or that this manager has missed too many states of the PE. If RENEW changes nothing, an event reports the PE: it has
+or that this manager has missed too many states of the PE. If RENEW changes nothing, an event reports the PE: the PE has
 another key, or none, or its receiver has failed.
 
 *Guessing.* A forger finds 24 bits by chance in 16 million tries. Once many tags of a PE were wrong, a state of that PE
@@ -32,11 +33,11 @@ frame is lost, there is no effect.
 the TAG of the answer proves both. An answer that the standby manager has missed, or that is older than the session it
 knows, opens nothing.
 
-*Other managers.* This manager believes another manager whose commands carry right tags with rising numbers; nothing
-else can end a mastership. A TAG carries only the lower bits of the number. A PE learns the upper bits from the answer
-to its nonce; a standby manager sends no nonce, and finds them by trying. A command under this manager's own node-ID
-comes from a second manager only if its number is above this manager's last one; any other may be a replay of this
-manager's own commands.
+*Other managers.* This manager believes another manager only if the commands of that manager carry right tags with
+rising numbers; commands without such tags end no mastership. A TAG carries only the lower bits of the number. A PE
+learns the upper bits from the answer to its nonce; a standby manager sends no nonce, and finds them by trying. A
+command under this manager's own node-ID comes from a second manager only if its number is above this manager's last
+one; any other may be a replay of this manager's own commands.
 
 Page 1 is no sign of life, and needs no number: what a PE reports on an epoch stays true as long as its session lasts.
 
@@ -46,10 +47,10 @@ Page 2 names a nonce, and the nonce itself shows that a holder of the key has ma
 *Denial.* Frames without proof end no session. A session is open until the PE tags a state in a newer session. A PE
 begins a newer session only after RENEW or in a new term. `attack_rate` counts the frames without proof.
 
-`command_tags` says what a lost frame leads to; a PE asks again. After a lost EMCY, page 0 cannot be believed until the
-PE has repeated the EMCY. A late or doubled page 0 is refused, since its number is not above the last one. A forged
-state is counted in `refused`, a forged EMCY in `unproven`, and the status shows both. After a restart the manager knows
-no session, and every PE that hears the new term requests one.
+`command_tags` says what follows from a lost frame; if no answer to its nonce comes, a PE sends the nonce again. After a
+lost EMCY, page 0 cannot be believed until the PE has repeated the EMCY. A late or doubled page 0 is refused, since its
+number is not above the last one. A forged state is counted in `refused`, a forged EMCY in `unproven`, and the status
+shows both. After a restart the manager knows no session, and every PE that hears the new term requests one.
 """
 
 from collections import deque

@@ -1,12 +1,13 @@
 """Epochs: how one is made of a plan, and which ones are remembered.
 
 An epoch is a plan that was compiled and given a number (`numbering`). It has participants: the PEs that are available
-when it is opened. A participant is *awaited*, so that the epoch waits for its answers, if it is reached by wire alone
-and the plan can command it. The state frames of a PE beyond a dead gateway may still come, but no epoch waits for that
-PE (`reconfiguration` says how an epoch proceeds).
+when it is opened. A participant is *awaited*, that is, the epoch waits for its answers, if the manager reaches it by
+wire alone, also in the situation of the plan. The state frames of a PE beyond a dead gateway may still come, but no
+epoch waits for that PE (`reconfiguration` says how an epoch proceeds).
 
-Some epochs are remembered after the next one has replaced them, since a late PE may still run one: the number in its
-state then shows what that PE drives. The last activated or adopted epoch is also remembered over a restart (`memory`).
+Some epochs are remembered after the next one has replaced them, since a late PE may still run an old epoch: the number
+in the state of the PE then shows what the PE drives. The last activated or adopted epoch is also remembered over a
+restart (`memory`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -57,8 +58,9 @@ class Epochs:
     ) -> None:
         """Begin without an epoch.
 
-        on_board: the configurations to which a PREPARE can refer by number; None: there are none. frames_per_command: 2
-        if each command has a TAG, so that slices with their TAGs still take half of the bus.
+        on_board: the configurations that a PREPARE can name by number; None: there are none.
+        frames_per_command: 1, or 2 if a TAG follows each command. Slices are then sent at half the rate, since slices
+            and their TAGs together may take only half of the bus.
         """
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
         self._observed, self._on_board = observed, on_board
@@ -144,7 +146,7 @@ class Epochs:
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:
-        """Remember an epoch that was activated or adopted; a restart remembers it too."""
+        """Remember an epoch that was activated or adopted, also over a restart."""
         row = self._code.encode(epoch.configuration).hex()
         self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._known[epoch.epoch] = epoch

@@ -16,21 +16,22 @@ a configuration that the PE may be running places the token there:
              ALIVE stops immediately. A PE that does not hear it may have heard other nodes until then, but hears none
              from then on, and stops by itself when T_lease is over
 
-Why three periods and a quarter, where `misses` may be fewer: the PE sends a module's frames for two periods after it
-has heard another node, and it may have heard one a period after its last state. The same holds for the gateway that
-forwards these frames, and a gateway may have a longer period.
+Even if `misses` is smaller, the silence must last for three periods and a quarter: a PE sends a module's frames for two
+periods after it has last heard another node, and it may have heard that node up to a period after its own last state.
+The same holds for a gateway that forwards these frames, and a gateway may have a longer period.
 
 Both times count only while this manager runs. The manager has a beat in every heartbeat period: a longer gap between
 two of its steps was a pause or a jump of its clock, and the manager cannot tell which. So nothing of that gap counts:
 if the clock jumped just after a step, no time may have passed at all. A jump that ends within a period counts as time.
 
-Lost: a state that the manager misses frees nothing. A PE that misses an ALIVE stops earlier than is assumed here. Late
-or doubled: a late page 0 has no effect (`deployment`). A manager that restarts knows nothing, and counts T_lease from
-its first ALIVE on for each PE that it does not hear.
+Lost: a state that the manager misses frees nothing. A PE that misses an ALIVE stops earlier than the manager assumes.
+Late or doubled: a late page 0 has no effect (`deployment`). A manager that restarts knows nothing, and counts T_lease
+from its first ALIVE on for each PE that it does not hear.
 
-What the manager does not know: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that sends but
-does not acknowledge its commands is failed, too. It goes on sending until it hears an ALIVE that does not name it; so
-the identifiers of its modules, too, wait until it has stopped.
+The manager does not know whether a silent PE is dead or cut off. Therefore T_lease must pass before another PE drives a
+DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge its commands. Such a PE goes on
+sending until it hears an ALIVE that does not name it; so no other PE uses the identifiers of its modules before T_lease
+is over.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -83,9 +84,9 @@ class Exclusion:
         return tokens
 
     def begun(self, now_ns: int, available: Collection[str]) -> None:
-        """Begin a mastership: any PE that is not in `available` may drive anything that could be placed on it.
+        """Begin a mastership: a PE that is not in `available` holds every token that could be placed on it.
 
-        An ALIVE of the mastership before may have named that PE until now.
+        Every PE counts as named by an ALIVE until now, since the previous manager may have named it.
         """
         self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
         self._unsaid = set(self._spec.pes) if self._tells_departures else set()

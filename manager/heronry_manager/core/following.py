@@ -1,39 +1,42 @@
 """A standby manager follows the active one: it listens, learns, and takes over (protocol rule 7).
 
     following   LEASEs of the highest term come. The standby manager notes what the active one announces (phase, latched
-                faults), which PEs are available to it and what it activates, as if it were its own (`memory`), and
-                makes no plan
+                faults), which PEs are available to that manager, and what that manager activates. It keeps all this as
+                if it were active itself (`memory`), and makes no plan
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
-                manager report that they hear no LEASE either. Only reports within T_lease count: that of the manager's
-                bus, or that of the PE's own bus if it is longer. So the active manager is gone, and not only the wire
-                of this manager is broken
+                manager report that they hear no LEASE either. A report counts for T_lease, that is for five heartbeat
+                periods of the manager's bus or of the PE's own bus, whichever period is longer. So the active manager
+                is gone, and not only the wire of this manager is broken
     behind      another manager sends LEASEs with a lower term than one that is known to have been used, and some PE
-                reports that it hears no LEASE: that PE has heard the higher term, and would refuse these LEASEs for
-                ever. For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it
-                takes over with a term that all PEs accept
+                reports that it hears no LEASE: that PE has heard the higher term, and would always refuse these LEASEs.
+                For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it takes
+                over with a term that all PEs accept
 
-If no manager was ever heard, this manager relies on the reports of the PEs after the start-up window: the aircraft may
-just have been switched on, and the first manager with it. If some PE runs a configuration, the aircraft flies, and this
-manager waits for three times T_lease: a first manager that is being started now still goes first.
+If no manager was ever heard, this manager first waits for the start-up window, and then relies on the reports of the
+PEs: the aircraft may just have been switched on, and manager 126 with it. If some PE runs a configuration, the aircraft
+flies, and this manager waits for only three times T_lease. A manager 126 that is being started now becomes active in
+that time.
 
 With a key, this manager may hear PEs that it cannot believe. A manager that was started after the sessions were opened
 knows none of them, and while no manager is active no session is opened. If such PEs did not count, no manager might
-ever take over. So the unproven states of a PE count if the PE has proven none within T_lease; this manager itself has
-heard no LEASE for as long. A forger can make this manager active too early, but can command nothing. The next
-mastership waits for those PEs (`unbelieved`), as after a restart: they prove themselves once they have heard it.
+ever take over. So the unproven states of a PE count if the PE has proven none within T_lease. Even then this manager
+counts as orphaned only once it has itself heard no LEASE for T_lease. A forger can make this manager active too early,
+but can command nothing. The next mastership waits for those PEs (`unbelieved`), as after a restart: they prove
+themselves once they have heard it.
 
 A LEASE that only this manager misses leads to no take-over, since the PEs have heard it. A late or doubled LEASE makes
 nothing happen twice. A forged LEASE keeps the standby manager quiet for T_lease. Forged states of more than half of the
 PEs, while the active manager is silent, make the standby manager take over, and then the true manager ends or stands
-by. This manager ignores a manager with a lower term than another one, for as long as the one with the higher term
-sends. Forged states can make a mastership look refused by the PEs. That only ends this mastership, and a manager that
-the PEs accept begins the next one.
+by. If two other managers send, this manager follows the one with the higher term, and ignores the other one for as long
+as LEASEs with the higher term come. Forged states can pretend that most PEs refuse a mastership. That only ends this
+mastership, and a manager that the PEs accept begins the next one.
 
 A manager that only advises follows an active manager in the same way. It never takes over, and makes its plans for the
 situation that it learns of.
 
-With a key LEASE, ALIVE and CONTROL count when they are proven, and a state when it is believed. Slices need no proof,
-since the digest in LEASE proves them. That digest also serves to read the states of PEs.
+With a key, LEASE, ALIVE, CONTROL and ACTIVATE count only if their tags are right. A state counts if its tag is right,
+or in the case above. PREPARE and slices need no proof, since the digest in a proven LEASE or ACTIVATE proves them. That
+digest also serves to check the tags of states.
 """
 
 from collections import OrderedDict

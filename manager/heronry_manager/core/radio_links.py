@@ -5,8 +5,9 @@ step of a radio
 
     falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are a tenth
              below the present step, since queues grow meanwhile
-    rises    once reports have been a twentieth above a higher step for a hold-down: ten heartbeat periods of the radio,
-             doubled with each fall (up to four times as long), and ten again after a minute without a fall
+    rises    once all reports for ten heartbeat periods of the radio have been at least a twentieth above a higher step.
+             Each further fall within a minute doubles this time, up to fourfold; after a minute without a fall it is
+             ten periods again
     gone     when the gateway hears nothing from beyond, all PEs there are lost together. Until some PE beyond is
              available again, and at the start, each report sets the step directly: no PE can be interrupted, and a PE
              that returns gets a plan that fits the radio

@@ -207,7 +207,7 @@ class ControlSocket:
 
 
 def _locked(file: Path) -> IO[str]:
-    """Take the lock of a file, which ends when the file is closed; raises ControlError if another process holds it."""
+    """Lock a file until it is closed; raises ControlError if it cannot be opened, or another process holds the lock."""
     try:
         lock = file.open("a+")
     except OSError as error:

@@ -103,9 +103,9 @@ class Authenticity:
         secret: Secret,
         saw_epoch: Callable[[int], None] = lambda _: None,
     ) -> None:
-        """Begin without a session and with a closed lock.
+        """Begin without a session; the lock is closed, so NMT commands and SDO downloads are refused.
 
-        facts: returns the present content of the state frames.
+        facts: returns the values that the next state frame of this PE reports.
         pending: returns every EMCY that the manager has not acknowledged yet.
         saw_epoch: called with each epoch number that a manager has certainly activated, whether now or earlier.
         """

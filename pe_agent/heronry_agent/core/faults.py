@@ -163,7 +163,7 @@ class Faults:
     def repeat_priority(self, function: int, now_ns: int) -> list[Frame]:
         """Report the last request for a function once more, unchanged; returns its frames.
 
-        Returns no frames while the request is not acknowledged, since it is being repeated anyway.
+        Returns no frames while the request is not acknowledged, since such a request is repeated anyway.
         """
         request = self._priorities[function]
         return [] if _key(request) in self._pending else self._pend(request, now_ns)

@@ -43,6 +43,6 @@ class PriorityRequests:
     def new_mastership(self, now_ns: int) -> list[Frame]:
         """Return the frames that repeat the requests of running modules for the manager of a new term.
 
-        None are needed for requests that are not acknowledged, since they are being repeated anyway.
+        Requests that are not acknowledged yet are left out, since `faults` repeats them anyway.
         """
         return [frame for function in self._standing for frame in self._faults.repeat_priority(function, now_ns)]

@@ -4,7 +4,7 @@
     BROKEN        step BREAK: modules that the new slice lacks have stopped, and the others are rewired. No new
                   module runs yet, and no data are sent that were not sent before
     PARTIAL       step GO: all modules of the slice run, except DEMUX branches that are new here; those are *held*
-    ACTIVE        step GO_ALL, or GO with nothing held
+    ACTIVE        step GO_ALL, or step GO if no DEMUX branch is new here
 
 In this file a *step* is an activation step: BREAK, GO or GO_ALL. A step contains the steps before it, so a PE that
 missed a step takes it together with the next one. A step already taken is not taken again, and the epoch never goes

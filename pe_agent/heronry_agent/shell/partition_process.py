@@ -4,14 +4,15 @@ No method ever waits. If a partition does not read its packets, it is ended (`br
 not by fork: so it inherits no bus, no key and no table, and is smaller. Its environment has only what Python needs. It
 has a lower priority than its agent, so that heartbeats go first.
 
-The orders of one turn of the agent's loop form one packet. For GATHER_NS after such a packet the agent is not woken by
-answers, and then reads them together.
+The orders of one turn of the agent's loop form one packet. For GATHER_NS after such a packet, answers do not wake the
+agent; then the agent reads them together.
 
 The time that a step has *spent* is measured from the sending of its order to the arrival of its answer, less the time
-for which the partition waited for a processor. The kernel counts this waiting time (schedstat), but a wait that still
-lasts is not counted yet: while the process waits, its processor time is taken instead, as it is on a kernel that does
-not count waiting. The count before a step is read only once in SAMPLE_NS, and after a late step. So waiting in earlier
-steps may also be subtracted: the error favours the module.
+for which the partition waited for a processor. The kernel counts this waiting time (schedstat), except a wait that
+still lasts. So while the process waits, the processor time that the step has used is taken as the time spent; on a
+kernel that does not count waiting this is always done. The count at the beginning of a step is read only once in
+SAMPLE_NS, and after a late step. So the waiting of earlier steps may be subtracted as well, and the time spent may come
+out too short, but not too long.
 
 When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds then, plus the
 RAM that the spec gives its modules, plus SLACK_BYTES for the interpreter. If a module exceeds the limit, Python raises

@@ -35,7 +35,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_EPILOG,
     )
     add_spec_argument(parser)
-    parser.add_argument("--node", type=int, choices=(126, 127), help="node-ID (default 126, with --standby 127)")
+    parser.add_argument("--node", type=int, choices=(126, 127), help="node-ID (default: 126; with --standby: 127)")
     parser.add_argument(
         "--state-dir",
         type=Path,

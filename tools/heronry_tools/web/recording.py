@@ -34,7 +34,7 @@ class Recording(Timeline):
         return found[-KEPT_LOADS * max(1, len(self.reducer.spec.buses)) :]
 
     def lines(self) -> Iterator[str]:
-        """Give all events, a line of JSON each."""
+        """Give every event that the page lists (all except `NOT_LISTED`), a line of JSON each."""
         for event in self.events:
             if event["event"] not in NOT_LISTED:
                 yield json.dumps(event, separators=(",", ":"))

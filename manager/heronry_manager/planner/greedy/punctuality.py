@@ -5,20 +5,24 @@ only bounds its recurrence
 
     w = B + sum of ceil((w + J + tau) / T) C        over all messages on the bus that are more urgent
 
+Here w is the delay of a message before its transmission, B the blocking by a frame that is already being sent, and tau
+one bit time. J is the jitter of a message, T its period, and C its transmission time.
+
 First it bounds w in closed form, with (w + J + tau) / T + 1 in place of the round-up:
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
 If the message is too late by that bound, w is computed by iteration. Both ways give a response time J + w + C that is
-no less than the exact one, as long as it is within the message's own period: B is the longest frame that exists, so it
-covers the blocking of one instance of a message by the instance before (Davis et al. 2007, section 3.4). The iterated
-response time of the first instance alone is also a lower bound of the exact one. Sources are checked in the order of
-their identifiers, each along its route, so that every jitter is known when it is needed; a response time that becomes a
-jitter is always iterated.
+no less than the exact one, as long as it is within the message's own period: B is the longest frame that exists, so B
+also covers the case that one instance of a message is blocked by the instance before it (Davis et al. 2007, section
+3.4). The iterated response time of the first instance alone is also a lower bound of the exact one. Sources are checked
+in the order of their identifiers, each along its route, so that every jitter is known when it is needed. The jitter of
+a message on its next bus is its response time on the bus before; a response time that is used as a jitter is always
+iterated.
 
-The bounds are floating-point numbers, rounded to the safe side, and a jitter counts only if rounding does not change
-it. Where the bounds do not decide, the exact analysis does; its verdicts are remembered. So this check accepts exactly
-the drafts that the verifier accepts, whatever the rounding.
+The bounds are floating-point numbers, rounded to the safe side, and a response time is used as a jitter only if both
+directions of rounding give the same value. Where the bounds do not decide, the exact analysis does; its verdicts are
+remembered. So this check accepts exactly the drafts that the verifier accepts, whatever the rounding.
 """
 
 from math import ceil

@@ -102,7 +102,7 @@ class HeadEncoder(Module):
 
 
 class SurfaceSensor(Module):
-    """Publishes the position of a control surface, in the unit of its sensor."""
+    """Publishes the position of a control surface without conversion: its sensor gives the unit of the datum."""
 
     names: ClassVar[str]
 

@@ -16,7 +16,10 @@ _DEVICE: Final = "device:"
 
 
 def component_picture(graph: ComponentGraph, model: ComponentGraph | None = None) -> Graph:
-    """Make the picture of a graph, or of a view of it; loops are searched for in the whole graph `model`."""
+    """Make the picture of a graph.
+
+    model: the whole graph, in which loops are searched for, if `graph` is only a view of it; None: `graph` is whole.
+    """
     found = loops(model or graph)
     drawn = [name for name, member in graph.members.items() if not member.components]
     of = {vertex: name for name in drawn for vertex in graph.members[name].vertices}

@@ -97,7 +97,7 @@ class Hearing:
                     seen.append(page.incarnation)
 
     def take_copy(self, channel: str, frame: Frame) -> None:
-        """Count a copy of a frame on one channel of a replicated bus; `take` gets only one of the two copies."""
+        """Note on which channel of a replicated bus a node was heard; `take` gets only one of two copies."""
         speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
         if speaker is not None and not (frame.extended or frame.remote or frame.error):
             self.on_channel[channel].add(speaker)

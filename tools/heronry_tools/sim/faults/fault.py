@@ -11,39 +11,41 @@ the protocol is in that state (`protocol_state`).
 What cannot be promised, and why:
 
 - `corrupt`, `wrong` and `bias`: the data plane is not authenticated, so a module that reads a wrong number may report a
-  healthy element (rule `blame`). Data command no node, so every other rule is promised; but no oracle can tell that
-  altered data were ever sent (`foreign`).
+  healthy element (rule `blame`). No PE takes data as a command, so every other rule is promised. One exception is
+  `foreign` during `corrupt`: that rule compares the inputs of modules with the frames that were sent, and the altered
+  data were not sent.
 - `forge` alters a management frame past its CRC (about one of 10^10 destroyed frames). Without a key a forged command
   is a valid command, so nothing is promised until the fault is over. After that the aircraft must converge, unless a
-  forged term was far higher than all others: then PEs accept no other manager's commands for a long time. So no seed
-  draws `forge` without a key. With a key everything is promised.
+  forged term was far higher than all others: then the PEs refuse the commands of all managers for a long time. So
+  `forge` is not drawn for a flight without a key. With a key everything is promised.
 - `attack` is injected only in flights with a key, and everything is promised, with one exception: on a replicated bus a
   frame that the attacker repeats exactly on the other channel is taken for a copy.
 - `forged_...` (`denial`): with a key, everything is promised as for `attack`. Below a tenth of the bus no function may
   fall silent for it, and no PE may lose its session (oracle `availability`).
-- `babble`: a node whose identifier wins every arbitration takes the bus. No function is served; but since no node is
-  heard, no PE may drive anything exclusive, and that is promised.
+- `babble`: a node whose identifier wins every arbitration sends without end, and no other node can send. No function is
+  served; but since no node is heard, no PE may drive anything exclusive, and that is promised.
 - `rogue`: a foreign node that sends under an identifier of the aircraft collides with the owner of that identifier,
   down to bus-off. This clash is no violation; everything else is promised.
-- `twin`: a second node has a PE's node-ID. The manager takes it for that PE after a restart. The PE gives up everything
-  exclusive as soon as it hears the other node. The two destroy each other's frames, down to bus-off.
-- `raise` and `unfit` stop a module, and it does not return. Where it drove an actuator, a monitor that does not know
-  which module drives may report the idle actuator as stuck.
+- `twin`: a second node has a PE's node-ID. The manager takes the second node for that PE, and concludes that the PE has
+  been restarted. The PE gives up everything exclusive as soon as it hears the second node. The two nodes destroy each
+  other's frames, down to bus-off.
+- `raise` and `unfit` make a module fail, also after a restart, until its PE gives the module up. If the module drove an
+  actuator, a monitor that does not know which module drives may report the idle actuator as stuck.
 - Actuators do not fail by themselves here: without a monitor no node can know whether a surface moves.
 - `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears no PE loses some PEs before the others, and plans
-  without them. (A manager that has lost all PEs sends nothing.) With `manager_clock_jump` it is the same: all PEs seem
-  to have been silent for the time of the jump.
+  without them. (A manager that has lost all PEs sends nothing.) The same follows from `manager_clock_jump`: all PEs
+  seem to have been silent for the time of the jump.
 - `bus_split`: each half continues with the managers that it has, and may drive anything exclusive, since no node can
-  tell a separated half from a dead one. After the repair the halves collide until the manager of the lower term has
-  stopped.
-- `manager_double`: two managers send under one node-ID until one hears the other. Where both open an epoch of one
-  number, no PE can tell which manager's epoch it is. The two have separate journals, so each may later, too, use
-  numbers that the other has used. At the start of a mastership ALIVE names only PEs that are known already; if the
-  clash puts the manager off the bus then, a PE that was not yet named withholds its output.
-- `disk_full`: a manager whose journal accepts no write may use, after a restart, a term or an epoch a second time; with
-  a key it may also use the numbers of its commands a second time.
-- `order_fail`: the active manager plans without a healthy element, and so does the oracle: an order of the operator is
-  the truth. An actuator that is idle for that reason may be reported as stuck.
+  tell whether the other half is cut off or dead. After the repair the halves collide until the manager of the lower
+  term has stopped.
+- `manager_double`: two managers send under one node-ID until one hears the other. If both open an epoch with the same
+  number, no PE can tell which manager's epoch it is. The two managers have separate journals, so each may also later
+  use numbers that the other has used. At the start of a mastership ALIVE names only PEs that the manager has heard
+  already. If the clash puts the manager bus-off at that time, a PE that ALIVE has not named yet withholds its outputs.
+- `disk_full`: a manager that cannot write to its journal may use a term or an epoch a second time after a restart; with
+  a key, also the numbers of its commands.
+- `order_fail`: the active manager plans without a healthy element, and the oracle takes the operator's order as the
+  truth. An actuator that is idle for that reason may be reported as stuck.
 - `channel_loss` and `half_cut` take one channel of a replicated bus, from all nodes or from one PE. Everything is
   promised as long as every two nodes have a channel in common.
 - `stuck`: a PE's modules hang while its heartbeat goes on, so its functions are not served. The PE ends the modules and

@@ -238,7 +238,7 @@ class Checks:
         return sorted([*found, *self._known.blame.unfounded(truth), *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
-        """Return the present violations of rules that hold once the aircraft has converged."""
+        """Return the rules for the end of a flight (`end_state`) that are violated now."""
         known = self._known
         seen = Seen(
             known.epochs.last,

@@ -2,17 +2,17 @@
 
 With `without_manager: safe_mode` this is promised only for critical functions.
 
-A function counts as silent from its last output on. The fault that silenced it was injected between that output and the
-moment at which the next one was due.
+A function counts as silent from its last output on. A waiver counts if it holds at any moment between that output and
+the moment at which the function had to be heard again.
 
 A function may fall silent because the phase or a priority has changed: the aircraft cannot serve it beside what is now
 more important. This is allowed if an epoch that was activated before the next output was due leaves the function out,
 and the best plan for a phase and priorities in force when that epoch was planned leaves it out, too. If two plans are
 equally good, either may be activated.
 
-A function may fall silent while the module that serves it moves: the PE that begins to run the module holds its outputs
-until ALIVE names the PE (protocol rule 6), and a manager that falls silent right after ACTIVATE sends no ALIVE. With
-faults in managers alone, a module moves where the operator's script or the end of the script says so.
+A function may fall silent while the module that serves it moves: the new PE of the module holds back its outputs until
+ALIVE names the PE (protocol rule 6), and a manager that falls silent right after ACTIVATE sends no ALIVE. This is
+allowed whatever the reason for the move. One such reason is that the operator's script begins or ends.
 
 Not verified: a run in which a fault was injected into anything but managers.
 """

@@ -16,8 +16,9 @@ one frame at a time.
 
 A station that leaves while it sends destroys its frame. `slowdown` lengthens all bits, as for a radio far from its
 base. A wire that is `broken` carries nothing and causes no errors; frames wait until the wire is mended. A bus that is
-broken in the middle (`apart`) has two sides that do not hear each other. They still share the time of one bus, so
-neither is faster than it would be alone.
+broken in the middle (`apart`) has two sides that do not hear each other. Even so, only one station of both sides sends
+at a time. So the two sides share the capacity of one bus, although each half of a real bus would have that capacity to
+itself.
 
 A replicated bus consists of two of these (`replicated_port`). Errors in single bits are not modelled.
 """

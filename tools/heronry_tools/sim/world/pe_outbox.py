@@ -1,7 +1,8 @@
 """The sending side of a simulated PE: gives frames to its controllers, with their age limits.
 
-The core gives each frame an age limit, which is measured by the PE's own clock. The core also learns how long each
-frame to a radio took to leave. A fault can delay the frames that a gateway forwards (`delays`).
+Each frame has an age limit, which is measured by the PE's own clock. It comes from the core, or is `lease_ns`. The core
+also learns how long each frame to a radio took to leave. A fault can delay the frames that a gateway forwards
+(`delays`).
 """
 
 from collections import Counter
@@ -31,7 +32,7 @@ class PeOutbox:
     ) -> None:
         """Begin with nothing to send.
 
-        offers: by port, gives a frame to the controller, with the time until which it may be sent
+        offers: by port, a function that gives the controller a frame and the time until which it may be sent
         stations: the PE's stations on every bus and channel
         lease_ns: age limit of a frame for which the core has given none
         radios: ports that lead to a radio

@@ -75,8 +75,9 @@ class SimulatedManager(Node):
         decide_ns: returns the time that the next planning run takes
         tell: is called with every event
         planned: is called with every request for a plan, and with every answer that the core is given
-        ahead: the contingencies; None if there are none
-        reads_objects: the manager reads by SDO what PEs store for people
+        ahead: the contingencies; its `made` and `numbers` are None if there are none
+        reads_objects: whether the manager reads by SDO the details that PEs store for people, for example why a module
+            has failed (`pe_details`)
         """
         super().__init__(clock, time)
         self._tell, self._planned, self._name = tell, planned, name
