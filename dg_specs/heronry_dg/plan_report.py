@@ -13,7 +13,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import serving_modules, value_of
 from heronry_dg.situation import Situation, Survivors, survivors
 from heronry_dg.traffic import bus_loads_mbit_per_s, hops
-from heronry_dg.why_not import Feasible, feasible, why_not
+from heronry_dg.why_not import Feasible, feasible, why_not, why_unwanted
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +74,8 @@ class Report:
         reports = {}
         for function, output in serving_modules(self._spec, self._configuration):
             if output is None:
-                reason = self._reasons.get(function.name)
-                if not reason:
+                reason = self._reasons.get(function.name) or why_unwanted(self._now, function)
+                if not reason:  # what could run is worked out only where it is needed, since that takes milliseconds
                     found = found or feasible(self._spec, self._now, self._left)
                     reason = why_not(found, function)
                 reports[function.name] = FunctionReport(served=False, mode=None, value=0, why_not=reason)

@@ -98,15 +98,23 @@ def feasible(spec: Spec, now: Situation, left: Survivors | None = None) -> Feasi
     return Feasibility(spec, now.phase).in_situation(now, left)
 
 
+def why_unwanted(now: Situation, function: Function) -> str | None:
+    """Give the sentence that says why a function is not wanted in a situation; None: it is wanted."""
+    if now.priority_of(function):
+        return None
+    if function.priority_in(now.phase):
+        return "its priority was changed to 0"
+    return f"it is not wanted in phase {now.phase}" if now.phase is not None else "its priority is 0"
+
+
 def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -> str:
     """Give the sentence that says why a function is not served.
 
     alone: whether the function could be served if no other were wanted; None: not known.
     """
-    if found.now.priority_of(function) == 0:
-        if function.priority_in(found.now.phase):
-            return "its priority was changed to 0"
-        return f"it is not wanted in phase {found.now.phase}" if found.now.phase is not None else "its priority is 0"
+    unwanted = why_unwanted(found.now, function)
+    if unwanted:
+        return unwanted
     manager_bus = found.spec.manager.bus
     if manager_bus not in found.left.bus_mbit_per_s:
         return f"nothing can be commanded, because the manager's bus {manager_bus} is down"

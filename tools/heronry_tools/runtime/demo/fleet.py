@@ -36,7 +36,7 @@ from heronry_tools.analysis.made_ahead import Ahead
 from heronry_tools.console.errors import UserError
 from heronry_tools.reports.story import RUNS_KEPT
 from heronry_tools.runtime.demo.buses import BusChoice
-from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
+from heronry_tools.runtime.softbus.starter import HubProcess
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import FIRST_MANAGER
 
@@ -135,9 +135,11 @@ class Fleet:
         self._buses = choices
         for choice in choices.values():
             for config in choice.configs() if choice.is_ours else ():
-                hub = start_hub(config["channel"], choice.bitrate or self._spec.buses[choice.name].bitrate)
-                self._hubs.append(hub)
-                _prefer(hub.pid, _HUB_PRIORITY)
+                bitrate = choice.bitrate or self._spec.buses[choice.name].bitrate
+                self._hubs.append(HubProcess(Path(config["channel"]), bitrate))
+                _prefer(self._hubs[-1].pid, _HUB_PRIORITY)
+        for hub in self._hubs:  # they start side by side
+            hub.wait_until_up()
 
     def start_manager(self, node: int = FIRST_MANAGER, *, standby: bool = False) -> IO[bytes]:
         """Start a manager, active or standby; returns the stream of its events."""

@@ -30,7 +30,7 @@ from heronry_wire.bus_arguments import named_buses
 from heronry_wire.key_file import read_key
 
 _AFTER_LAST_ACTION_S = 5.0
-_REHEARSAL_S = 0.4
+_REHEARSAL_S = 0.25  # with a wake-up of each process every 10 ms
 _MORE_PROCESSES = 2  # a hub and a manager, beside the agents
 
 

@@ -5,7 +5,7 @@ and the hub with it. (The kernel's own "signal when my parent dies" is not used:
 the hub, and is cleared by some execs.) A child that is forked here without exec inherits the write end and keeps the
 hub alive: use the "spawn" start method of multiprocessing.
 
-States: running from the moment that the constructor returns; then killed or closed.
+States: starting; running once `wait_until_up` has returned; then killed or closed.
 """
 
 import signal
@@ -21,7 +21,7 @@ _STOP_TIMEOUT_S = 5.0
 
 
 class HubProcess:
-    """A running hub; as a context manager it is closed at the end."""
+    """A hub that starts; as a context manager it is waited for, and closed at the end."""
 
     def __init__(self, path: Path, bitrate: int) -> None:
         self.path = path
@@ -42,6 +42,9 @@ class HubProcess:
             text=True,
             process_group=0,  # a Ctrl-C in the terminal is for the starter, which then closes the hub in order
         )
+
+    def wait_until_up(self) -> None:
+        """Return when clients can connect; raises HubError with the reason when the hub cannot run."""
         assert self._process.stdout is not None
         if not self._process.stdout.readline():
             _, reason = self._process.communicate()
@@ -71,6 +74,7 @@ class HubProcess:
             raise HubError(f"the bus at {self.path} failed: {complaint.strip()}")
 
     def __enter__(self) -> Self:
+        self.wait_until_up()
         return self
 
     def __exit__(
@@ -87,4 +91,6 @@ def start_hub(path: str | Path, bitrate: int = 1_000_000) -> HubProcess:
 
     Raises HubError with the reason when the hub cannot run, for example when another hub has that path.
     """
-    return HubProcess(Path(path), bitrate)
+    hub = HubProcess(Path(path), bitrate)
+    hub.wait_until_up()
+    return hub
