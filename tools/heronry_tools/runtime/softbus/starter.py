@@ -26,6 +26,7 @@ class HubProcess:
     def __init__(self, path: Path, bitrate: int) -> None:
         self.path = path
         self.bitrate = bitrate
+        self._is_up = False
         self._process = subprocess.Popen(
             [
                 sys.executable,
@@ -45,8 +46,11 @@ class HubProcess:
 
     def wait_until_up(self) -> None:
         """Return when clients can connect; raises HubError with the reason when the hub cannot run."""
+        if self._is_up:
+            return
         assert self._process.stdout is not None
-        if not self._process.stdout.readline():
+        self._is_up = bool(self._process.stdout.readline())
+        if not self._is_up:
             _, reason = self._process.communicate()
             last = reason.strip().rpartition("\n")[2].removeprefix("heronry: ")
             raise HubError(last or "the bus ended without a message")
