@@ -4,10 +4,12 @@
                              each module is kept. A PE that is busy just then may not answer, so it is asked up to
                              three times, two seconds apart; after that no event comes until the PE's next EMCY
     traceback                read when the operator asks for it, from the PE that reported the last failure
-    standstills of a PE      read when the PE joins, or when this manager becomes active after that; when the PE answers
-                             a PING, or is heard again; and when the operator asks for the status. If there were more
-                             long standstills than before, an event reports that, as they may be the reason why the PE
-                             was not heard. The event gives the longest of them if the PE never had a longer one
+    standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
+                             the status. If there were more long standstills than before, an event reports that, as
+                             they may be the reason why the PE was not heard. The event gives the longest of them if
+                             the PE never had a longer one. If the PE gives no answer then, the reading at its join
+                             reports them. A manager reads nothing when it becomes active, since a foreign SDO client
+                             may be reading just then; so its first report on a PE counts from the start of that PE
 
 Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
 What was read stays until this manager ends; another manager reads it again. `object_reader` says what lost, late,
@@ -60,7 +62,6 @@ class PeDetails:
         self._failures: dict[str, dict[str, Any]] = {}  # by element
         self._standstills: dict[str, dict[str, int]] = {}  # by PE
         self._compared: dict[str, dict[str, int]] = {}  # by PE: with which the next ones are compared
-        self._joined: set[str] = set()  # PEs that joined while this manager was not active: read once it is
         self._untold: set[str] = set()  # PEs of which a reading to report new standstills has not succeeded yet
         self._position = cache(self._position_in_table)
 
@@ -107,9 +108,6 @@ class PeDetails:
 
     def look_at_standstills(self, pe: str, look: Look) -> None:
         """Read how often the computer of a PE has stood still, and for how long; `look`: the reason for reading."""
-        if look is Look.BEGIN and not self._claim.is_active:
-            self._joined.add(pe)
-            return
         if look is Look.TELL:
             self._untold.add(pe)
         found: dict[str, int] = {}
@@ -124,16 +122,9 @@ class PeDetails:
             self._read(pe, COUNTERS, sub_index, partial(take, key))
 
     def end_of_step(self) -> None:
-        """Stop reading if this manager is not active any more; to be called after each event.
-
-        A manager that has become active reads the standstills of the PEs that joined before.
-        """
+        """Stop reading if this manager is not active any more; to be called after each event."""
         if not self._claim.is_active:
             self.reader.give_up()
-        elif self._joined:
-            for pe in sorted(self._joined):
-                self.look_at_standstills(pe, Look.BEGIN)
-            self._joined.clear()
 
     def failures(self) -> list[dict[str, Any]]:
         """Give the last failure of each module, oldest first: element, by, text, for_ns."""
