@@ -19,7 +19,7 @@ import pytest
 
 from heronry_pcs.graph import Graph, Leaf, Part
 from heronry_pcs.graph_files import to_json
-from heronry_tools.runtime.softbus.starter import HubProcess
+from heronry_tools.runtime.softbus.starter import start_hub
 from lab.benches.check import chain
 from thoroughness import IS_WHOLE
 from watch.flights import big_blue_log
@@ -141,7 +141,7 @@ def interrupt(command: str, folder: Path) -> None:
     words = COMMANDS[command].split()
     for word in READ.keys() & set(words):
         READ[word](folder / word)
-    with HubProcess(folder / "bus.sock", 1_000_000) if "./bus.sock" in words else nullcontext():
+    with start_hub(folder / "bus.sock", 1_000_000) if "./bus.sock" in words else nullcontext():
         before = set(folder.iterdir())
         number = random.choice((signal.SIGINT, signal.SIGINT, signal.SIGTERM))
         after_s = random.uniform(0.0, LATEST_S)

@@ -21,12 +21,11 @@ _STOP_TIMEOUT_S = 5.0
 
 
 class HubProcess:
-    """A hub that starts; as a context manager it is waited for, and closed at the end."""
+    """A hub; as a context manager it is closed at the end."""
 
     def __init__(self, path: Path, bitrate: int) -> None:
         self.path = path
         self.bitrate = bitrate
-        self._is_up = False
         self._process = subprocess.Popen(
             [
                 sys.executable,
@@ -45,12 +44,12 @@ class HubProcess:
         )
 
     def wait_until_up(self) -> None:
-        """Return when clients can connect; raises HubError with the reason when the hub cannot run."""
-        if self._is_up:
-            return
+        """Return when clients can connect; to be called once.
+
+        Raises HubError with the reason when the hub cannot run.
+        """
         assert self._process.stdout is not None
-        self._is_up = bool(self._process.stdout.readline())
-        if not self._is_up:
+        if not self._process.stdout.readline():
             _, reason = self._process.communicate()
             last = reason.strip().rpartition("\n")[2].removeprefix("heronry: ")
             raise HubError(last or "the bus ended without a message")
@@ -78,7 +77,6 @@ class HubProcess:
             raise HubError(f"the bus at {self.path} failed: {complaint.strip()}")
 
     def __enter__(self) -> Self:
-        self.wait_until_up()
         return self
 
     def __exit__(
