@@ -4,7 +4,8 @@
 
     event to screen   from the manager's time of an event until the frame in which the browser has drawn its line. The
                       operator fails and clears a device meanwhile. The page's clock is compared with the manager's
-                      (CLOCK_MONOTONIC, as in Chromium) twenty times; the closest pair of readings counts
+                      (CLOCK_MONOTONIC, as in Chromium) twenty times; the closest pair of readings counts. `heronry web`
+                      has a session of its own, as from a terminal of its own: Linux divides the processors among sessions
     demo to graph     from the start of `heronry demo --web` until the graph is in the browser, which runs already; and
                       until the address is printed, and the first configuration runs. The first start is not counted
     --minutes M       two pages and `heronry top` (in a pseudo-terminal of 200x50) at full traffic, with a fault or its
@@ -131,7 +132,7 @@ def _device(flown: Aircraft) -> str:
 def _web(flight: _Flight) -> Iterator[tuple[str, int]]:
     """Run `heronry web` on the manager of a flight; yields its address and its process number."""
     typed = [*_HERONRY, "web", "--socket", str(flight.fleet.control_socket()), "--json", "--until-eof"]
-    process = subprocess.Popen(typed, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    process = subprocess.Popen(typed, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
     assert process.stdout is not None
     try:
         line = process.stdout.readline()

@@ -44,7 +44,7 @@ class Page:
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 pass_fds=(theirs.fileno(),),
-                process_group=0,
+                start_new_session=True,  # Linux gives each session its share: nodes have a higher priority in theirs
             )
 
     def __enter__(self) -> Self:
