@@ -3,10 +3,11 @@
     on the bus   the bus can be used. There is no event as long as all is well. There is an event when the controller
                  counts errors, or when no frame leaves; the same event comes again after TELL_AGAIN_NS at the earliest,
                  so that an intermittent error does not fill the log
-    off the bus  the bus cannot be used since `off_since_ns`; there is an event whenever the reason changes
+    off the bus  since `off_since_ns` the bus cannot be used; there is an event whenever the reason changes
 
-The driver of a node reads `off_since_ns` and decides what to do about an outage. Error frames only show that this
-node's own controller is bus-off; a lost or doubled error frame changes at most a count.
+The driver of a node reads `off_since_ns` and decides what to do about an outage. An error frame describes this node's
+own controller, and no other node. A doubled error frame changes only a count. If the error frame that reports bus-off
+is lost, the bus is reported as stuck.
 """
 
 from collections import Counter
