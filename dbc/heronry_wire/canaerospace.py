@@ -13,9 +13,8 @@ This file keeps no state. A receiver finds lost, doubled and late frames by thei
 like a true one, since data frames carry no tag.
 
 The status of a datum. V1.7 says that byte 2 "should continuously reflect the status of the data" and defines no values
-for it. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its
-`Validity`. A few standard identifiers use byte 2 for a waypoint, tyre or brake number instead: `standard_identifiers`
-lists them.
+for it. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its `Validity`. A few
+standard identifiers use byte 2 for a waypoint, tyre or brake number instead: `standard_identifiers` lists them.
 
 Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Arbitration does not compare
 these integers: the 11 bits that are sent first have the value n // 4. So channels 1 to 3 begin with the 11 bits of

@@ -1,4 +1,4 @@
-"""Ends a command that a signal interrupts: SIGINT (Ctrl-C), SIGTERM, or SIGHUP (the terminal of the command has closed).
+"""Ends a command that a signal interrupts: SIGINT (Ctrl-C), SIGTERM, or SIGHUP (the command's terminal has closed).
 
 A command passes through these states. The functions in the diagram, and signals, lead from one state to the next.
 
