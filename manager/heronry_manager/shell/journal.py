@@ -6,8 +6,8 @@
 Each line is `[number, kind, fields...]`. Line 0 is the head (format, name and digest of the spec); the other lines are
 records of `heronry_manager.core.memory`, numbered in turn. *Every line is written twice*, with an empty line between
 the copies: a single bit that has changed on the disk, even in a line break, leaves one copy of every record. If both
-copies of a record are damaged, no fact after that record is read: the facts are then those that were known just before
-that record was written. Numbers (terms, blocks of epochs or counters) are read from every undamaged line, before and
+copies of a record are damaged, no fact after this record is read: the facts are then those that were known before the
+record was written. Numbers (terms, blocks of epochs or counters) are read from every undamaged line, before and
 after the damage: they only rise.
 
 To reserve numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the first frame
@@ -168,7 +168,7 @@ class Journal:
     def sync(self, now_ns: int) -> None:
         """Let a thread write the records to the disk (fsync); while the disk fails, try again every `RETRY_NS`.
 
-        The thread syncs what was written before the thread began. If it fails, a later `sync` sets `problem`.
+        The thread syncs what was written before the thread began. If the thread fails, a later `sync` sets `problem`.
         """
         if self.problem is not None:
             if now_ns >= self._retry_ns:

@@ -1,4 +1,4 @@
-"""Reports which control paths through the plants of the spec are closed, in an event after each epoch and in the status.
+"""Reports which control paths through the plants of a spec are closed: in an event after each epoch, and in the status.
 
 The core does not use plants. When an epoch runs everywhere or was adopted, and when the status is requested, this file
 derives a component graph from the spec and the core's plan (`heronry_pcs`). It changes no plan. For a spec without
@@ -33,7 +33,7 @@ class Plants:
         return event("control_paths", told["t_ns"], epoch=told["epoch"], plants=states)
 
     def status(self, plan: Plan | None) -> dict[str, Any]:
-        """Give the status of the plants: by name the state of the control path, and the reason if the path is not closed."""
+        """Give the status of the plants: by name the state of the control path, and the reason if it is not closed."""
         if plan is None or not self._spec.plants:
             return {}
         paths = control_paths(self._spec, plan.configuration)
