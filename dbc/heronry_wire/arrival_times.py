@@ -11,8 +11,8 @@ error in the time of arrival if the clock of the day was set between two looks:
                   with the difference of the clocks at each of the last two looks, and the earlier result counts
 
 So a frame never seems newer than it is, even if the clock of the day is set: a process that was paused must not take an
-old LEASE for a new one. A frame also never seems to have arrived before the last look at an empty queue, which in a
-running node was a few milliseconds ago.
+old LEASE for a new one. A frame also never seems to have arrived before the last look after which the queue was read
+empty; in a running node, this look was a few milliseconds ago.
 
 The software bus stamps frames with CLOCK_MONOTONIC (`StampedMessage`); for these frames the clock of the day is not
 used. Apart from logs, no other file that runs in flight reads the clock of the day.

@@ -89,8 +89,8 @@ class Key:
     def command_tag(self, manager: int, kind: int, place: Place, payload: bytes, nonce: int = NO_NONCE) -> int:
         """Compute the 48-bit tag of a command.
 
-        kind: place of the command among the identifiers of its manager. payload: all bytes of the command. nonce: only
-        for a WELCOME, the nonce that it answers.
+        kind: position of the command among the identifiers of its manager, or `management.WELCOME_KIND`. payload: all
+        bytes of the command. nonce: only for a WELCOME, the nonce that it answers.
         """
         tag = self._commands.copy()
         tag.update(_COMMAND.pack(manager, kind, *place, nonce))
@@ -104,7 +104,7 @@ class Key:
 
         beat: number of this page 0 in its session; for page 1 the constant PAGE_1_BEAT. said: bytes of the page without
         its digest, as `state_frames.split_state` gives them. digest: of the running configuration (page 0) or the
-        staged one (page 1). emergency: all bytes of an EMCY that waits to be acknowledged, if there is one.
+        staged configuration (page 1). emergency: all bytes of an EMCY that waits to be acknowledged, if there is one.
         """
         tag = self._states.copy()
         tag.update(_STATE.pack(node, *session, beat))

@@ -22,8 +22,8 @@ Frames with a period longer than 1 1/4 heartbeat periods are taken however late 
 told from a new one.
 
 The rule is the same whichever wire has failed. A break of the channel, of this node's own wire, or of the sender's wire
-alone puts all or some identifiers behind. A frame that CAN itself delivers twice is taken twice, as on
-a bus with one channel. A forged copy, sent on the other channel before the sender's own frame, has the same bits: it is
+alone puts all or some identifiers behind. A frame that CAN itself delivers twice is taken twice, as on a bus with one
+channel. A forged copy, sent on the other channel before the sender's own frame, has the same bits: the forged copy is
 taken, and the sender's own frame counts as its copy. After a restart of this node all identifiers are in step, and each
 frame is taken once.
 

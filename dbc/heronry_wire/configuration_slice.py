@@ -43,7 +43,7 @@ class Slice:
     expendable: frozenset[int] = frozenset()  # modules that stop while no manager is heard (`safe_mode`)
 
     def encode(self) -> bytes:
-        """Encode the slice as bytes; the empty slice has none."""
+        """Encode the slice as bytes; an empty slice has no bytes."""
         if self == Slice():
             return b""
         numbers = [len(self.modules)]

@@ -48,7 +48,7 @@ class ControllerReport:
 
 
 def read_error_frame(frame: Frame) -> ControllerReport:
-    """Read an error frame; undefined bits are ignored, and no frame raises."""
+    """Read an error frame; ignores undefined bits, and never raises an exception."""
     classes, detail = frame.can_id, frame.data[1] if len(frame.data) > 1 else 0
     kinds = [name for bit, name in _KINDS.items() if classes & bit]
     if classes & _CONTROLLER:

@@ -47,7 +47,7 @@ _DROPS = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """Condition of a radio, as the gateway that leads to it measures it."""
+    """Condition of a radio, as measured by the gateway between the radio and the manager."""
 
     node: int  # of the gateway
     state: LinkState

@@ -225,7 +225,7 @@ def allocate(sources: Iterable[Source]) -> dict[tuple[str, str], int]:
     ordered = sorted(sources, key=lambda source: source.order)
     pairs = {(source.producer, source.variable) for source in ordered}
     if len(pairs) != len(ordered):
-        raise WireError("a (producer, variable) pair is listed twice: give each of them one Source")
+        raise WireError("a (producer, variable) pair is listed twice: give one Source for each pair")
     given = {(s.producer, s.variable): can_id for can_id, s in _standard_holders(ordered).items()}
     rest = [s for s in ordered if (s.producer, s.variable) not in given]
     rest.sort(key=lambda s: (s.criticality_rank, -s.rate_mhz))
@@ -250,7 +250,7 @@ def _standard_holders(ordered: list[Source]) -> dict[int, Source]:
         if holder.variable != source.variable:
             raise WireError(
                 f"variables {holder.variable} and {source.variable} both claim identifier {source.standard}: "
-                "take it from one of them"
+                "let only one of them have it"
             )
         if source.best_version < holder.best_version:
             holders[source.standard] = source

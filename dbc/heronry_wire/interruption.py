@@ -100,7 +100,7 @@ def expect_none() -> None:
 
 @contextmanager
 def in_order() -> Iterator[None]:
-    """From now on the first signal raises `Interrupted`, and the clean-up may take as long as it needs.
+    """Within this context the first signal raises `Interrupted`, and the clean-up may take as long as it needs.
 
     A second signal ends the process immediately.
     """

@@ -1,11 +1,11 @@
 """One bus of one node: frames in and out of python-can, one frame in flight at a time (protocol rule 13).
 
 A frame that was handed to the controller is *in flight* until its echo comes back: the bus is opened with
-`receive_own_messages`, and the echo is recognized by its identifier and bytes. (SocketCAN's own mark for an echo does
-not suffice, since the frames of other programs on this computer have it too.) The next frame is handed over only after
-the echo, so that a more urgent frame that is queued meanwhile goes first. If an echo does not come within
-`ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives the frame up and counts it. If the echo
-comes after all, the link still recognizes it, and does not take it for a frame of another node.
+`receive_own_messages`, and the echo is recognized by its identifier and bytes. (The flag by which SocketCAN marks a
+frame of this computer does not suffice, since the frames of other programs have the flag too.) The next frame is handed
+over only after the echo, so that a more urgent frame that is queued meanwhile goes first. If an echo does not come
+within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives the frame up and counts it. If the
+echo comes after all, the link still recognizes it, and does not take it for a frame of another node.
 
 Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock (`arrival_times`). So a
 process that was paused does not take old frames for new ones, and a clock of the day that is set changes nothing.
@@ -289,7 +289,8 @@ class Link:
     def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
         """Try to bring back a lost bus.
 
-        result: the bus that a thread has opened, or the error that it met; None: open the bus here, without a thread.
+        result: the bus that a thread has opened, or the error with which the thread failed; None: open the bus here,
+        without a thread.
         """
         try:
             if isinstance(result, HeronryError):

@@ -25,7 +25,7 @@ Reconfiguration: stage, then activate
 Numbers
     An epoch is compared modulo 2^16 (`is_newer`); 0 means that there is no epoch. A term is 1..4095 (PREPARE has no
     room for more) and only rises; any other value is malformed. A digest is 24 bits. All numbers are big-endian, except
-    in EMCY, whose first bytes are little-endian as in CiA 301.
+    the error code in EMCY, which is little-endian as in CiA 301.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
@@ -46,7 +46,7 @@ SLICE_BYTES_PER_FRAME = 5
 
 
 class Step(IntEnum):
-    """Steps of an epoch; each contains those before it."""
+    """Activation steps of an epoch; each step contains the steps before it."""
 
     PREPARED = 0
     BREAK = 1
@@ -352,7 +352,7 @@ def next_epoch(epoch: int) -> int:
 def decode_command(command: int, data: bytes) -> ManagementMessage | Malformed:
     """Decode the payload of a management frame.
 
-    command: place of the frame's identifier among the ten identifiers of its manager (`identifiers.Command`).
+    command: position of the frame's identifier among the ten identifiers of its manager (`identifiers.Command`).
     """
     decoder = _DECODERS.get(command)
     if decoder is None:

@@ -84,7 +84,7 @@ class ServiceMessage(NamedTuple):
 class Identification(NamedTuple):
     """The four bytes of an answer to IDS, each 0..255.
 
-    CANaerospace V1.7 itself has distribution 0 and header type 0.
+    Distribution 0 and header type 0 mean those of CANaerospace V1.7.
     """
 
     hardware_revision: int

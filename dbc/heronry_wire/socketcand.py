@@ -22,7 +22,7 @@ SERVER_S = 2.0  # limit for an answer of the server
 def open_at_server(config: Mapping[str, Any]) -> can.BusABC:
     """Open the bus that these keyword arguments of `can.Bus` describe.
 
-    Raises ValueError, or any exception of python-can.
+    Raises ValueError for a wrong channel, OSError if the server cannot be reached, or any exception of python-can.
     """
     place = _at_its_server(config)
     if "host" in place:

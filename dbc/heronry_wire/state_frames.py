@@ -44,7 +44,7 @@ class PeFlags(IntFlag):
 
 
 class Reason(IntEnum):
-    """Why a PE has not staged a configuration, or which command it last refused."""
+    """Why a PE has not staged a configuration, or why it last refused a command."""
 
     NONE = 0
     INCOMPLETE = 1  # frames of the slice are missing: send it again

@@ -97,11 +97,9 @@ def _crc_table() -> list[int]:
 
 
 def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
-    """Count the stuff bits in a sequence of bits.
+    """Count the stuff bits in a sequence of bits; gives their number, and `last` and `run` after the sequence.
 
-    Gives their number, the last bit, and how many equal bits end with it.
-
-    last, run: the bit before the sequence, and how many equal bits end with it.
+    last, run: the bit before the sequence, and the number of equal bits that end with this bit.
     """
     stuffed = 0
     for bit in bits:

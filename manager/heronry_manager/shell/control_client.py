@@ -43,7 +43,7 @@ def call(path: Path, order: Spoken) -> Answer:
 
 
 def follow(path: Path) -> socket.socket:
-    """Begin to read the events of the manager on a socket; raises ControlError if no manager of this user listens.
+    """Begin to read the events of the manager on a socket; raises ControlError if none of this user or root listens.
 
     The returned socket gives JSON lines: a status, and events (`followers`). The caller closes it.
     """
@@ -87,7 +87,7 @@ def find_socket(name: str | None) -> Path:
 
 
 def _is_listened_on(path: Path) -> bool:
-    """Tell whether a process listens on a path; the socket of a manager that was killed is still there."""
+    """Tell whether a process listens on a path; a manager that is killed leaves its socket behind."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(PATIENCE_S)
         try:

@@ -36,7 +36,7 @@ def listening_folder(path: Path) -> Path:
 
 
 def found_sockets() -> list[Path]:
-    """List the sockets of managers in this user's folder; raises ControlError if the folder is another user's."""
+    """List the sockets of managers in this user's folder; raises ControlError if another user owns or can write it."""
     try:
         return sorted(trusted_folder(runtime_folder()).glob("*.sock"), key=lambda path: path.stem)
     except RuntimeFolderError as error:

@@ -103,7 +103,7 @@ def read_order(line: bytes) -> Spoken | Follow | str:
     """Decode a request; gives a sentence that says what is wrong if the line is no request."""
     match _fields(line):
         case {"v": int(version)} if version != VERSION:
-            return f"this manager speaks version {VERSION} of the control protocol, not {version}: use equal versions"
+            return f"this manager uses version {VERSION} of the control protocol, not {version}: use the same heronry"
         case {"v": _, "do": "status"}:
             return AskStatus()
         case {"v": _, "do": "priority", "what": str(what), "to": int() | None as priority}:

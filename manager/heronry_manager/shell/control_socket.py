@@ -94,7 +94,7 @@ class ControlSocket:
             self._tell(caller, Answer(reply.done, reply.sentence, reply.status, reply.is_unusable))
 
     def close(self) -> None:
-        """Close the socket and every call, and release the lock."""
+        """Close the socket and all connections, and release the lock."""
         self.followers.close()
         for one in self.readers():
             one.close()

@@ -121,7 +121,10 @@ class Journal:
     """The journal of one manager, open for writing; `memory`: its content, even while the disk fails."""
 
     def __init__(self, folder: Path, node: int, spec: Spec, *, accept_changed_spec: bool = False) -> None:
-        """Open the journal, or begin a new one; raises JournalError if it is locked, unreadable, or of another spec."""
+        """Open the journal, or begin a new one; raises JournalError if it is locked, unreadable, or of another spec.
+
+        accept_changed_spec: open also a journal of another spec, keep its numbers, and drop its facts.
+        """
         self.file = folder / f"manager-{node}.journal"
         self.memory = NOTHING
         self.problem: str | None = None

@@ -36,10 +36,13 @@ AHEAD_NS = 300_000_000_000
 
 
 class PlannerLink(Protocol):
-    """A planner that answers later: `heronry_manager.planner.client.PlannerClient`."""
+    """The methods that this file uses of a planner's process: `heronry_manager.planner.client.PlannerClient`."""
 
     def request(self, number: int, now: Situation, running: Placement | None) -> None:
-        """Request a plan for situation `now`; `poll` returns the answer, with this number."""
+        """Request a plan for situation `now`; `poll` returns the answer, with this number.
+
+        running: the placement that runs now; None: none is known.
+        """
 
     def poll(self) -> list[Planned | Failed]:
         """Return the answers that have arrived, without waiting."""
