@@ -73,7 +73,7 @@ class BusHealth:
         self._tell(_STUCK, now_ns)
 
     def overrun(self, frames: int, now_ns: int) -> None:
-        """Count frames that were lost because this process did not read them in time; makes an event if there are any."""
+        """Count frames that were lost because this process read too late; makes an event if `frames` is above 0."""
         if frames:
             self.counts["frames not taken in time"] += frames
             self._tell("brings more frames than this computer takes: some are lost", now_ns)

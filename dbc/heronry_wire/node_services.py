@@ -8,11 +8,10 @@ used here.
 
 This file keeps no state. Every node of this project answers IDS (identification) on channel 0. A PE also executes TIS
 (transmission interval), STS (state transmission) and NSS (synchronisation) there. No program of this project sends the
-other services. To use one of them with a unit of another maker,
-encode the request with `request`, and decode the answer as any node service frame. This file does not split or join the
-data blocks of DDS and DUS. If no answer comes within 100 ms (V1.7), the sender repeats the request. A broadcast request
-that has an answer is answered by every node; node n waits (n - 92) ms first, so that the answers do not all start
-together.
+other services. To use another service with a unit of another maker, encode the request with `request`, and decode the
+answer as any node service frame. This file does not split or join the data blocks of DDS (data download) and DUS (data
+upload). If no answer comes within 100 ms (V1.7), the sender repeats the request. Every node answers a broadcast request
+of a service that has answers; node n waits (n - 92) ms first, so that the answers do not all start together.
 """
 
 from enum import IntEnum

@@ -1,13 +1,14 @@
 """The table of one PE: all that the PE needs of a spec. The manager compiles it, and the agent reads it.
 
-The agent reads neither a graph nor YAML. It finds what the indices in a slice mean in the table: modules with their
-modes and leaves, and sources with their identifiers. The table also says which nodes are reached through which bus. A
-table is JSON text (UTF-8). `PeTable.to_json` writes the text. `PeTable.from_json` reads it, and raises TableError if
+The agent reads neither a graph nor YAML. The table tells what the indices in a slice mean: modules with their modes and
+leaves, and sources with their identifiers. The table also says which nodes are reached through which bus.
+
+A table is JSON text (UTF-8). `PeTable.to_json` writes the text. `PeTable.from_json` reads it, and raises TableError if
 any part of the text is wrong.
 
-Indices: modules, devices and buses count in the spec's order, over the whole spec. A *source* is a pair (producing
-module, variable), counted in the order of `Spec.sources`. A *port* is one of this PE's buses, in the order of its
-`buses`.
+The index of a module, device or bus is its position in the whole spec, in the spec's order. A *source* is a pair
+(producing module, variable), counted in the order of `Spec.sources`. A *port* is one of this PE's buses, in the order
+of its `buses`.
 """
 
 import json

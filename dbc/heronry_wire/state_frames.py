@@ -1,13 +1,13 @@
 """State frames: the report of a PE in every heartbeat period, in four pages, and their bytes.
 
-    page 0   the running configuration: every period, on each of its buses
+    page 0   the running configuration: in every period, on each bus of the PE
     page 1   the staged configuration, or why there is none, and the load: on change and with every tenth page 0
     page 2   with a key: the nonce with which a PE requests a new session
     page 3   with a key: the digest of the running configuration, and the number of refused commands
 
 Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. A new
-flag is a member of `PeFlags`, and takes the bit of `state` that no state uses yet. A new field of a page is a `Field`
-in the page's layout and a field in its dataclass, in the same order.
+flag is a member of `PeFlags`, and takes the highest bit of the field `state`, which no state uses yet. A new field of a
+page is a `Field` in the page's layout and a field in its dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state` and
 `joined_state` take it out and put it in. The functions below that give a single field are faster than decoding the

@@ -1,4 +1,4 @@
-"""The manager's thin shell: one bus, the processes that plan, one operator's socket, one select loop.
+"""The manager's thin shell: one select loop over the bus, the processes that plan, and the operator's socket.
 
 In each turn of the loop, everything that has arrived (frames, answers of the planner, the operator's orders) goes into
 the core before the core handles a deadline. So a time in which this process did not run does not count as silence of

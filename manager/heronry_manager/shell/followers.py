@@ -4,9 +4,9 @@
                                 {"v": 1, "t_ns": ..., "event": "pe_lost", ...}
 
 A slow reader does not delay the manager. What the kernel does not take waits in a queue for this reader, of at most
-LONGEST_QUEUE_BYTES. While the queue is full, further lines are dropped and counted. When the reader has read all lines
-in its queue, it gets an event `lines_lost` with the number of dropped lines, and then a new status. No call here
-blocks.
+LONGEST_QUEUE_BYTES. Once the queue is full, all further lines are dropped and counted, until the reader has read all
+lines in its queue. Then the reader gets an event `lines_lost` with the number of dropped lines, and a new status. No
+call here blocks.
 """
 
 import contextlib

@@ -10,9 +10,9 @@ copies of a record are damaged, no fact after this record is read: the facts are
 record was written. Numbers (terms, blocks of epochs or counters) are read from every undamaged line, before and
 after the damage: they only rise.
 
-To reserve numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the first frame
-that uses a number of the block. The driver carries actions out in order, so the record is fsynced before any later
-frame is sent. After a restart `memory.reserved[kind]` is the last number that may have been used.
+To reserve a block of numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the
+first frame that uses a number of the block. The driver carries actions out in order, so the record is fsynced before
+any later frame is sent. After a restart `memory.reserved[kind]` is the last number that may have been used.
 
 When each part is on disk:
 
@@ -29,7 +29,7 @@ A full disk or a power cut may leave an empty file. Then the journal begins anew
 must not keep a manager from starting. If the path leads to a pipe or a folder, or to a journal of a later version, the
 manager does not start.
 
-A journal belongs to one spec. If the spec has changed the manager starts only with `--changed-spec`: then the numbers
+A journal belongs to one spec. If the spec has changed, the manager starts only with `--changed-spec`: then the numbers
 stay, and the facts, which are about another aircraft, are dropped. Only one manager at a time may write a journal: a
 lock file beside it ensures that, and the kernel releases the lock when the process ends.
 """

@@ -2,7 +2,7 @@
 
 Two kinds of events come later than they happened: events whose content the manager first has to read from a PE
 (`heard_ns` is when they happened), and, in a demo, events that come from another process. So each event is held for a
-moment, in case an earlier event comes within it. An event that comes even later is passed on when it comes.
+moment, in case an earlier event comes within it. An event that comes later than this is passed on immediately.
 """
 
 from collections.abc import Callable, Mapping
