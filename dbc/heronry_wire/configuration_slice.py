@@ -60,7 +60,7 @@ class Slice:
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
-        """Give a copy of this slice for BREAK: only what `before` also publishes and forwards remains."""
+        """Give a copy of this slice for BREAK, which publishes and forwards only what the slice `before` also does."""
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {
             s: (node, mask & before.forward[s][1])

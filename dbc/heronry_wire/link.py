@@ -198,7 +198,7 @@ class Link:
         return arrivals
 
     def pump(self, now_ns: int) -> None:
-        """Hand the most urgent frame to the controller if the controller has none of this link.
+        """Hand the most urgent frame to the controller if the controller has no frame of this link.
 
         The driver calls this after `send`, and at `next_deadline_ns`.
         """

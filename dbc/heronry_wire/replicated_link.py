@@ -143,7 +143,7 @@ class ReplicatedLink:
         return taken
 
     def pump(self, now_ns: int) -> None:
-        """On each channel, hand the most urgent frame to the controller if the controller has none of this link.
+        """On each channel, hand the most urgent frame to the controller if the controller has no frame of this link.
 
         The driver calls this after `send`, and at `next_deadline_ns`.
         """

@@ -21,7 +21,7 @@ class OrderedTelling:
         self._held: list[Mapping[str, Any]] = []
 
     def take(self, event: Mapping[str, Any]) -> None:
-        """Hold an event until it is passed on; its `heard_ns` becomes its time."""
+        """Hold an event until it is passed on; `heard_ns`, if the event has it, becomes the event's time."""
         self._held.append({**event, "t_ns": event["heard_ns"]} if "heard_ns" in event else event)
 
     def tell_until(self, until_ns: int | None = None) -> None:

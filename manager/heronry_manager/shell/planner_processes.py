@@ -29,7 +29,7 @@ from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, 
 from heronry_manager.planner.client import Failed, Planned
 
 AWAITED_NS = 10_000_000_000
-"""Budget of a request whose plan the aircraft waits for: the first one, or one whose greedy plan was refused."""
+"""Budget of a request whose plan the aircraft waits for: the first one, or one after a refused greedy plan."""
 
 AHEAD_NS = 300_000_000_000
 """Budget of a request while a legal configuration runs: for a better plan, or for a situation that may come."""
