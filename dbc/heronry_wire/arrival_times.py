@@ -1,16 +1,18 @@
-"""When frames arrived, in ns of CLOCK_MONOTONIC, although SocketCAN stamps them with the clock of the day.
+"""Computes when a frame arrived on CLOCK_MONOTONIC, from its time-stamp, which SocketCAN takes of the clock of the day.
 
-The clock of the day may be set while a node flies, even by hours. It also runs on while a computer is suspended, which
+The clock of the day may be set while a node flies, even by hours. It also runs on while a computer is suspended, and
 CLOCK_MONOTONIC does not. So the difference between two time-stamps, or between a time-stamp and the present time, may
-have any value. Before each reading of the bus, its reader takes a *look* at both clocks. Two facts limit the error that
-a step of the clock can cause:
+have any value. Before each reading of the bus, the caller takes a *look*: it reads both clocks. Two rules limit the
+error in the time of arrival if the clock of the day was set between two looks:
 
-    empty   a frame read after a look at which the queue of the bus was empty arrived later than that look
-    two     a frame was stamped either before or after the step. Both cases are computed, and the earlier arrival counts
+    empty queue   if the queue of the bus was empty after a reading, each frame that is read later arrived after the
+                  look that came before that reading
+    two offsets   the time-stamp was taken either before or after the clock was set. So the time of arrival is computed
+                  with the difference of the clocks at each of the last two looks, and the earlier result counts
 
 So a frame never seems newer than it is, even if the clock of the day is set: a process that was paused must not take an
-old LEASE for a new one. A frame also never seems to have arrived before the last look at an empty queue, which in a
-running node was a few milliseconds ago.
+old LEASE for a new one. A frame also never seems to have arrived before the last look after which the queue was read
+empty; in a running node, this look was a few milliseconds ago.
 
 The software bus stamps frames with CLOCK_MONOTONIC (`StampedMessage`); for these frames the clock of the day is not
 used. Apart from logs, no other file that runs in flight reads the clock of the day.
@@ -35,7 +37,7 @@ class StampedMessage(can.Message):
 
 
 class ArrivalTimes:
-    """The ages of the frames of one bus.
+    """Computes the ages of the frames of one bus.
 
     The reader of the bus calls `look` before each reading, and `found_empty` after a reading that left no frame unread.
     """
@@ -43,8 +45,8 @@ class ArrivalTimes:
     def __init__(self) -> None:
         self._looked_ns = 0
         self._empty_ns: int | None = None  # the last look that found nothing left
-        self._offset_ns: int | None = None  # of the clock of the day, at the last look
-        self._offset_before_ns = 0  # and at the look before
+        self._offset_ns: int | None = None  # clock of the day minus CLOCK_MONOTONIC, at the last look
+        self._offset_before_ns = 0  # the same, at the look before the last one
 
     def look(self) -> None:
         """Read both clocks, to compare them with the time-stamps of the frames that are read next."""

@@ -1,19 +1,19 @@
 """The key of a fleet, and the tags that only its holders can make (protocol rule 11).
 
-A tag is keyed BLAKE2s (RFC 7693), cut to the room in the frame: 48 bits for a command, 24 for a state. BLAKE2s takes a
-key by design, in one pass where HMAC needs two: 0.6 us a tag against 2.8 us with HMAC-SHA-256 (`timeit`, on the machine
-of docs/limits.md). Its parameter `person` and its output length are part of what is hashed, so tags of different kinds
-differ. BLAKE2s comes with Python; nothing has to be installed on a node.
+A tag is a keyed BLAKE2s hash (RFC 7693), cut to the room in the frame: 48 bits for a command, 24 for a state. BLAKE2s
+takes a key by design, in one pass where HMAC needs two: 0.6 us a tag against 2.8 us with HMAC-SHA-256 (`timeit`, on the
+machine of docs/limits.md). Its parameter `person` and its output length are part of what is hashed, so tags of
+different kinds differ. BLAKE2s comes with Python; nothing has to be installed on a node.
 
 One key serves the whole fleet, because a command is for all nodes and has room for one tag: an attacker who takes over
 one node has the key. A tag covers the bytes of the frame, and in addition:
 
-    command   manager, kind of the command, term, number of the command in that term; in a WELCOME also the nonce it
-              answers
+    command   manager, kind of the command, term, number of the command in that term; in a WELCOME also the nonce that
+              the WELCOME answers
     state     node; manager, term and number of the WELCOME that opened the node's session; digest of the configuration
-              that the PE runs (page 0) or has staged (page 1): the frame has the tag in place of this digest. On page 0
-              also the number of pages 0 since the WELCOME and, with FAULT_PENDING, one EMCY that waits to be
-              acknowledged: an EMCY has no room for a tag of its own
+              that the PE runs (page 0) or has staged (page 1). The frame has the tag in place of this digest. On page 0
+              also the number of pages 0 since the WELCOME, and, with the flag FAULT_PENDING, one EMCY that waits to be
+              acknowledged, because an EMCY has no room for a tag of its own
 
 A nonce is *plausible* if its last 16 bits are the tag of its other bits and its node. A manager answers only plausible
 nonces. So a nonce that an attacker invents costs the manager nothing, and delays no answer to a PE. A recorded nonce is
@@ -21,7 +21,8 @@ plausible, too, but of no use: a PE accepts only the answer to the nonce that it
 
 A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table. This tag is not cut, because a
 table is long and decides which code runs. The text of a table names the node and the spec, and holds no nonce. So a
-recorded table can be sent again, but only to that node, and only while the node is unlocked and waits for a table.
+recorded table can be sent again, but only to that node, and only while the node waits for a table and a manager has
+unlocked the node (operation UNLOCK of CONTROL).
 
 A copied command or state is not valid a second time, at another place in the sequence, in the other direction, or from
 another node.
@@ -40,11 +41,11 @@ KEY_BYTES = 32
 SEAL_BYTES = 32
 COMMAND_TAG_BYTES, STATE_TAG_BYTES = 6, 3
 NO_NONCE = 0
-DRAWN_BITS, _NONCE_TAG_BYTES = 40, 2  # of a nonce: what the PE draws, and the tag of that
+DRAWN_BITS, _NONCE_TAG_BYTES = 40, 2  # of a nonce: the random number that the PE draws, and the tag after it
 BEAT_SPAN = 256  # page 0 shows its number modulo this
 PAGE_1_BEAT = 0  # pages 1 are not counted: what a page 1 reports of an epoch stays true for the whole session
 NO_EMERGENCY = b""
-MAX_NUMBER = 0xFFFF_FFFF  # commands in one term: more than a year at a hundred in a second
+MAX_NUMBER = 0xFFFF_FFFF  # commands in one term: enough for a year at a hundred per second
 
 _COMMAND = Struct(">BBHIQ")
 _STATE = Struct(">BBHII")
@@ -52,14 +53,17 @@ _FINGERPRINT_BYTES = 4
 
 
 class Place(NamedTuple):
-    """Position in the commands of a manager: a term, and the number of a command in it."""
+    """Position of a command among all commands of a manager: the term, and the number of the command in this term."""
 
     term: int
     number: int
 
 
 class Session(NamedTuple):
-    """A session opened by a WELCOME: the states of one PE are tagged for this manager, term and number."""
+    """A session of a PE: the manager, term and number of the WELCOME that opened it.
+
+    The tags of the PE's states cover these three numbers.
+    """
 
     manager: int
     term: int
@@ -85,8 +89,8 @@ class Key:
     def command_tag(self, manager: int, kind: int, place: Place, payload: bytes, nonce: int = NO_NONCE) -> int:
         """Compute the 48-bit tag of a command.
 
-        kind: place of the command among the identifiers of its manager. payload: all bytes of the command. nonce: only
-        for a WELCOME, the nonce that it answers.
+        kind: position of the command among the identifiers of its manager, or `management.WELCOME_KIND`. payload: all
+        bytes of the command. nonce: only for a WELCOME, the nonce that it answers.
         """
         tag = self._commands.copy()
         tag.update(_COMMAND.pack(manager, kind, *place, nonce))
@@ -100,7 +104,7 @@ class Key:
 
         beat: number of this page 0 in its session; for page 1 the constant PAGE_1_BEAT. said: bytes of the page without
         its digest, as `state_frames.split_state` gives them. digest: of the running configuration (page 0) or the
-        staged one (page 1). emergency: all bytes of an EMCY that waits to be acknowledged, if there is one.
+        staged configuration (page 1). emergency: all bytes of an EMCY that waits to be acknowledged, if there is one.
         """
         tag = self._states.copy()
         tag.update(_STATE.pack(node, *session, beat))

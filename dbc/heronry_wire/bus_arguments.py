@@ -1,12 +1,13 @@
-"""Which python-can bus a command line names.
+"""Reads from a command line which buses of python-can a program is to use.
 
-python-can's own flags (`can.cli.add_bus_arguments`) name one bus; a value that no flag gives comes from can.conf or
-an environment variable CAN_*. `--bus NAME=[INTERFACE:]CHANNEL` names the bus of a spec. A channel may itself contain
-colons (a path, an address): the text before a colon is an interface only if python-can knows an interface of that name.
+python-can's own flags (`can.cli.add_bus_arguments`) name one bus; a value that no flag gives comes from can.conf or an
+environment variable CAN_*. An option `--bus NAME=[INTERFACE:]CHANNEL` tells which channel is the bus NAME of the spec.
+A channel may itself contain colons (a path, an address): the text before a colon is an interface only if python-can
+knows an interface of that name.
 
 A replicated bus has two channels, named with a comma between them in every place that names a channel: `-c can0,can1`,
-`--bus main=can0,can1`, `channel = can0,can1` in can.conf. The second may be of another kind: `-c
-can0,slcan:/dev/ttyUSB0`. Where a bus has one channel, a comma is part of its name.
+`--bus main=can0,can1`, `channel = can0,can1` in can.conf. The second channel may have another interface: `-c
+can0,slcan:/dev/ttyUSB0`. Where a bus has one channel, a comma is part of the channel's name.
 """
 
 import argparse
@@ -56,10 +57,10 @@ def named_buses(texts: Sequence[str], owner: str, buses: Collection[str]) -> dic
 
 
 def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[dict[str, Any]]:
-    """Split the configuration of a bus into one for each of its channels, whose number is `channels`.
+    """Split the configuration of a bus into one configuration for each channel.
 
-    The result has the keyword arguments of `can.Bus`. Raises BusArgumentError where the configuration names another
-    number of channels.
+    config, result: keyword arguments of `can.Bus`. channels: number of channels that the bus has. bus: name of the bus,
+    for the error message. Raises BusArgumentError where the configuration names another number of channels.
     """
     if channels == 1:
         return [dict(config)]

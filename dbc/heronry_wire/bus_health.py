@@ -3,10 +3,11 @@
     on the bus   the bus can be used. There is no event as long as all is well. There is an event when the controller
                  counts errors, or when no frame leaves; the same event comes again after TELL_AGAIN_NS at the earliest,
                  so that an intermittent error does not fill the log
-    off the bus  the bus cannot be used since `off_since_ns`; there is an event whenever the reason changes
+    off the bus  since `off_since_ns` the bus cannot be used; there is an event whenever the reason changes
 
-The driver of a node reads `off_since_ns` and decides what to do about an outage. Error frames only show that this
-node's own controller is bus-off; a lost or doubled error frame changes at most a count.
+The driver of a node reads `off_since_ns` and decides what to do about an outage. An error frame describes this node's
+own controller, and no other node. A doubled error frame changes only a count. If the error frame that reports bus-off
+is lost, the bus is reported as stuck.
 """
 
 from collections import Counter
@@ -23,7 +24,7 @@ _STUCK = "gets nothing out: no other node acknowledges; look at bit rate, termin
 
 
 class BusHealth:
-    """Whether one bus can be used, its error counts, and its link status events."""
+    """Keeps of one bus whether it can be used, its error counts, and its link status events."""
 
     def __init__(self, name: str) -> None:
         """name: the name of the bus in messages."""
@@ -40,9 +41,9 @@ class BusHealth:
         return link_events
 
     def lost(self, now_ns: int, reason: str) -> None:
-        """Report the bus as lost.
+        """Note that the bus is lost; makes an event if it was not lost before, or for another reason.
 
-        Called again after every failed try to open the bus, with the reason of that failure.
+        The caller repeats the call after every failed try to open the bus, with the reason of the failure.
         """
         if self.off_since_ns is None:
             self.off_since_ns = now_ns
@@ -53,7 +54,7 @@ class BusHealth:
             self._link_events.append(f"{self.name} is lost: {reason}; it is tried again until it is back")
 
     def back(self, now_ns: int) -> None:
-        """Report the bus as usable again."""
+        """Note that the bus can be used again; makes an event if it was lost."""
         if self.off_since_ns is not None:
             seconds = (now_ns - self.off_since_ns) / _NS_PER_S
             self._link_events.append(f"{self.name} is back after {seconds:.1f} s")
@@ -68,11 +69,11 @@ class BusHealth:
             self._tell(_BAD[report.state], now_ns)
 
     def stuck(self, now_ns: int) -> None:
-        """Report that no frame of this node has left for `link.STUCK_NS`."""
+        """Make an event which says that no frame of this node has left for `link.STUCK_NS`."""
         self._tell(_STUCK, now_ns)
 
     def overrun(self, frames: int, now_ns: int) -> None:
-        """Report that `frames` frames were lost because this process did not read them in time."""
+        """Count frames that were lost because this process read too late; makes an event if `frames` is above 0."""
         if frames:
             self.counts["frames not taken in time"] += frames
             self._tell("brings more frames than this computer takes: some are lost", now_ns)

@@ -24,7 +24,7 @@ class Opened(NamedTuple):
 
     bus: can.BusABC
     fileno: int  # readable when a frame has come
-    connection: socket.socket | None = None  # the server may close it without an exception here
+    connection: socket.socket | None = None  # TCP, to a socketcand server, which may close it without an exception
 
 
 def bus_name(config: Mapping[str, Any]) -> str:
@@ -33,7 +33,7 @@ def bus_name(config: Mapping[str, Any]) -> str:
 
 
 def look_at_interface(config: Mapping[str, Any]) -> None:
-    """Raise LinkError if a SocketCAN interface should not be used now; restarts its controller if that is bus-off."""
+    """Raise LinkError if a SocketCAN interface should not be used now; restarts a controller that is bus-off."""
     interface = config.get("channel") if config.get("interface") == "socketcan" else None
     reason = None if interface is None else obstacle(interface, config.get("bitrate"))
     if reason is not None:

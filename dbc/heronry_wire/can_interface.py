@@ -1,12 +1,12 @@
 """A CAN interface of this computer, as the kernel describes it, and its restart: down and up again.
 
-The source is rtnetlink, which every user may read and CAP_NET_ADMIN may change (Linux, rtnetlink(7), linux/if_link.h,
-linux/can/netlink.h). It gives what `ip -details link show` prints, without that program. A vcan has no controller: its
-bit rate, state, restart time and counters are None, as are values that a driver does not report.
+The source is rtnetlink (Linux, rtnetlink(7), linux/if_link.h, linux/can/netlink.h): every user may read it, and a
+process with CAP_NET_ADMIN may change it. It gives what `ip -details link show` prints, without that program. A vcan has
+no controller: its bit rate, state, restart time and counters are None, as are values that a driver does not report.
 
-Down and up restarts a controller that is bus-off with every driver. IFLA_CAN_RESTART would disturb other programs on
-the interface less, but some drivers do not have it. A restart takes nothing from those programs: they cannot use a
-bus-off interface either.
+With every driver, setting an interface down and up restarts a controller that is bus-off. IFLA_CAN_RESTART would
+disturb other programs on the interface less, but some drivers do not support it. Those programs lose nothing by a
+restart: they cannot use a bus-off interface either.
 """
 
 import errno
@@ -74,7 +74,7 @@ def obstacle(name: str, bitrate: int | None) -> str | None:
     """
     interface = read_interface(name)
     if interface is None or not interface.is_up:
-        return None  # opening it gives the reason
+        return None  # an attempt to open the interface gives the reason
     if interface.state is ControllerState.BUS_OFF:
         return _restarted(interface)
     if bitrate is not None and interface.bitrate not in (None, bitrate):

@@ -1,21 +1,20 @@
 """CANaerospace data frames: the 4-byte header, the 32 data types, validity, emergency events.
 
-This file encodes and decodes data frames. The format is that of the
-CANaerospace Interface Specification V1.7 (Stock Flight Systems, 2006), called [S] below, with its page.
+The format is that of the CANaerospace Interface Specification V1.7 (Stock Flight Systems, 2006). Below, [S p.8] means
+page 8 of this specification.
 
     byte 0   node-ID: of the sender (in node services: of the addressed node)     [S p.8]
     byte 1   data type: 0..31 of [S p.5-7], 32..99 reserved, 100..255 user-defined
     byte 2   service code: in data frames of this project the status of the datum, see below
-    byte 3   message code: counts up by one per frame of this identifier and node, 255 is followed by 0
+    byte 3   message code: rises by one with each frame of this identifier and node; 255 is followed by 0
     4..7     payload: 0 to 4 bytes, big-endian, exactly as long as its type
 
-This file keeps no state. A receiver finds lost, doubled and late frames by their message code; a forged frame looks
-like a true one (the data plane is not authenticated).
+This file keeps no state. A receiver finds lost, doubled and late frames by their message code. A forged frame looks
+like a true one, since data frames carry no tag.
 
-The status of a datum. V1.7 says that byte 2 "should continuously reflect the status of the data" and defines
-no code points. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its
-`Validity`. A few standard identifiers use byte 2 for a waypoint, tyre or brake number instead: `standard_identifiers`
-lists them.
+The status of a datum. V1.7 says that byte 2 "should continuously reflect the status of the data" and defines no values
+for it. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its `Validity`. A few
+standard identifiers use byte 2 for a waypoint, tyre or brake number instead: `standard_identifiers` lists them.
 
 Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Arbitration does not compare
 these integers: the 11 bits that are sent first have the value n // 4. So channels 1 to 3 begin with the 11 bits of
@@ -40,9 +39,9 @@ _FIRST_USER_TYPE = 100
 class DataType(IntEnum):
     """The data types of [S p.5-7]; the value is the code in byte 1.
 
-    Natural values: None for NODATA; float for FLOAT; `ErrorReport` for ERROR; int for the other types of one value
-    (B... types are unsigned bit fields) and for each half of a DOUBLE; a tuple of int for the types of 2, 3 or 4
-    values; str of exactly that many characters for ACHAR.. (Latin-1, so that no byte is lost).
+    The value of a datum is None for NODATA; float for FLOAT; `ErrorReport` for ERROR; int for the other types of one
+    value (B... types are unsigned bit fields) and for each half of a DOUBLE; a tuple of int for the types of 2, 3 or 4
+    values; str of exactly 1 to 4 characters for ACHAR to ACHAR4 (Latin-1, so that no byte is lost).
     """
 
     NODATA = 0
@@ -111,7 +110,8 @@ _RANGES = {
 def value_range(data_type: DataType) -> tuple[float, float]:
     """Give the least and the greatest value of a type that holds one number.
 
-    Both are infinite for FLOAT; the result is empty for a type that does not hold one number.
+    For FLOAT the values are minus and plus infinity. For a type that does not hold one number the least value is above
+    the greatest, so that no number is in the range.
     """
     layout = _LAYOUTS[data_type].format.removeprefix(">")
     if layout == "f":

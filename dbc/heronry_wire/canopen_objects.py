@@ -92,7 +92,7 @@ class Entry:
     variables: one for a VAR or DOMAIN; those of sub-indices 1, 2, ... for a RECORD; one for an ARRAY, which describes
         each of its elements.
     most: largest number of elements of an ARRAY.
-    count: the variable at sub-index 0 of an ARRAY or RECORD; None where that is only the number of elements.
+    count: the variable at sub-index 0 of an ARRAY or RECORD; None where sub-index 0 holds only the number of elements.
     """
 
     index: int
@@ -125,7 +125,7 @@ def _var(index: int, variable: Variable) -> Entry:
 
 
 def _per_module(index: int, name: str, element_type: Type, meaning: str) -> Entry:
-    """An array with one element for each module of the PE's table, in the table's order."""
+    """Make an array with one element for each module of the PE's table, in the table's order."""
     return Entry(index, name, Kind.ARRAY, (Variable(name, element_type),), MOST_ELEMENTS, meaning=meaning)
 
 

@@ -1,12 +1,15 @@
 """Limits of a system on the bus: how many elements of each kind a frame or an object of a PE can number.
 
 Each limit follows from the width of the field that holds the index. An element beyond the limit cannot be addressed: a
-slice that is too long is refused each time it is sent, and two devices with one number look the same. So `heronry
-check` and the compiler of tables refuse such a spec (`heronry_dg.wire_limits`).
+slice that is too long would be refused each time it is sent, and two devices with the same number could not be told
+apart. So `heronry check` and the compiler of tables refuse such a spec (`heronry_dg.wire_limits`).
 
-Other limits need no number here, since the spec cannot exceed them: node-IDs and identifiers (`identifiers`), versions
-(a nibble of the status byte) and restarts (the schema of a spec), terms, epochs and sequences (they wrap, or end with
-an error), contingencies (those above 4 095 are sent as slices).
+Other numbers need no limit in this file:
+
+    node-IDs, identifiers      `identifiers` refuses what does not fit
+    versions, restarts         the schema of a spec limits them; a version has four bits of the status byte
+    terms, epochs, sequences   each begins anew after its largest number, or ends with an error
+    contingencies              a contingency with a number above 4 095 is sent as slices
 """
 
 from heronry_wire.canopen_objects import LARGEST_INDEX, MOST_ELEMENTS

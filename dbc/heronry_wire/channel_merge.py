@@ -7,8 +7,8 @@ takes two, in whatever order the four arrive. Within a window the receiver takes
 channel has brought. So it loses no frame that either channel alone would have brought, with one exception: two equal
 frames within half a period, of which one channel loses the first and the other the second, are taken as one.
 
-Late copies are the danger. A channel that comes back may bring frames that have waited in a controller, and a state
-that is a second old looks like a restart of the PE. Hence each identifier has a state:
+A late copy must not be taken for a new frame. A channel that comes back may bring frames that have waited in a
+controller, and a state frame that is a second old looks like a restart of the PE. Hence each identifier has a state:
 
     in step     both channels have brought the last frame of this identifier: the first copy of the next frame is taken
     behind      one channel has not brought the last frame within half a period. A frame that only this channel brings
@@ -21,13 +21,14 @@ fails at that very moment, the sender is not heard for one more period. This is 
 Frames with a period longer than 1 1/4 heartbeat periods are taken however late they come, since a late frame cannot be
 told from a new one.
 
-It makes no difference which wire has failed. A break of the channel, of this node's own wire, or of the sender's wire
-alone puts all or some of the sender's identifiers behind. A frame that CAN itself delivers twice is taken twice, as on
-a bus with one channel. A forged copy, sent on the other channel before the sender's own frame, has the same bits: it is
+The rule is the same whichever wire has failed. A break of the channel, of this node's own wire, or of the sender's wire
+alone puts all or some identifiers behind. A frame that CAN itself delivers twice is taken twice, as on a bus with one
+channel. A forged copy, sent on the other channel before the sender's own frame, has the same bits: the forged copy is
 taken, and the sender's own frame counts as its copy. After a restart of this node all identifiers are in step, and each
 frame is taken once.
 
-Times are times of arrival. They may be slightly out of order: a process that slept empties one socket after the other.
+All times are times of arrival. They may be slightly out of order, because a process that slept reads the socket of one
+channel empty before it reads the other.
 """
 
 from collections import deque
@@ -71,12 +72,12 @@ class ChannelMerge:
         self._now_ns = 0
         self._alone: dict[Frame, deque[_Copy]] = {}  # frames whose copy has not come, each list from one channel
         self._order: deque[_Copy] = deque()
-        self._behind: dict[tuple[int, bool], tuple[int, int]] = {}  # channel, last time of the other
+        self._behind: dict[tuple[int, bool], tuple[int, int]] = {}  # channel that is behind, last time of the other one
 
     def take(self, channel: int, frame: Frame, at_ns: int) -> bool:
         """Take a frame that has arrived on a channel at `at_ns`; tells whether the node is to process it.
 
-        The answer is no for the second copy of a frame, and for a frame that is withheld.
+        Returns False for a frame that is withheld, and for the second copy of a frame whose first copy was processed.
         """
         self._expire(at_ns)
         waiting = self._alone.get(frame)
@@ -92,9 +93,9 @@ class ChannelMerge:
         return is_taken
 
     def _pair(self, waiting: deque[_Copy]) -> bool:
-        """Process the second copy of a frame.
+        """Match a frame with its first copy; tells whether the node is to process the frame.
 
-        Tells whether the node is to process this copy, since the first was withheld.
+        The node processes it if the first copy was withheld.
         """
         first = waiting.popleft()
         first.is_alone = False

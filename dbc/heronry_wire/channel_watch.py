@@ -1,4 +1,7 @@
-"""Tells which channel of a replicated bus is lost for one node: it carries no frames although the other channel does.
+"""Finds the lost channel of a replicated bus: for one node, a channel without frames while the other channel has some.
+
+A node sees two kinds of signs of life on a channel: a frame of another node has come, and a frame of this node has
+left.
 
     well    both channels give signs of life, or neither does: on a silent bus nothing can be decided
     lost    one channel has given no sign for `misses` heartbeat periods and a quarter, while the other channel did.
@@ -6,12 +9,13 @@
     well    again once the channel has given signs for ten periods without such a gap: an intermittent channel stays
             lost
 
-There are two kinds of signs: a frame of another node has come, and a frame of this node has left. A channel that lacks
-one of the two kinds is lost for this node, so a wire that is broken in one direction is found too. One node cannot tell
-whether the channel or only its own wire has failed; the manager can, from the reports of all nodes.
+A channel that lacks one of the two kinds is lost for this node, so a wire that is broken in one direction is found too.
+One node cannot tell whether the channel or only its own wire has failed; the manager can, from the reports of all
+nodes.
 
 A sign is compared only with the last sign of the same kind on the other channel. So neither a pause of the process nor
-a silent bus makes a channel lost. Lost, doubled or late frames shift a sign by their delay.
+a silent bus makes a channel lost. A late frame is a late sign; after a lost frame the next frame is the sign; a doubled
+frame changes nothing.
 """
 
 from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns
@@ -24,9 +28,10 @@ class ChannelWatch:
     """
 
     def __init__(self, heartbeat_ns: int, misses: int, now_ns: int) -> None:
-        """misses: heartbeat periods without a sign after which a channel is lost.
+        """Begin with both channels well.
 
-        Heartbeat_ns: heartbeat period of the bus.
+        heartbeat_ns: heartbeat period of the bus. misses: heartbeat periods without a sign after which a channel is
+        lost.
         """
         self._patience_ns = silent_ns(heartbeat_ns, misses)
         self._hold_down_ns = HOLD_DOWN_PERIODS * heartbeat_ns

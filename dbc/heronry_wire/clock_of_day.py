@@ -1,9 +1,9 @@
 """The time at the head of each line that a program prints, so that lines of several terminals can be put in one order.
 
 The time is this computer's local time of day with milliseconds, as `candump -t A` and the logs of the system show it.
-It decides nothing: all decisions, and the `t_ns` of events, are in ns of the monotonic clock. A time of the monotonic
-clock is converted when its line is printed. So the lines of programs that were started at different times agree, even
-if the clock of the day was set in between.
+No decision depends on this time: all decisions, and the `t_ns` of events, use ns of the monotonic clock. A time of the
+monotonic clock is converted when its line is printed. So the lines of programs that were started at different times
+agree, even if the clock of the day was set in between.
 """
 
 import time

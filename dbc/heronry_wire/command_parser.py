@@ -1,9 +1,9 @@
-"""How every program of heronry reads its command line: one sentence for a mistake, with the closest known spelling.
+"""Reads the command line of each program of heronry; reports a mistake in one sentence, with the closest spelling.
 
-argparse answers a mistake with the whole usage and with names of its own types. This parser says what is wrong, what
-the user may have meant and where help is. It then ends with exit code 2, as for any other input that cannot be used. An
-option has one spelling. A shortened option is a mistake too, because a script with it could fail as soon as a new
-option begins alike.
+argparse alone answers a mistake with the whole usage and with names of its own types. This parser says what is wrong,
+what the user may have meant and where help is. It then ends the program with exit code 2, as for any other input that
+cannot be used. An option has one spelling. A shortened option is a mistake too: a script that uses one would fail as
+soon as a new option begins with the same letters.
 """
 
 import argparse

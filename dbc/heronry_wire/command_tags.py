@@ -1,9 +1,10 @@
 """Commands with their tags: how a manager numbers and tags them, and which of them a receiver accepts.
 
 Every command is followed by one frame TAG: the kind of the command, the lowest 13 bits of its number, and 48 bits of
-tag. A manager numbers its commands anew in each term, and a term is never used twice, so a number never comes back. A
-command is accepted when its TAG comes, and only if its number is above that of the last accepted command.
-`CommandVerifier` decides this, for a PE and for the standby manager alike. It has two states for each manager:
+tag. A manager numbers its commands anew in each term, and never uses a term twice, so no two of its commands have the
+same term and number. A command is accepted when its TAG comes, and only if its number is above that of the last
+accepted command. `CommandVerifier` decides this, for a PE and for the standby manager alike. It has two states for each
+manager:
 
     no place     no command of this manager is accepted: the receiver has just started, and frames may be old
     a place      (term, number) of the last accepted command; the next accepted command must be above it
@@ -11,11 +12,12 @@ command is accepted when its TAG comes, and only if its number is above that of 
 A PE gains a place only by a WELCOME, whose tag covers the nonce that the PE has just drawn. A standby manager sends no
 nonce, and gains a place by trying the upper bits of the number (`seek`).
 
-If a command or its TAG is lost, the other of the two is dropped with the next command of its kind, or after
-`patience_ns`. A late command is refused if a newer one was accepted before. A doubled TAG is refused, since its number
-is not above the last. The tag of a forged, changed or replayed command, or of a command from another fleet, is not
-valid. None of these cases changes a place, and each case is counted in `refused`. A receiver that has missed 8 192
-commands can no longer find the number, and has to gain a place anew.
+If a TAG is lost, its command is dropped when a later command of the same kind is accepted, or when a TAG of this kind
+comes more than `patience_ns` after the command. If a command is lost, its TAG is refused. A late command is refused if
+a newer one was accepted before. A doubled TAG is refused, since its number is not above that of the last accepted
+command. The tag of a forged, changed or replayed command, or of a command from another fleet, is not valid. None of
+these cases changes a place, and each case is counted in `refused`. A receiver that has missed 8 192 commands can no
+longer compute the whole number from the 13 bits in the TAG, and has to gain a place anew.
 
 The verifier holds a limited number of commands, and checks a limited number of tags for every TAG, so a flood of frames
 cannot exhaust the receiver.
@@ -94,10 +96,10 @@ class CommandVerifier:
     """Decides which commands of the managers this node accepts."""
 
     def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
-        """patience_ns: how long a command waits for its TAG.
+        """Begin without a place for any manager.
 
-        With `seek`, for a standby manager, which has no nonce, the number of a command is found by trying possible
-        numbers.
+        patience_ns: how long a command waits for its TAG. seek: whether the number of the first command is found by
+        trying possible numbers; for a standby manager, which sends no nonce.
         """
         self._key, self._patience_ns, self._seek = key, patience_ns, seek
         self._held: dict[tuple[int, int], deque[Held]] = {

@@ -1,8 +1,8 @@
 """A slice: one PE's part of a configuration, in as few bytes as possible.
 
-All its numbers are indices into the PE's table (`pe_table`): modules, modes, and *sources*, which are the
-pairs (producing module, variable) of the spec. The bytes are numbers as in `packing`, in ascending order of index, so
-that equal slices have equal bytes and equal digests. Every slice has one encoding; other bytes (an index given twice, a
+A slice names modules, modes and *sources* by their indices in the PE's table (`pe_table`). A source is a pair
+(producing module, variable) of the spec. The bytes are numbers as in `packing`, in ascending order of index, so that
+equal slices have equal bytes and equal digests. Every slice has one encoding; other bytes (an index given twice, a
 number longer than needed) are refused. The encoding:
 
     number of modules, then for each: module, mode, and for each leaf of that mode 0 (not wired) or source + 1
@@ -43,7 +43,7 @@ class Slice:
     expendable: frozenset[int] = frozenset()  # modules that stop while no manager is heard (`safe_mode`)
 
     def encode(self) -> bytes:
-        """Encode the slice as bytes; the empty slice has none."""
+        """Encode the slice as bytes; an empty slice has no bytes."""
         if self == Slice():
             return b""
         numbers = [len(self.modules)]
@@ -60,7 +60,7 @@ class Slice:
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
-        """Give a copy of this slice for BREAK: it publishes and forwards only what the slice `before` does, too."""
+        """Give a copy of this slice for BREAK, which publishes and forwards only what the slice `before` also does."""
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {
             s: (node, mask & before.forward[s][1])

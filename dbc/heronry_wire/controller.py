@@ -1,9 +1,9 @@
-"""How Linux reports the state of a CAN controller in error frames: the states of ISO 11898-1, and errors of the bus.
+"""Reads the error frames in which Linux reports the state of a CAN controller (ISO 11898-1) and errors of the bus.
 
 An error frame is not a frame of the bus: the driver makes it for sockets that request error frames, so it says nothing
 about other nodes. The classes of errors are bits of the identifier; details are in the data bytes (Linux,
-include/uapi/linux/can/error.h). A driver may leave out any of these. If the driver gives no state, the state is None
-here and is not guessed.
+include/uapi/linux/can/error.h). A driver may leave out any class or detail. If the driver gives no state, the state is
+None here and is not guessed.
 """
 
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class ControllerReport:
 
 
 def read_error_frame(frame: Frame) -> ControllerReport:
-    """Read an error frame; undefined bits are ignored, and no frame raises."""
+    """Read an error frame; ignores undefined bits, and never raises an exception."""
     classes, detail = frame.can_id, frame.data[1] if len(frame.data) > 1 else 0
     kinds = [name for bit, name in _KINDS.items() if classes & bit]
     if classes & _CONTROLLER:

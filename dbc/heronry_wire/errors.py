@@ -1,7 +1,8 @@
 """The base class of all errors that a caller, or in the end a user, can correct.
 
-Bad bytes are values, not errors. An error is for callers in this project; its message is one sentence that says what is
-wrong, where, and what to do, and can be shown to a user unchanged. Any other exception is a defect of this program.
+Bytes from outside that break a rule raise no error: a decoder returns a `Malformed` value for them (`frame`). An error
+is for callers in this project. Its message is one sentence that says what is wrong, where, and what to do, and can be
+shown to a user unchanged. Any other exception is a defect of this program.
 """
 
 

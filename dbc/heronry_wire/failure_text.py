@@ -1,9 +1,10 @@
-"""The text of a module's failure on its way: from the module's process to its agent, and over SDO to the manager.
+"""Makes the text of a module's failure harmless to print, for the agent and the manager, which receive the text.
 
-Each receiver takes the text from a process that it does not trust: a module may put anything into the message of an
-exception, and any node may answer an SDO request. So each receiver makes the text plain again: printable ASCII, no
-longer than the limit, with every other character escaped (an escape sequence for a terminal loses its effect). The text
-decides nothing; people read it.
+The text goes from the module's process to its agent, and from there over SDO to the manager. Each of these two
+receivers takes the text from a process that it does not trust: a module may put anything into the message of an
+exception, and any node may answer an SDO request. So each receiver makes the text plain: printable ASCII, no longer
+than the limit, with every other character escaped (an escape sequence for a terminal loses its effect). No
+decision depends on the text; people read it.
 """
 
 REASON_BYTES = 200

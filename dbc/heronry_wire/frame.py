@@ -2,8 +2,8 @@
 
 This file defines the frame as cores see it (identifier, data, three flags), the order in which frames win arbitration,
 and the text form. The text form is the notation of can-utils (`130#01020000BFC00000`), and the lines of its log
-(`(12.000345) can0 130#...`). So a recorded flight can be replayed through the cores, and a simulated flight opens in
-any CAN tool.
+(`(12.000345) can0 130#...`). So a recorded flight can be replayed through the cores, and any CAN tool can read the log
+of a simulated flight.
 
 This file keeps no state. Everything here is a pure function of its arguments.
 
@@ -13,9 +13,8 @@ Errors have two forms, used by all of this package:
   peer and goes on;
 - a call of this project's own code with an impossible value raises `WireError`, with a sentence that says what to do.
 
-Limits, on purpose: classical CAN only (at most 8 bytes; CAN FD text is `Malformed`). A remote frame has no data and no
-requested length: no protocol of this project sends or answers a remote frame, and an empty frame cannot be taken for a
-datum.
+This file handles classical CAN only (at most 8 bytes); CAN FD text is `Malformed`. A remote frame here has no data, and
+its requested length is not kept, because no protocol of this project sends or answers a remote frame.
 """
 
 import re

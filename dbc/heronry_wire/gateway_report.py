@@ -7,9 +7,9 @@ heartbeat period of the radio, and immediately when the radio is gone or back. O
 forward the report.
 
 Reports are not acknowledged. The next report replaces a lost one, a doubled report has no effect, and a late report is
-recognized by its sequence. A forged report can reduce the bandwidth to the ground, or cut the ground off; the modules
-on board do not depend on it. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
-ValueError.
+recognized by its sequence number. A forged report can make the manager use less of the radio's bandwidth, or treat the
+radio as gone. The modules on the manager's side of the radio do not depend on it. Malformed bytes decode to
+`Malformed`; encoding a number that does not fit raises ValueError.
 
 Source: docs/protocol.md, protocol rule 9.
 """
@@ -47,13 +47,13 @@ _DROPS = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """Condition of a radio, as the gateway that leads to it measures it."""
+    """Condition of a radio, as measured by the gateway between the radio and the manager."""
 
     node: int  # of the gateway
     state: LinkState
     sequence: int  # modulo 64
     usable: int  # usable bandwidth, in thousandths of the radio's bit rate
-    delivered: int  # frames from beyond that arrived, in per cent of those that were sent
+    delivered: int  # frames from beyond the radio that arrived, in per cent of those that were sent
     queued: int  # frames that wait at the gateway; 255 stands for more
     dropped: int  # frames that the gateway has dropped since its start, modulo 65536
 
@@ -66,12 +66,12 @@ class LinkReport:
 
 
 def link_id(radio: int) -> int:
-    """Give the identifier of the reports on a radio; raises WireError where there is none.
+    """Give the identifier of the reports on a radio; raises WireError where the plan has none for it.
 
     radio: position of the radio among the wireless buses of the spec, from 0.
     """
     if not 0 <= radio < len(GATEWAY_IDS):
-        raise WireError(f"radio number {radio} has no identifier: there are {len(GATEWAY_IDS)}")
+        raise WireError(f"radio number {radio} has no identifier for its reports: there are only {len(GATEWAY_IDS)}")
     return GATEWAY_IDS[radio]
 
 

@@ -32,7 +32,7 @@ class IdentificationService:
     def asked(self, port: int, frame: Frame, now_ns: int) -> bool:
         """Take a frame that came under the identifier of requests, and schedule its answer.
 
-        Returns False where the frame is malformed.
+        Returns False where the frame is malformed, and True for any other frame, also if it gets no answer.
         """
         request = decode_service(frame)
         if isinstance(request, Malformed):

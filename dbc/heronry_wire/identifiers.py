@@ -71,7 +71,7 @@ class Command(IntEnum):
     ALIVE = 1
     PREPARE = 2
     SLICE = 3
-    ACTIVATE = 4  # and GO
+    ACTIVATE = 4  # with the step BREAK, GO or GO_ALL
     PING = 5
     CONTROL = 6
     TAG = 7
@@ -216,16 +216,16 @@ class Source:
 def allocate(sources: Iterable[Source]) -> dict[tuple[str, str], int]:
     """Allocate an identifier to every (producer, variable).
 
-    If a variable has a standard identifier, its best producer gets that one: the producer with the lowest
+    If a variable has a standard identifier, its best producer gets this identifier: the producer with the lowest
     `best_version`, and among equals the first in the spec. Every other pair gets an allocated identifier. The more
-    critical source has the higher priority, then the faster one, then the first in the spec. Raises WireError where
-    more than 221 identifiers would have to be allocated, or where a standard identifier is outside 300..1499 or claimed
-    by two variables.
+    critical source gets the identifier of higher priority; among equals the faster one, then the first in the spec.
+    Raises WireError where more than 221 identifiers would have to be allocated, or where a standard identifier is
+    outside 300..1499 or claimed by two variables.
     """
     ordered = sorted(sources, key=lambda source: source.order)
     pairs = {(source.producer, source.variable) for source in ordered}
     if len(pairs) != len(ordered):
-        raise WireError("a (producer, variable) pair is listed twice: give each of them one Source")
+        raise WireError("a (producer, variable) pair is listed twice: give one Source for each pair")
     given = {(s.producer, s.variable): can_id for can_id, s in _standard_holders(ordered).items()}
     rest = [s for s in ordered if (s.producer, s.variable) not in given]
     rest.sort(key=lambda s: (s.criticality_rank, -s.rate_mhz))
@@ -250,7 +250,7 @@ def _standard_holders(ordered: list[Source]) -> dict[int, Source]:
         if holder.variable != source.variable:
             raise WireError(
                 f"variables {holder.variable} and {source.variable} both claim identifier {source.standard}: "
-                "take it from one of them"
+                "let only one of them have it"
             )
         if source.best_version < holder.best_version:
             holders[source.standard] = source

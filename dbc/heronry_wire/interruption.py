@@ -1,6 +1,6 @@
-"""How a command ends when somebody interrupts it: SIGINT (Ctrl-C), SIGTERM, or SIGHUP (its terminal has closed).
+"""Ends a command that a signal interrupts: SIGINT (Ctrl-C), SIGTERM, or SIGHUP (the command's terminal has closed).
 
-A command passes through these states; only the functions named here move it on.
+A command passes through these states. The functions in the diagram, and signals, lead from one state to the next.
 
     unguarded --begin()--> loading --running()--> running --finished()--> finished
                               |                      |                       |
@@ -8,8 +8,8 @@ A command passes through these states; only the functions named here move it on.
                               v                      v                       v
                           ended at once      interrupted --0.3 s--> ended    ignored
 
-- *Loading*: nothing has been done, so nothing is to be cleaned up. The handler ends the process at once. An exception
-  would not do: code that runs during an import may swallow it, or turn it into an ImportError.
+- *Loading*: nothing has been done, so nothing is to be cleaned up. The handler ends the process at once. It raises no
+  exception, because code that runs during an import may swallow an exception, or turn it into an ImportError.
 - *Running*: the handler raises `Interrupted` in the main thread, so that `with` blocks clean up. This may fail: Python
   raises only between two instructions, but native code is one long instruction (CP-SAT searches for seconds), and a
   callback of the interpreter may swallow the exception. Hence there is a second thread, which Python's own C handler
@@ -18,8 +18,9 @@ A command passes through these states; only the functions named here move it on.
   written, and the exit code is that of the signal. A second signal ends the process at once.
 
 The exit code is 128 + the number of the signal: 130, 143, 129. A program that serves until it is stopped (the manager,
-an agent) installs its own handlers for these signals, and the thread leaves those signals alone. `in_order` does the
-same for a command whose clean-up takes longer. A signal that the parent process had ignored (`nohup`) stays ignored.
+an agent) installs its own handlers for these signals, and the thread does nothing when such a signal comes. For a
+command whose clean-up takes longer, `in_order` keeps the thread from ending the process. A signal that the parent
+process had ignored (`nohup`) stays ignored.
 
 A signal in the first milliseconds of Python itself, before `begin`, has Python's usual effect.
 """
@@ -49,7 +50,10 @@ class _State:
 
 
 def noted() -> list[int]:
-    """From now on only note SIGINT and SIGTERM in the returned list. For a program that serves until a signal comes."""
+    """From now on append SIGINT and SIGTERM to the returned list as they come; they have no other effect.
+
+    For a program that serves until a signal comes.
+    """
     came: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: came.append(number))
@@ -96,7 +100,7 @@ def expect_none() -> None:
 
 @contextmanager
 def in_order() -> Iterator[None]:
-    """From now on the first signal raises `Interrupted`, and the clean-up may take as long as it needs.
+    """Within this context the first signal raises `Interrupted`, and the clean-up may take as long as it needs.
 
     A second signal ends the process immediately.
     """
@@ -158,7 +162,8 @@ def _report_unraisable(unraisable: "sys.UnraisableHookArgs", /) -> None:
 def _open_standard_streams() -> None:
     """Open the standard streams that the caller has closed (`>&-`).
 
-    Otherwise a file would get the number of such a stream. Writing to a stream opened here is an error.
+    If a stream stayed closed, the next file that is opened would get its number. Of the streams opened here, standard
+    input is empty, a write to standard output is an error, and what is written to standard error is lost.
     """
     for number, flags in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:

@@ -1,7 +1,7 @@
 """The file that holds a fleet's key: one line of 64 hexadecimal digits, which only its owner may read.
 
-A file that other users may read is refused: its key must not count as secret any more. `make_key` draws the key from
-the system's random source, creates the file with mode 0600, and never overwrites a file.
+A file that other users may read or change is refused, because its key must not count as secret any more. `make_key`
+draws the key from the system's random source, creates the file with mode 0600, and never overwrites a file.
 """
 
 import os

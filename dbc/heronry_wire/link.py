@@ -1,11 +1,11 @@
 """One bus of one node: frames in and out of python-can, one frame in flight at a time (protocol rule 13).
 
-A frame that was handed over is *in flight* until its echo comes back: the bus is opened with `receive_own_messages`,
-and the echo is recognized by its identifier and bytes (SocketCAN marks the frames of all programs on one host as "not
-received"). Only then does the next most urgent frame follow, so that a more urgent frame that is queued meanwhile goes
-first. If an echo does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives the
-frame up and counts it. If the echo comes after all, the link still recognizes it, and does not take it for a frame of
-another node.
+A frame that was handed to the controller is *in flight* until its echo comes back: the bus is opened with
+`receive_own_messages`, and the echo is recognized by its identifier and bytes. (The flag by which SocketCAN marks a
+frame of this computer does not suffice, since the frames of other programs have the flag too.) The next frame is handed
+over only after the echo, so that a more urgent frame that is queued meanwhile goes first. If an echo does not come
+within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives the frame up and counts it. If the
+echo comes after all, the link still recognizes it, and does not take it for a frame of another node.
 
 Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock (`arrival_times`). So a
 process that was paused does not take old frames for new ones, and a clock of the day that is set changes nothing.
@@ -20,9 +20,9 @@ error ends a link that was once open:
            do so (restart-ms). It does not use an interface with another bit rate than requested: sending there would
            destroy frames. A bus that may take seconds to open (`slow_opening`) is opened in a thread
 
-`health` tells since when the bus has been lost, gives the link status events as sentences, and has counts. LinkError is
-raised only where the bus cannot be opened at the start. A channel of a replicated bus (`replicated_link`) may be lost
-from the start, without an error.
+`health` tells since when the bus has been lost, gives the link status events as sentences, and counts errors. LinkError
+is raised only where the bus cannot be opened at the start. A channel of a replicated bus (`replicated_link`) may be
+lost from the start, without an error.
 
 A node need not receive all frames: `accept` makes the kernel (or the hub of a software bus) filter out identifiers that
 the node does not take. Filters apply to echoes as well, so an identifier that is sent for the first time is added
@@ -84,7 +84,7 @@ class Link:
         self.echoes_lost = 0
         self.has_more = False  # the last `receive` took a whole burst
         self.queue = TransmitQueue()
-        self.on_departure: Callable[[Frame, int, int], None] | None = None  # frame, now_ns, ns in the controller
+        self.on_departure: Callable[[Frame, int, int], None] | None = None  # takes frame, now_ns, ns in the controller
         self._in_flight: Frame | None = None
         self._handed_ns = 0  # when the frame in flight was handed over
         self._departed: deque[int] = deque(maxlen=_BURST)  # ns in the controller, as `departures_ns` gives them
@@ -99,7 +99,7 @@ class Link:
         self._is_well_known = False
         self._fileno = -1
         self._bus: can.BusABC | None = None
-        self._connection: socket.socket | None = None  # the server may close it without an exception here
+        self._connection: socket.socket | None = None  # as in `Opened`
         self._opening: SlowOpening | None = None
         if may_begin_lost:
             self._try_to_open(time.monotonic_ns(), None)
@@ -198,7 +198,7 @@ class Link:
         return arrivals
 
     def pump(self, now_ns: int) -> None:
-        """Hand the most urgent frame to the controller if the controller has none of this link.
+        """Hand the most urgent frame to the controller if the controller has no frame of this link.
 
         The driver calls this after `send`, and at `next_deadline_ns`.
         """
@@ -289,7 +289,8 @@ class Link:
     def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
         """Try to bring back a lost bus.
 
-        result: the bus that a thread has opened, or the error that it met; None: open the bus here, without a thread.
+        result: the bus that a thread has opened, or the error with which the thread failed; None: open the bus here,
+        without a thread.
         """
         try:
             if isinstance(result, HeronryError):
@@ -304,7 +305,7 @@ class Link:
     def departures_ns(self) -> list[int]:
         """Give for each frame sent since the last call how long the controller had it, in ns.
 
-        A time of 0 means that it is not known.
+        0 means that the time is not known, or that the frame was dropped because the bus is lost.
         """
         departed = list(self._departed)
         self._departed.clear()

@@ -2,28 +2,30 @@
 
 Senders
     The manager (126 or 127) sends LEASE and ALIVE every heartbeat period, PREPARE, SLICE and ACTIVATE when it
-    reconfigures, PING to a suspect PE, CONTROL to acknowledge. A PE sends STATE every heartbeat period
-    (`state_frames`) and EMCY for a fault. There are no other commands or reports.
+    reconfigures, PING to a suspect PE, and CONTROL for an `Operation`. With a key, a TAG follows each of these commands
+    (`command_tags`). A PE sends STATE every heartbeat period (`state_frames`) and EMCY for a fault or a request. A
+    gateway also sends LINK (`gateway_report`). There are no other commands or reports.
 
-Two phases, numbered
+Reconfiguration: stage, then activate
     PREPARE names a new epoch, the digest of the whole configuration, and, if the configuration is a contingency, its
-    number: a PE that has that contingency on board stages it. For each other PE, SLICE with index 0 gives length and
-    digest of its slice. A PE whose running slice has that digest stages it immediately; any other PE collects the body
-    from the frames 1, 2, ... (five bytes each), in any order, doubled or not. Page 1 of the state reports what is
-    staged. ACTIVATE then carries a step, and LEASE repeats the step for a PE that missed ACTIVATE:
+    number: a PE that has the contingency on board stages its slice of it. For each other PE, SLICE with index 0 gives
+    length and digest of the PE's slice. A PE that already runs a slice with this digest stages it immediately. Any
+    other PE collects the slice from the frames 1, 2, ... (five bytes each), in any order, doubled or not. Page 1 of the
+    state reports what is staged. ACTIVATE then carries a step, and LEASE repeats the step for a PE that missed
+    ACTIVATE. What a PE does at each step:
 
-    step BREAK   stop modules that the new slice lacks, rewire those that stay, send no new data, report BROKEN
-    step GO      start the rest, except DEMUX branches that are new on this PE: those stay held (PARTIAL)
-    step GO_ALL  start those too (ACTIVE)
+    BREAK    stops modules that the new slice lacks, rewires those that stay, sends no new data, reports BROKEN
+    GO       starts the other modules, but holds DEMUX branches that are new on this PE; reports PARTIAL if it holds one
+    GO_ALL   starts these branches, too; reports ACTIVE
 
     A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. Every
-    command may be lost, late or doubled: it names the epoch, a PE ignores an older epoch or a lower term, and it does
-    not take a step twice.
+    command may be lost, late or doubled: the command names its epoch, and a PE ignores an older epoch, a lower term,
+    and a step that it has already taken.
 
 Numbers
-    An epoch is compared modulo 2^16 (`is_newer`), 0 is "none". A term is 1..4095 (PREPARE has no room for more) and
-    only rises; any other value is malformed. A digest is 24 bits. All numbers are big-endian, except in EMCY, whose
-    head is CiA 301's and little-endian.
+    An epoch is compared modulo 2^16 (`is_newer`); 0 means that there is no epoch. A term is 1..4095 (PREPARE has no
+    room for more) and only rises; any other value is malformed. A digest is 24 bits. All numbers are big-endian, except
+    the error code in EMCY, which is little-endian as in CiA 301.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
@@ -44,7 +46,7 @@ SLICE_BYTES_PER_FRAME = 5
 
 
 class Step(IntEnum):
-    """Steps of an epoch; each contains those before it."""
+    """Activation steps of an epoch; each step contains the steps before it."""
 
     PREPARED = 0
     BREAK = 1
@@ -55,24 +57,24 @@ class Step(IntEnum):
 class Operation(IntEnum):
     """Operations of CONTROL."""
 
-    ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): the manager has the
-    # report. If it has only the report that a module was restarted, RESTART_HEARD is added to a
+    ACKNOWLEDGE = 1  # a = element kind, b = element index (for a phase request: its detail): the manager has the
+    # report on this element. RESTART_HEARD is added to a if the report says only that a module was restarted
     CLEAR = 2  # a = element kind and place, b = element index: the operator clears the faults of the element
     WELCOME = 3  # a, b = upper and lower half of this command's number: the answer to the nonce of one PE
     RENEW = 4  # the PE is to send a fresh nonce: the manager cannot verify its states
     UNLOCK = 5  # a = seconds for which this one PE executes NMT commands and accepts SDO writes
-    HOLDS = 6  # a = element kind and place, b = element index: its fault is latched, or it is the phase. For a
-    # standby manager. A changed priority: a = PRIORITY and, in the high byte, the function; b = the priority, with
-    # BY_OPERATOR. CLEAR with the same a: the function has the priority of the spec again
+    HOLDS = 6  # tells a standby manager a fact. a = element kind and place, b = element index: the fault of this
+    # element is latched, or this is the phase. For a changed priority, a = PRIORITY and, in the high byte, the
+    # function, and b = the priority, with BY_OPERATOR. CLEAR with the same a: the priority is that of the spec again
 
 
 class ElementKind(IntEnum):
     """Kinds of elements in EMCY and CONTROL. The index of an element is its position among its kind in the spec.
 
-    There are exceptions. PHASE and PRIORITY occur only in requests. For a requested priority, the index in an EMCY has
-    the function in its high byte and the number of the request in its low byte; the detail is the priority, or
-    SPECS_PRIORITY. For a channel, the index is the position of its bus among the buses of the reporting PE, and the
-    detail of the EMCY is the number of the channel, from 1.
+    PHASE and PRIORITY are in an EMCY only if it is a request. The rule for the index has two exceptions.
+    For a requested priority, the index in an EMCY has the function in its high byte and the number of the request in
+    its low byte; the detail is the priority, or SPECS_PRIORITY. For a channel, the index is the position of its bus
+    among the buses of the reporting PE, and the detail of the EMCY is the number of the channel, from 1.
     """
 
     PE = 0
@@ -99,7 +101,7 @@ class FaultCode(IntEnum):
     CHANNEL_BACK = 0xFF0A  # the channel carries frames again
     DISAGREEMENT = 0xFF0B  # not a fault: two inputs of this module differ, and neither is known to be wrong
     UNKNOWN_ELEMENT = 0xFF0C  # not a fault: this module has reported an element that the spec does not have
-    UNKNOWN_OUTPUT = 0xFF0D  # not a fault: this module gives a misspelt output, so that one of its mode is lacking
+    UNKNOWN_OUTPUT = 0xFF0D  # not a fault: this module gives a misspelt output, so an output of its mode is missing
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
     PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
 
@@ -107,11 +109,11 @@ class FaultCode(IntEnum):
 EVERYWHERE = 0  # in the place of CLEAR and HOLDS: the element as a whole
 
 FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter only a phase to which a rule leads from the present one
-RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: it acknowledges the restart of a module, not its failure
-REQUEST_NUMBERS = 0x8000  # the other bits of that detail number the requests of a PE, modulo this
+RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: the restart of a module is acknowledged, not its failure
+REQUEST_NUMBERS = 0x8000  # in the detail of a phase request, the other bits number the requests of a PE, modulo this
 PRIORITY_REQUEST_NUMBERS = 0x100  # the requests of a PE for the priority of one function are numbered modulo this
-MOST_PRIORITY = 0x7FFF  # of a changed priority
-MOST_FUNCTIONS = 0x100  # whose priority can be changed: the first ones of the spec
+MOST_PRIORITY = 0x7FFF  # largest changed priority
+MOST_FUNCTIONS = 0x100  # functions whose priority can be changed: the first ones of the spec
 SPECS_PRIORITY = 0xFFFF  # in a request: the priority of the spec
 BY_OPERATOR = 0x8000  # in b of HOLDS: the operator has set the priority
 
@@ -183,7 +185,7 @@ class Alive:
 class Prepare:
     """Commands all PEs to stage the configuration with this digest.
 
-    contingency: its number among the contingencies on board; 0: the slices follow in SLICE frames.
+    contingency: number of the configuration among the contingencies on board; 0: the slices follow in SLICE frames.
     """
 
     term: int
@@ -198,7 +200,10 @@ class Prepare:
 
 @dataclass(frozen=True, slots=True)
 class SliceHead:
-    """Announces the slice of one PE, for the epoch being prepared: its length in bytes and its digest."""
+    """Announces the slice of one PE, for the epoch being prepared: its length in bytes and its digest.
+
+    epoch_low: the epoch modulo 256.
+    """
 
     node: int
     epoch_low: int
@@ -274,7 +279,10 @@ class Control:
 
 @dataclass(frozen=True, slots=True)
 class Emergency:
-    """A fault: its element, and a detail (0..65535) that the reporting module chose."""
+    """The content of an EMCY: a fault, report or request (`code`), its element, and a detail.
+
+    The detail, 0..65535, depends on the code (`FaultCode`, `ElementKind`). For REPORTED the reporting module chose it.
+    """
 
     code: FaultCode
     error_register: int
@@ -344,7 +352,7 @@ def next_epoch(epoch: int) -> int:
 def decode_command(command: int, data: bytes) -> ManagementMessage | Malformed:
     """Decode the payload of a management frame.
 
-    `command` is its place among the ten identifiers of its manager (`identifiers.Command`).
+    command: position of the frame's identifier among the ten identifiers of its manager (`identifiers.Command`).
     """
     decoder = _DECODERS.get(command)
     if decoder is None:

@@ -3,14 +3,15 @@
 This file encodes and decodes the channel, direction and service of a frame, and the bytes of a request or an answer
 (CANaerospace V1.7 p.10-23). A request carries the node-ID that it addresses (0: all nodes), an answer the node-ID of
 its sender. Requests on channel c have the identifier 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115). Answers
-have the next identifier. Channel 110 is CANopen's (LSS) and is never used here.
+have the identifier of the request plus 1. The identifiers of channel 110 belong to CANopen (LSS); the channel is never
+used here.
 
-This file keeps no state. Every node of this project answers IDS on channel 0; a PE also answers TIS and STS there, and
-accepts NSS. No program of this project sends the other services. To use one of them with a unit of another maker,
-encode the request with `request`, and decode the answer as any node service frame. This file does not split or join the
-data blocks of DDS and DUS. If no answer comes within 100 ms (V1.7), the sender repeats the request. A broadcast request
-that has an answer is answered by every node; node n waits (n - 92) ms first, so that the answers do not all start
-together.
+This file keeps no state. Every node of this project answers IDS (identification) on channel 0. A PE also executes TIS
+(transmission interval), STS (state transmission) and NSS (synchronisation) there. No program of this project sends the
+other services. To use another service with a unit of another maker, encode the request with `request`, and decode the
+answer as any node service frame. This file does not split or join the data blocks of DDS (data download) and DUS (data
+upload). If no answer comes within 100 ms (V1.7), the sender repeats the request. Every node answers a broadcast request
+of a service that has answers; node n waits (n - 92) ms first, so that the answers do not all start together.
 """
 
 from enum import IntEnum
@@ -50,7 +51,8 @@ class Service(IntEnum):
 class Result(IntEnum):
     """Result of a service request, in the message code of an answer; a signed byte.
 
-    An answer to DDS or DUS has it in its LONG. In an answer to DDS, 0 means XOFF (wait) and 1 means XON (go on).
+    An answer to DDS or DUS has the result in its value, a LONG. In an answer to DDS, 0 means XOFF (wait) and 1 means
+    XON (go on).
     """
 
     OUT_OF_RANGE = -6
@@ -81,7 +83,7 @@ class ServiceMessage(NamedTuple):
 class Identification(NamedTuple):
     """The four bytes of an answer to IDS, each 0..255.
 
-    CANaerospace V1.7 itself has distribution 0 and header type 0.
+    Distribution 0 and header type 0 mean those of CANaerospace V1.7.
     """
 
     hardware_revision: int

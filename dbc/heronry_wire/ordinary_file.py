@@ -1,8 +1,8 @@
 """Files that a node keeps or a command writes: read without waiting, and replaced as a whole.
 
-After a crash the place holds either the old file or the new one. The place may hold something that is not a file: a
-pipe would make `open` wait for ever, and a folder cannot be replaced. Both raise OSError, as a full disk and a
-read-only disk do; its text can be shown in a message.
+After a crash, the path of such a file leads either to the old file or to the new one. A path may also lead to something
+that is not a file: a pipe would make `open` wait for ever, and a folder cannot be replaced. In both cases a function
+here raises OSError, as for a full or read-only disk. The text of the error can be shown in a message.
 """
 
 import errno
@@ -65,7 +65,7 @@ def move_ordinary(draft: Path, file: Path) -> None:
 
 
 def _opened(file: Path, flags: int) -> int:
-    """Open a file; a pipe does not make this wait for its other end."""
+    """Open a file; raises OSError for a pipe, and does not wait for the other end of the pipe."""
     descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)

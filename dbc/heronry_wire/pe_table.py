@@ -1,13 +1,14 @@
 """The table of one PE: all that the PE needs of a spec. The manager compiles it, and the agent reads it.
 
-The agent knows no graph and no YAML. The table resolves the indices of a slice: modules and their modes and leaves,
-sources and their identifiers, and which nodes lie behind which bus. It is JSON text (UTF-8). `PeTable.to_json` writes
-it; `PeTable.from_json` reads it, raises TableError for a text that it does not understand, and never builds part of a
-table.
+The agent reads neither a graph nor YAML. The table tells what the indices in a slice mean: modules with their modes and
+leaves, and sources with their identifiers. The table also says which nodes are reached through which bus.
 
-Indices: modules, devices and buses count in the spec's order, over the whole spec. A *source* is a pair (producing
-module, variable), counted in the order of `Spec.sources`. A *port* is one of this PE's buses, in the order of its
-`buses`.
+A table is JSON text (UTF-8). `PeTable.to_json` writes the text. `PeTable.from_json` reads it, and raises TableError if
+any part of the text is wrong.
+
+The index of a module, device or bus is its position in the whole spec, in the spec's order. A *source* is a pair
+(producing module, variable), counted in the order of `Spec.sources`. A *port* is one of this PE's buses, in the order
+of its `buses`.
 """
 
 import json
@@ -51,14 +52,14 @@ class Port:
     channels: int
     nodes: tuple[int, ...]  # node-IDs of the PEs that are reached through this port, directly or over gateways
     data_per_mille: int = 700  # share of data in the bit rate (`max_load` - `reserve`); management has the rest
-    link_id: int | None = None  # identifier of this PE's reports on a radio away from the manager; None: none
+    link_id: int | None = None  # of this PE's reports, if the bus is a radio on the side away from the manager
 
 
 @dataclass(frozen=True, slots=True)
 class LeafEntry:
-    """One input of a mode."""
+    """One input of a mode: a variable, in the versions `best` to `worst`."""
 
-    path: str
+    path: str  # place of the input in the gates of the mode
     variable: str
     best: int
     worst: int
@@ -69,8 +70,8 @@ class ModeEntry:
     """One mode of a module."""
 
     name: str
-    rate_mhz: int
-    cpu_millis: int
+    rate_mhz: int  # thousandths of a hertz
+    cpu_millis: int  # thousandths of a processor core
     leaves: tuple[LeafEntry, ...]
     gives: dict[str, int]  # variable -> version
 
@@ -100,7 +101,7 @@ class SourceEntry:
     variable: str
     identifier: int
     period_ns: int  # longest period of any mode that gives it: a slice does not name the mode of a remote producer
-    movable: bool = False  # its module may run beyond this PE or on this side, so forwarding its data up is exclusive
+    movable: bool = False  # the module may run on either side of this gateway: forwarding to the uplink is exclusive
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,14 +135,14 @@ class PhaseEntry:
 
 @dataclass(frozen=True, slots=True)
 class PeTable:
-    """Everything that one PE knows of a spec."""
+    """Everything that one PE is given of a spec."""
 
     format: int
     spec: str
     spec_digest: str  # SHA-256 of the spec, hexadecimal
     name: str
     node_id: int
-    cpu_millis: int
+    cpu_millis: int  # thousandths of a processor core
     without_manager: Literal["keep", "safe_mode"]
     uplink: int  # the port toward the manager
     ports: tuple[Port, ...]
@@ -150,8 +151,8 @@ class PeTable:
     variables: dict[str, VariableEntry]
     devices: tuple[DeviceEntry, ...]
     module_names: tuple[str, ...]  # of the whole spec; EMCY uses their indices
-    pe_names: tuple[str, ...] = ()  # of the whole spec, like the next ones
-    bus_names: tuple[str, ...] = ()
+    pe_names: tuple[str, ...] = ()  # of the whole spec
+    bus_names: tuple[str, ...] = ()  # of the whole spec
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
     adjustable: dict[str, int] = field(default_factory=dict)  # functions whose priority a module may change: indices
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
@@ -226,7 +227,7 @@ def _port_faults(port: Port) -> Iterator[str]:
     if not 0 < port.data_per_mille <= 1000:
         yield f"bus {port.bus} has {port.data_per_mille} thousandths for data, which must be 1 to 1000"
     if port.link_id is not None and port.link_id not in GATEWAY_IDS:
-        yield f"bus {port.bus} is reported on under {port.link_id}, which is not a gateway's"
+        yield f"the reports on bus {port.bus} have identifier {port.link_id}, which is not one for gateways"
 
 
 def _mode_faults(module: str, mode: ModeEntry, variables: Collection[str]) -> Iterator[str]:

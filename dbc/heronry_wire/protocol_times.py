@@ -1,8 +1,8 @@
 """Times of the protocol: every period, limit and cadence that both sides, the tools and the documents use.
 
 Each time stands here once. `period_ns` is always the heartbeat period of a bus, as the spec gives it. A name ends in
-`_PERIODS` if it is a number of periods, in `_NS` if it is a time, and in `_EVERY` if it says with every how many frames
-something happens. A *beat* is a frame that a node sends in every period: the state of a PE, the LEASE of a manager.
+`_PERIODS` if it is a number of periods, in `_NS` if it is a time, and in `_EVERY` if something happens with one frame
+out of this number. A *beat* is a frame that a node sends in every period: the state of a PE, the LEASE of a manager.
 
     1 1/4 periods     `late_ns`      a beat has not come in time: a PE is sent PING, a channel is behind
     k + 1/4 periods   `silent_ns`    k beats have not come: a PE is down, a channel is lost
@@ -11,8 +11,8 @@ something happens. A *beat* is a frame that a node sends in every period: the st
     5 periods         `t_lease_ns`   T_lease: how long a PE may drive exclusive outputs without hearing another node
 
 The oracles of the simulator do not use this file: they have numbers of their own (docs/protocol.md, "Times"), so that
-they find a wrong number in a core; a test compares the two. A time that only one file uses (the patience of a transmit
-queue, the window of a radio's outage) is defined in that file.
+they find a wrong number in a core; a test compares both sets of numbers. A time that only one file uses (the patience
+of a transmit queue, the window of a radio's outage) is defined in that file.
 """
 
 USUAL_HEARTBEAT_NS = 20_000_000
@@ -22,22 +22,22 @@ USUAL_MISSES = 3
 """Beats that a PE may miss before it is down, if a spec gives no number."""
 
 LEASE_PERIODS = 5
-"""T_lease."""
+"""T_lease, in heartbeat periods."""
 
 IDENTIFIER_PERIODS = 2
 """How long after hearing another node a PE may send under identifiers that other PEs may use as well."""
 
 UNSENT_PERIODS = 3
-"""Periods of the slowest bus, with a quarter added, after which no frame of a silent PE is on its way any more."""
+"""Periods of the slowest bus after which no frame of a silent PE is on its way any more; `unsent_ns` adds a quarter."""
 
 HOLD_DOWN_PERIODS = 10
 """How long a lost PE, channel or radio must be heard without a gap before it is available again."""
 
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
-"""Longest hold-down: it doubles with each loss, up to this."""
+"""Longest hold-down: the hold-down doubles with each loss until it reaches this time."""
 
 FORGIVEN_AFTER_NS = 60_000_000_000
-"""Time after which a loss no longer doubles the hold-down."""
+"""After this time without a loss, the next loss no longer doubles the hold-down."""
 
 START_UP_WINDOW_NS = 5_000_000_000
 """How long a manager waits for PEs that it has never heard."""
@@ -55,16 +55,16 @@ ANNOUNCED_EVERY = 5
 """With every fifth heartbeat the active manager repeats one of the facts that the standby manager has to know."""
 
 LEARNS_LEASES = 10
-"""Time, in multiples of T_lease, in which a standby manager hears all facts that the active manager has latched."""
+"""Time, in multiples of T_lease, in which a standby manager hears all facts that the active manager repeats."""
 
 CANOPEN_HEARTBEAT_NS = 1_000_000_000
 """Period of the CANopen heartbeat of a manager, and of a PE at power-on."""
 
 FRESH_PERIODS = 3
-"""Periods of its source after which a datum counts as absent for a step."""
+"""Age of a datum, in periods of its source, after which a step treats the datum as absent."""
 
 FAULT_QUIET_NS = 1_000_000_000
-"""How long after its acknowledgement a fault that is found again is not reported again."""
+"""For this time after a fault was acknowledged, the PE does not report the same fault again."""
 
 CHANNEL_REPORT_NS = 1_000_000_000
 """Period in which a lost channel is reported again."""

@@ -1,4 +1,4 @@
-"""A replicated bus of one node: every frame goes out on both channels, and is taken once from either.
+"""A replicated bus of one node: sends every frame on both channels, and gives each received frame to the node once.
 
 To its caller a replicated link is one bus (`AnyLink`): the driver of a node sends a frame once and receives it once,
 from whichever channel brings it. `channel_merge` decides which copy is taken, and `channel_watch` which channel is
@@ -6,12 +6,12 @@ lost. Each channel is a `Link` with a queue of its own, and neither waits for th
 
     both well      each sends the most urgent frame first. When a frame has left one channel, its copy on the other has
                    a quarter of a heartbeat period left to start, and is then dropped: a late copy is of no use
-    one lags       (noise, a full queue, an error-passive controller) copies that wait too long on it are dropped. A
-                   frame that its controller already has cannot be withdrawn; a receiver withholds that frame if it
-                   comes late
-    one is lost    (the interface is gone, bus-off, the wire is cut) the bus goes on: `lost_channels` names the channel
-                   after `misses` heartbeats, and its link reports an event. The link tries to open the channel again
-                   and again
+    one lags       (noise, a full queue, an error-passive controller) a copy that waits too long for this channel is
+                   dropped. A frame that the controller already has cannot be withdrawn; a receiver withholds such a
+                   frame if it comes late
+    one is lost    (the interface is gone, bus-off, the wire is cut) the bus works with the other channel.
+                   `lost_channels` names the lost channel after `misses` heartbeats, and its link reports an event. The
+                   link tries to open the channel again and again
     both are lost  the bus is lost, since the time at which the second channel was lost (`off_since_ns`). When one
                    channel returns, the bus is no longer lost
     one returns    the channel is used immediately, and late frames on it are withheld (`channel_merge`). The channel
@@ -109,7 +109,7 @@ class ReplicatedLink:
         """Queue a frame on both channels; a copy that cannot start by `until_ns` is dropped."""
         there = [link for link in self.links if link.put(frame, until_ns)]
         if not there:
-            self._departed.append(0)  # it has left the queue, for a caller that waits for it
+            self._departed.append(0)  # a caller that waits for the frame to leave the queue must not wait for ever
         for link in there:
             link.pump(now_ns)
 
@@ -143,7 +143,7 @@ class ReplicatedLink:
         return taken
 
     def pump(self, now_ns: int) -> None:
-        """On each channel, hand the most urgent frame to the controller if the controller has none of this link.
+        """On each channel, hand the most urgent frame to the controller if the controller has no frame of this link.
 
         The driver calls this after `send`, and at `next_deadline_ns`.
         """
@@ -157,7 +157,8 @@ class ReplicatedLink:
     def departures_ns(self) -> list[int]:
         """Give for each frame sent since the last call how long the controller had it, in ns.
 
-        A time of 0 means that it is not known. Of the two copies of a frame, the one that was sent first counts.
+        0 means that the time is not known, or that the frame was dropped because both channels are lost. Of the two
+        copies of a frame, the one that was sent first counts.
         """
         departed = list(self._departed)
         self._departed.clear()

@@ -2,10 +2,10 @@
 
     $XDG_RUNTIME_DIR/heronry, or /tmp/heronry-UID where this user has no such directory
 
-A manager listens in it on SPEC.sock, a software bus on NAME.bus. A process that reaches these sockets can command
-the aircraft. So no program listens on, or connects to, a socket in a folder that belongs to another user or that others
-can write to: any user can make /tmp/heronry-UID first. An XDG_RUNTIME_DIR of another user (sudo keeps the variable) is
-ignored.
+In this folder a manager listens on SPEC.sock, and a software bus on NAME.bus. A process that reaches these sockets can
+command the aircraft. So no program listens on, or connects to, a socket in a folder that belongs to another user or
+that others can write to: any user can make /tmp/heronry-UID first. An XDG_RUNTIME_DIR of another user (sudo keeps the
+variable) is ignored.
 """
 
 import os
@@ -34,7 +34,7 @@ def runtime_folder() -> Path:
 
 
 def owned_folder(folder: Path) -> Path:
-    """Create a folder that only this user can enter, or verify that an existing one is so.
+    """Create a folder that only this user can enter, or accept an existing folder as `trusted_folder` does.
 
     Raises RuntimeFolderError.
     """
@@ -46,7 +46,7 @@ def owned_folder(folder: Path) -> Path:
 
 
 def trusted_folder(folder: Path) -> Path:
-    """Give `folder` if it belongs to this user and no other can write to it, or if it does not exist.
+    """Give `folder` if it belongs to this user and no other user can write to it, or if it does not exist.
 
     Raises RuntimeFolderError for any other folder.
     """

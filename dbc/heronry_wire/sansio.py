@@ -1,9 +1,9 @@
 """The vocabulary that every core shares with its driver: frames in, frames out, time.
 
-A core has `step(now_ns, event) -> list[action]`, `next_deadline_ns() -> int | None` and `validate()`. The driver calls
-it with `Tick` when its deadline has come, with `now_ns` never less than before. Before a driver reports a deadline, it
-hands over all frames that have arrived: after a pause, a node must not conclude from its own pause that all other nodes
-were silent.
+A core has `step(now_ns, event) -> list[action]`, `next_deadline_ns() -> int | None` and `validate()`. When the deadline
+of a core has come, its driver calls `step` with `Tick`. `now_ns` never decreases from one call to the next. Before a
+driver gives `Tick` to the core, it hands over all frames that have arrived, because after a pause a node must not
+conclude from its own pause that all other nodes were silent.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ NEVER_NS = 1 << 61  # the deadline that never comes: 73 years, which still fit i
 class Received(NamedTuple):
     """Event: a frame has arrived on a port.
 
-    port: position of its bus among the buses of this node. age_ns: time since the arrival; after a pause of the process
+    port: position of the bus among the buses of this node. age_ns: time since the arrival; after a pause of the process
     a frame may be old, so that it no longer shows the state of its sender.
     """
 
@@ -58,8 +58,8 @@ class Withdraw:
 class StandBack:
     """Action: on one port, send only frames with a higher priority than data, until `until_ns` on the core's clock.
 
-    A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn. It
-    waits for the data of all other nodes, and the answer of this node to the manager would wait behind it.
+    A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn. Such a
+    frame waits for the data of all other nodes, and the answer of this node to the manager would wait behind the frame.
     """
 
     port: int

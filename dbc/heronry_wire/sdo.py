@@ -108,7 +108,7 @@ def block_segment_data(message: bytes) -> bytes:
 
 
 def unused_in_block(message: bytes) -> int:
-    """Give the number of padding bytes in the last segment, from the message that ends a block transfer."""
+    """Give the number of padding bytes in the last segment; `message` is the one that ends the block transfer."""
     return message[0] >> 2 & 7
 
 

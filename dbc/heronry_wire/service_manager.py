@@ -29,9 +29,9 @@ class ServiceManager:
         self._is_ready = False
 
     def lives(self, now_ns: int) -> None:
-        """Report that a heartbeat was sent: the first report means that the node is ready.
+        """Report that a heartbeat was sent.
 
-        Each later one resets the watchdog.
+        The first report tells systemd that the node is ready; each later report resets the watchdog.
         """
         if self._socket is None:
             return

@@ -6,7 +6,7 @@ opens the bus, and the node polls for the result.
 
     under way   the thread waits in the back-end
     done        `result` is the bus, or the error; the thread has ended
-    abandoned   the node does not want the bus any more: if the thread still opens the bus, it closes the bus again
+    abandoned   the node does not need the bus any more: if the thread still opens the bus, it closes the bus again
 
 The thread ends with the process, in any state.
 """
@@ -22,14 +22,14 @@ class SlowOpening:
     """One attempt to open a bus in a thread."""
 
     def __init__(self, open_bus: Callable[[], Opened]) -> None:
-        """Start the thread, which calls `open_bus`; that gives the bus, or raises an exception."""
+        """Start the thread, which calls `open_bus`. This function returns the bus, or raises any exception."""
         self.result: Opened | HeronryError | None = None
         self._is_wanted = True
         self._lock = Lock()
         Thread(target=self._run, args=(open_bus,), daemon=True).start()
 
     def abandon(self) -> None:
-        """End the attempt: if the thread still opens the bus, it closes the bus as soon as that is open."""
+        """End the attempt: a bus that the thread has opened, or opens later, is closed."""
         with self._lock:
             self._is_wanted = False
             opened, self.result = self.result, None

@@ -1,10 +1,10 @@
 """A bus that a socketcand server offers over TCP (github.com/linux-can/socketcand), read through python-can.
 
 The channel names the bus, as INTERFACE@HOST:PORT; without HOST:PORT in the channel, can.conf must name the server.
-python-can alone would try to reach its server again and again without a pause, and wait for an answer for ever. Here a
-missing server is an error immediately, and a silent server after `SERVER_S`. This file also takes the connection out of
-python-can: a node needs it to wait for frames, and to notice that the server has closed it, since a closed connection
-stays readable.
+python-can alone would try to reach a missing server again and again without a pause, and would wait for an answer for
+ever. Here a missing server is an error immediately, and a silent server after `SERVER_S` seconds. This file also gives
+the TCP connection that python-can hides. A node waits for frames on this connection. The node also has to test whether
+the server has closed the connection, because a closed connection stays readable.
 """
 
 import logging
@@ -22,7 +22,7 @@ SERVER_S = 2.0  # limit for an answer of the server
 def open_at_server(config: Mapping[str, Any]) -> can.BusABC:
     """Open the bus that these keyword arguments of `can.Bus` describe.
 
-    Raises ValueError, or any exception of python-can.
+    Raises ValueError for a wrong channel, OSError if the server cannot be reached, or any exception of python-can.
     """
     place = _at_its_server(config)
     if "host" in place:

@@ -14,7 +14,8 @@ def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
 def meant(word: str, known: Iterable[str], otherwise: str = "") -> str:
     """Give "did you mean ...?" with the known word most similar to `word`.
 
-    Where none is similar, give `otherwise`; without `otherwise`, a sentence that lists the first known words.
+    Where no known word is similar, give `otherwise`; if `otherwise` is empty, give a sentence that lists the first
+    known words.
     """
     names = list(known)
     found = close(word, names)

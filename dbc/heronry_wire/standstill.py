@@ -1,14 +1,15 @@
-"""How late this computer lets a driver run: measured by the driver, handed to its core as an event.
+"""Measures how late a driver's loop wakes up, and counts the times in which this process was kept from running.
 
 A process that works correctly may still wake up late: other processes have the processors, the computer swaps, a
-virtual machine is stopped. Then its frames are late, and other nodes call it lost. The driver measures its lateness at
-each turn of its loop: the time from its deadline until it woke, less the processor time that it has used since its last
-wake-up. The processor time is subtracted because the driver's own work is not a standstill. A wait that ends early
-(because a frame has come) is never late.
+virtual machine is stopped. Then the frames of the process are late, and other nodes treat its node as lost. The driver
+measures its lateness at each turn of its loop: the time from its deadline until it woke, less the processor time that
+it has used since its last wake-up. The processor time is subtracted because the driver's own work is not a standstill.
+A wait that ends early (because a frame has come) is never late. The driver gives each standstill to its core as an
+event.
 
 A standstill longer than a quarter period, the slack of a heartbeat, is counted. A standstill longer than a period may
-make another node suspect this one, so the core reports it in an event. It does so once in TELL_AGAIN_NS at most, unless
-a standstill is longer than the last one reported.
+make another node suspect this one, so the core reports such a standstill in an event. The core does so at most once in
+TELL_AGAIN_NS, unless a standstill is longer than the last one reported.
 """
 
 from dataclasses import dataclass
@@ -27,14 +28,14 @@ class StoodStill:
 
 @dataclass(slots=True)
 class Standstills:
-    """Counts the standstills of one process."""
+    """Counts the standstills of one process; a *long* one is longer than a heartbeat period of the uplink."""
 
-    period_ns: int
-    times: int = 0
+    period_ns: int  # heartbeat period of the uplink
+    times: int = 0  # standstills so far
     long_times: int = 0
-    last_long_ns: int = 0
+    last_long_ns: int = 0  # length of the last long one
     longest_ns: int = 0
-    _told_ns: int = 0  # length of the last one that was told
+    _told_ns: int = 0  # length of the last one that was reported
     _told_at_ns: int = -TELL_AGAIN_NS
 
     def count(self, one: StoodStill, now_ns: int) -> bool:
@@ -66,7 +67,7 @@ class LatenessMeter:
         self._due_ns = due_ns or 0
 
     def woke(self, now_ns: int, used_ns: int) -> StoodStill | None:
-        """Note that the loop has woken; gives a standstill if that was too late, else None.
+        """Note that the loop has woken; gives a standstill if the loop woke too late, and None if it did not.
 
         used_ns: processor time of this thread so far.
         """

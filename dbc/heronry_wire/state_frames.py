@@ -1,17 +1,17 @@
 """State frames: the report of a PE in every heartbeat period, in four pages, and their bytes.
 
-    page 0   the running configuration: every period, on each of its buses
+    page 0   the running configuration: in every period, on each bus of the PE
     page 1   the staged configuration, or why there is none, and the load: on change and with every tenth page 0
     page 2   with a key: the nonce with which a PE requests a new session
     page 3   with a key: the digest of the running configuration, and the number of refused commands
 
 Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. A new
-flag is a member of `PeFlags`, and takes the bit of `state` that no state uses yet. A new field of a page is a `Field`
-in the page's layout and a field in its dataclass, in the same order.
+flag is a member of `PeFlags`, and takes the highest bit of the field `state`, which no state uses yet. A new field of a
+page is a `Field` in the page's layout and a field in its dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state` and
-`joined_state` take it out and put it in. A caller that needs a single field of a page quickly uses one of the functions
-below, because only this file knows the positions of the bytes.
+`joined_state` take it out and put it in. The functions below that give a single field are faster than decoding the
+whole page; only this file contains the positions of the bytes.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
@@ -29,22 +29,22 @@ from heronry_wire.layout import Field, Layout
 class PeState(IntEnum):
     """Progress of a PE in the epoch that its state names."""
 
-    UNCONFIGURED = 0
-    BROKEN = 1
-    PARTIAL = 2
-    ACTIVE = 3
+    UNCONFIGURED = 0  # no step has been taken since the start
+    BROKEN = 1  # the step BREAK is taken
+    PARTIAL = 2  # the step GO is taken, and DEMUX branches that are new on this PE wait for GO_ALL
+    ACTIVE = 3  # the step GO_ALL is taken, or GO if no DEMUX branch is new on this PE
 
 
 class PeFlags(IntFlag):
     """Flags of a PE in every state frame."""
 
-    HEARS_LEASE = 1
-    FAULT_PENDING = 2
-    OUTPUT_HELD = 4
+    HEARS_LEASE = 1  # the PE hears a manager
+    FAULT_PENDING = 2  # the PE has an EMCY that is not acknowledged
+    OUTPUT_HELD = 4  # exclusive outputs of the PE are not authorized now
 
 
 class Reason(IntEnum):
-    """Why a PE has not staged a configuration, or which command it last refused."""
+    """Why a PE has not staged a configuration, or why it last refused a command."""
 
     NONE = 0
     INCOMPLETE = 1  # frames of the slice are missing: send it again
@@ -97,7 +97,8 @@ class StatePage0:
 class StatePage1:
     """Page 1: the epoch of the last PREPARE, what is staged for it, and the CPU load in per cent.
 
-    digest: digest of the staged slice; 0 while nothing is staged. reason: why nothing is staged.
+    staged_digest: digest of the whole configuration whose slice is staged; 0 while frames of the slice are missing.
+    reason: why nothing is staged, or why the PE has refused a command.
     """
 
     state: PeState
@@ -131,7 +132,7 @@ class StatePage2:
 class StatePage3:
     """Page 3, with a key: digest of the running configuration, and how many commands the PE has refused, modulo 2^16.
 
-    Commands with an invalid tag and commands refused for other reasons are counted separately.
+    unproven: refused commands with an invalid tag. other: commands refused for other reasons.
     """
 
     state: PeState

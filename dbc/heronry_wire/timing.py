@@ -4,14 +4,15 @@ This file computes the length of a frame on the wire, exact or in the worst case
 bus it computes the longest time from the moment a message is due until its last bit has been sent.
 
 Lengths count every bit from start-of-frame to the end of the 3-bit intermission, after which the next frame may start
-(ISO 11898-1). Start-of-frame to CRC is stuffed: after five equal bits one of the other kind is sent, which may itself
-be the first of the next five. With n data bytes, 34 + 8n of the 47 + 8n bits of an 11-bit frame are subject to
-stuffing, and 54 + 8n of the 67 + 8n bits of a 29-bit frame.
+(ISO 11898-1). The bits from start-of-frame to CRC are stuffed: after five equal bits, one opposite bit is sent, which
+may itself be the first of the next five. With n data bytes, 34 + 8n of the 47 + 8n bits of an 11-bit frame are subject
+to stuffing, and 54 + 8n of the 67 + 8n bits of a 29-bit frame.
 
 Response times follow R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability
 analysis: refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272, in its exact form: every instance in the
 busy period is examined, deadlines are arbitrary, jitter counts. A message waits for at most one frame of lower priority
-that has just started. It also waits for every frame of higher priority that is queued before the message starts:
+that has just started. It also waits for every frame of higher priority that is queued before the message starts. For
+each message, C is the length of its frame, T its period, J its jitter, and B the length of the frame of lower priority:
 
     busy period    t    = B + sum over this one and all above of ceil((t + J) / T) C
     instances      Q    = ceil((t + J) / T)
@@ -19,8 +20,9 @@ that has just started. It also waits for every frame of higher priority that is 
     response       R    = max over q in 0..Q-1 of J + w(q) - q T + C
 
 All times are bit times (tau = 1) and exact: arguments and results are rationals, and in between all times are integers
-on one common denominator. Both equations ask for the least fixed point. It is found with a window of time that grows
-with the messages released inside it (`_Window`); each priority starts from the window of the priority above.
+on one common denominator. The equations for t and w are solved for their least fixed point: a window of time grows
+until it has room for all messages that are released inside it (`_Window`). The window of each priority starts from the
+window of the priority above.
 
 The analysis assumes that every node sends by priority, not first-in-first-out. It ignores offsets between messages (the
 result is safe, and exact for unrelated clocks), and considers errors only if they are given (`Errors`).
@@ -50,7 +52,7 @@ Exact = int | Fraction
 
 
 def worst_bits(data_bytes: int, *, extended: bool = False) -> int:
-    """Give the length in bits of the longest possible frame with that many data bytes, 0..8."""
+    """Give the length in bits of the longest frame with 0..8 data bytes; raises WireError for other numbers."""
     if not 0 <= data_bytes <= MAX_DATA_BYTES:
         raise WireError(f"a frame has 0..8 data bytes, not {data_bytes}")
     return (80 if extended else 55) + 10 * data_bytes
@@ -95,11 +97,9 @@ def _crc_table() -> list[int]:
 
 
 def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
-    """Count the stuff bits in a sequence of bits.
+    """Count the stuff bits in a sequence of bits; gives their number, and `last` and `run` after the sequence.
 
-    Gives their number, the last bit, and how many equal bits end with it.
-
-    last, run: the bit before the sequence, and how many equal bits end with it.
+    last, run: the bit before the sequence, and the number of equal bits that end with this bit.
     """
     stuffed = 0
     for bit in bits:

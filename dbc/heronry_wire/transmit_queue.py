@@ -1,11 +1,11 @@
 """A node's own transmit queue, in the order of bus arbitration (protocol rule 13).
 
-SocketCAN's queue is first-in-first-out: a heartbeat behind twenty slices would wait for all of them, and the timing
-analysis would not hold. So every sender keeps its frames here and hands over one at a time.
+SocketCAN's queue is first-in-first-out: a heartbeat behind twenty SLICE frames would wait for all of them, and the
+timing analysis would not hold. So every sender keeps its frames in this queue and hands over one at a time.
 
 Frames of one identifier stay in their order. The queue is bounded, so that a bus that carries no frames does not fill
-the memory: a full queue drops the least urgent and newest frame, and counts it. A frame may have an expiry time, after
-which it is dropped too: a frame that waited through a pause of its sender must not go out as if it were new.
+the memory: a full queue drops the newest of its least urgent frames, and counts it. A frame may have an expiry time,
+after which it is dropped too: a frame that waited through a pause of its sender must not go out as if it were new.
 
 A sender may hold data back until `stands_back_until_ns`: data, and frames of a lower priority, then stay in the queue.
 """

@@ -1,7 +1,8 @@
 """An operator's call to a running manager: one order, one answer.
 
-The caller gives no order to a process of another user, since any process can listen at a path that is not protected.
-Only root trusts the path that was named, because root may use the managers of all users.
+The caller gives an order only to a process of its own user or of root, since any process can listen at a path that is
+not protected. A caller that is root gives the order to any process at the path that was named, because root may use the
+managers of all users.
 """
 
 import os
@@ -19,7 +20,7 @@ TRACEBACK_PATIENCE_S = 30.0  # for a traceback that a PE gives on a slow bus, of
 
 
 def call(path: Path, order: Spoken) -> Answer:
-    """Give an order to the manager on a socket; raises ControlError if no manager of this user answers."""
+    """Give an order to the manager on a socket; raises ControlError if no manager of this user or of root answers."""
     checked_length(path)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         patience_s = TRACEBACK_PATIENCE_S if isinstance(order, AskTraceback) else PATIENCE_S
@@ -42,9 +43,9 @@ def call(path: Path, order: Spoken) -> Answer:
 
 
 def follow(path: Path) -> socket.socket:
-    """Begin to read the events of the manager on a socket; raises ControlError if no manager of this user listens.
+    """Begin to read the events of the manager on a socket; raises ControlError if none of this user or root listens.
 
-    The socket then gives JSON lines: a status, and events (`followers`). The caller closes it.
+    The returned socket gives JSON lines: a status, and events (`followers`). The caller closes it.
     """
     checked_length(path)
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -86,7 +87,7 @@ def find_socket(name: str | None) -> Path:
 
 
 def _is_listened_on(path: Path) -> bool:
-    """Tell whether a process listens on a path; the socket of a manager that was killed is still there."""
+    """Tell whether a process listens on a path; a manager that is killed leaves its socket behind."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(PATIENCE_S)
         try:

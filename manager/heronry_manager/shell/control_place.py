@@ -2,8 +2,8 @@
 
     SPEC.sock in this user's `heronry_wire.runtime_folder`, or the path that --socket names
 
-The folder of a socket must belong to this user, and be closed to others; any other folder is refused: a process that
-can reach the socket can command the aircraft.
+The folder of a socket must belong to this user, and other users must not be able to write to it. Any other folder is
+refused, because a process that can reach the socket can command the aircraft.
 """
 
 import os
@@ -28,7 +28,7 @@ def default_socket(spec_name: str) -> Path:
 
 
 def listening_folder(path: Path) -> Path:
-    """Make the folder of a socket if needed, and give it; raises ControlError if other users can enter it."""
+    """Make the folder of a socket if needed, and give it; raises ControlError if another user owns or can write it."""
     try:
         return owned_folder(path.parent)
     except RuntimeFolderError as error:
@@ -36,7 +36,7 @@ def listening_folder(path: Path) -> Path:
 
 
 def found_sockets() -> list[Path]:
-    """List the sockets of managers in this user's folder; raises ControlError if the folder is another user's."""
+    """List the sockets of managers in this user's folder; raises ControlError if another user owns or can write it."""
     try:
         return sorted(trusted_folder(runtime_folder()).glob("*.sock"), key=lambda path: path.stem)
     except RuntimeFolderError as error:

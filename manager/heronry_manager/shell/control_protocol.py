@@ -12,7 +12,8 @@
     {"v": 1, "do": "release"}                                       the script that is held
     {"v": 1, "do": "follow"}                        a status, then every event: see `followers`
 
-Every other request has one reply, in the order of the requests. A line that cannot be read gets a reply that says why.
+Every request but `follow` has one reply, in the order of the requests. A line that is no request gets a reply that says
+so.
 """
 
 import json
@@ -37,9 +38,9 @@ LONGEST_ORDER_BYTES = 65536  # a script of a thousand lines
 
 @dataclass(frozen=True, slots=True)
 class FlyScript:
-    """The operator orders the configuration that a script of component graphs makes of the running one.
+    """The operator orders the configuration into which a script of component graphs changes the running one.
 
-    `script_orders` computes that configuration from the text.
+    `script_orders` computes the ordered configuration from the text.
     """
 
     text: str
@@ -52,7 +53,7 @@ class Follow:
 
 Question = AskStatus | AskTraceback
 Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
-"""The orders on the line: as the core's, with the text of a script in the place of its target."""
+"""The orders and questions that a request can hold: those of the core, but a script is still text (`FlyScript`)."""
 
 _WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | FlyScript | AskTraceback]] = {
     "phase": EnterPhase,
@@ -74,7 +75,7 @@ class Answer:
     done: bool
     sentence: str
     status: Mapping[str, Any] | None = None
-    is_unusable: bool = False  # the order names what the spec does not have
+    is_unusable: bool = False  # the order cannot be read, or names what the spec does not have
 
 
 def order_line(order: Spoken | Follow) -> bytes:
@@ -102,7 +103,7 @@ def read_order(line: bytes) -> Spoken | Follow | str:
     """Decode a request; gives a sentence that says what is wrong if the line is no request."""
     match _fields(line):
         case {"v": int(version)} if version != VERSION:
-            return f"this manager speaks version {VERSION} of the control protocol, not {version}: use equal versions"
+            return f"this manager uses version {VERSION} of the control protocol, not {version}: use the same heronry"
         case {"v": _, "do": "status"}:
             return AskStatus()
         case {"v": _, "do": "priority", "what": str(what), "to": int() | None as priority}:
@@ -128,7 +129,7 @@ def answer_line(answer: Answer) -> bytes:
 def read_answer(line: bytes) -> Answer | None:
     """Decode a reply; None: the line is no reply.
 
-    Characters that would control a terminal are escaped: an answer is data, from any process.
+    Characters that would control a terminal are escaped, since the reply may come from any process.
     """
     match _fields(line):
         case {"v": 1, "done": bool(done), "sentence": str(sentence), **rest}:

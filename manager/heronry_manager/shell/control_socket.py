@@ -5,13 +5,14 @@ releases it however the process ends. A manager that gets the lock replaces a so
 behind. A second manager does not get the lock, and stops with an error. Only the manager's user and root can open the
 socket. The kernel names the user of each caller, and callers of any other user are dropped.
 
-A caller that wants to follow the manager's events (`followers`) gives no more orders, and counts as a follower and not
-as a caller.
+A caller that has begun to follow the manager's events (`followers`) can give no more orders, and counts as a follower
+and not as a caller.
 
 A caller that sends too much without a line break, or does not read its answer, is dropped. If there are MOST_CALLERS
 already, or the process has no descriptor left, the caller that has been idle for longest makes room for a new one. If
-every caller waits for an answer, the new one is dropped. One descriptor is reserved for that: a caller that cannot be
-accepted would stay in the queue, and the loop would be called for it without end.
+every caller waits for an answer, the new one is dropped. One file descriptor is kept in reserve, to accept a new caller
+when the process has no other descriptor left. Without the reserve this caller would stay in the kernel's queue, and
+would wake the manager's loop again and again.
 """
 
 import contextlib
@@ -51,7 +52,7 @@ class ControlSocket:
         self._callers: dict[socket.socket, bytes] = {}  # caller -> the part of its next line that has come
         self._awaiting_answer: dict[int, socket.socket] = {}
         self._number = 0
-        self._reserve: int | None = None  # a descriptor
+        self._reserve: int | None = None  # file descriptor
         self._reserve_again()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -83,17 +84,17 @@ class ControlSocket:
             elif one in self._callers:
                 said += self._hear(one)
             else:
-                self.followers.heard(one)  # nothing, if it is a caller that has made room for another one just now
+                self.followers.heard(one)  # no effect on a caller that was dropped in this loop, to make room
         return said
 
     def answer(self, reply: Reply) -> None:
-        """Answer an order; the answer is lost if the caller has hung up."""
+        """Answer an order; the answer is lost if the caller has closed the connection."""
         caller = self._awaiting_answer.pop(reply.number, None)
         if caller in self._callers:
             self._tell(caller, Answer(reply.done, reply.sentence, reply.status, reply.is_unusable))
 
     def close(self) -> None:
-        """Close the socket and every call, and release the lock."""
+        """Close the socket and all connections, and release the lock."""
         self.followers.close()
         for one in self.readers():
             one.close()
@@ -114,7 +115,7 @@ class ControlSocket:
         self._listener.listen()
 
     def _let_in(self) -> None:
-        with contextlib.suppress(OSError):  # the caller may have hung up already
+        with contextlib.suppress(OSError):  # the caller may have closed the connection already
             caller = self._accept()
             caller.setblocking(False)
             self._reserve_again()
@@ -156,9 +157,9 @@ class ControlSocket:
         except OSError:
             chunk = b""
         *lines, rest = (self._callers.pop(caller) + chunk).split(b"\n")
-        self._callers[caller] = rest  # the last one: it was heard last
+        self._callers[caller] = rest  # at the end of the dict: the caller idle for longest comes first
         said = [one for line in lines if (one := self._understood(caller, line)) is not None]
-        if caller not in self._callers:  # it follows from now on
+        if caller not in self._callers:  # the caller is a follower now, or was dropped
             return said
         if not chunk or len(rest) > LONGEST_ORDER_BYTES:
             self._drop(caller)

@@ -1,13 +1,13 @@
-"""The manager's thin shell: one bus, the processes that plan, one operator's socket, one select loop.
+"""The manager's thin shell: one select loop over the bus, the processes that plan, and the operator's socket.
 
-Order of a turn: everything that has arrived (frames, answers of the planner, the operator's orders) goes into the core
-before the core handles a deadline. So a time in which this process did not run does not count as silence of the other
-nodes. Time is CLOCK_MONOTONIC.
+In each turn of the loop, everything that has arrived (frames, answers of the planner, the operator's orders) goes into
+the core before the core handles a deadline. So a time in which this process did not run does not count as silence of
+the other nodes. Time is CLOCK_MONOTONIC.
 
-While the bus is lost (`heronry_wire.link` gets it back) the core's clock stands still: a manager that cannot receive
-must not count that as silence of all PEs. Afterwards the manager goes on with its term and the operator's orders. Three
-cases are possible then. PEs that went on are as the manager knew them. A PE that restarted reports a new incarnation. A
-manager that took over meanwhile has a higher term.
+While the bus is lost the core's clock stands still, because a manager that cannot receive must not take this for
+silence of all PEs. `heronry_wire.link` opens the bus again. Afterwards the manager goes on with its term and the
+operator's orders. What may have changed meanwhile is then visible on the bus: a PE that restarted reports a new
+incarnation, and a manager that took over has a higher term. All other PEs are as the manager knew them.
 
 The loop ends when the core gives Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends
 because the process that started the manager is gone.
@@ -97,16 +97,16 @@ class ManagerDriver:
         self._plants = Plants(spec)
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # how far the core's clock is behind
-        self._frozen_ns: int | None = None  # the core's time while the bus is lost; None: it is not
+        self._frozen_ns: int | None = None  # the core's time while the bus is lost; None: the bus is not lost
         self._lost_channels: frozenset[int] = frozenset()  # as the core knows them
-        self._said: deque[Frame] = deque()  # ALIVEs on the bus of which the core does not know yet
+        self._said: deque[Frame] = deque()  # ALIVE frames that were sent and are not yet reported to the core
         self._link.on_departure = self._departed
         self._meter = LatenessMeter(core.heartbeat_ns, time.monotonic_ns(), time.thread_time_ns())
         self._stop_reason: str | None = None
         self._stopping = False
 
     def stop(self) -> None:
-        """Let `run` end at the next turn of its loop; safe in a signal handler."""
+        """Make `run` end at the next turn of its loop; safe in a signal handler."""
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> str | None:
@@ -197,7 +197,7 @@ class ManagerDriver:
         return None if core_ns is None or self._frozen_ns is not None else core_ns + self._stood_still_ns
 
     def _measure_lateness(self, now_ns: int) -> None:
-        """Report to the core that this computer stood still, before any event that may follow from that."""
+        """Report a standstill of this process to the core, before any event that may follow from the standstill."""
         stood_still = self._meter.woke(now_ns, time.thread_time_ns())
         if stood_still is not None:
             self._step(stood_still)
@@ -219,7 +219,7 @@ class ManagerDriver:
         if isinstance(self._link, ReplicatedLink):
             self._compare_channels(self._link.lost_channels(time.monotonic_ns()))
         if is_lost:
-            self._service.lives(time.monotonic_ns())  # else the service manager would restart this process
+            self._service.lives(time.monotonic_ns())  # without this the service manager would restart the process
 
     def _compare_channels(self, lost: frozenset[int]) -> None:
         if lost != self._lost_channels:
@@ -245,7 +245,7 @@ class ManagerDriver:
         self._carry_out(self._core.step(self._now_ns(), happened))
 
     def _carry_out(self, actions: list[ManagerAction]) -> None:
-        """Carry out the actions in order; then hand the core the plans that were answered immediately."""
+        """Carry out the actions in order; then give the core the planner's answers that came immediately."""
         answers: list[ManagerEvent] = []
         for action in actions:
             match action:
@@ -271,7 +271,10 @@ class ManagerDriver:
             self._step(known)
 
     def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
-        """Give the followers the plan of the epoch that runs from now on; some began to read after it was made."""
+        """Give the followers the plan of the epoch that runs from now on.
+
+        A follower that began to read after the plan was made has not received it before.
+        """
         plan = self._core.plan
         if told["event"] in ("reconfigured", "adopted") and plan is not None:
             runs = {"epoch": told["epoch"], "plan": plan.document()}

@@ -1,11 +1,12 @@
-"""Readers of the manager's events, on its operator's socket: each gets a status first, then every event as a line.
+"""Readers of the manager's events, on the operator's socket: each gets a status first, then every event as a line.
 
     {"v": 1, "do": "follow"}    {"v": 1, "t_ns": ..., "event": "status", "status": {...}, "plan": {...}, "bus": ...}
                                 {"v": 1, "t_ns": ..., "event": "pe_lost", ...}
 
-A reader never holds the manager up. What the kernel does not take waits in a queue of that reader, of at most
-LONGEST_QUEUE_BYTES. Where the queue is full, later lines are dropped and counted; when the reader has read all that
-waited, it gets `lines_lost` with that count, and a new status to go on from. No call here blocks.
+A slow reader does not delay the manager. What the kernel does not take waits in a queue for this reader, of at most
+LONGEST_QUEUE_BYTES. Once the queue is full, all further lines are dropped and counted, until the reader has read all
+lines in its queue. Then the reader gets an event `lines_lost` with the number of dropped lines, and a new status. No
+call here blocks.
 """
 
 import contextlib
@@ -28,7 +29,7 @@ class _Follower:
     waiting: deque[bytes] = field(default_factory=deque)
     waiting_bytes: int = 0
     needs_status: bool = True
-    dropped: int = 0  # lines since its queue was full
+    dropped: int = 0  # lines dropped since the queue was full
 
     def put(self, line: bytes) -> None:
         if self.needs_status or self.dropped or self.waiting_bytes + len(line) > LONGEST_QUEUE_BYTES:
@@ -58,7 +59,7 @@ class Followers:
         return True
 
     def readers(self) -> list[socket.socket]:
-        """Give the sockets that become readable when a reader hangs up."""
+        """Give the sockets that become readable when a reader closes its connection."""
         return list(self._of)
 
     def writers(self) -> list[socket.socket]:
@@ -66,7 +67,10 @@ class Followers:
         return [one for one, follower in self._of.items() if follower.waiting]
 
     def heard(self, caller: socket.socket) -> None:
-        """Drop a reader that has hung up, and ignore what it sends; a caller that is no reader stays as it is."""
+        """Drop a reader that has closed its connection, and ignore what a reader sends.
+
+        A caller that is no reader stays as it is.
+        """
         if caller not in self._of:
             return
         with contextlib.suppress(BlockingIOError):

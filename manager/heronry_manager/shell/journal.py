@@ -1,18 +1,18 @@
-"""The manager's journal: its memory on disk. A kill at any byte loses nothing that a restart needs.
+"""The manager's journal: its memory on disk. If the process is killed, even within a write, a restart has all it needs.
 
     STATE_DIR/manager-NODE.journal      lines of `checked_lines`, only ever appended; the file is written anew when it
                                         is opened, and when it has grown long
 
-Each line is `[number, kind, fields...]`; number 0 is the head (format, name and digest of the spec), the others are
-records of `memory`, numbered in turn. *Every line is written twice*, with an empty line between the copies: a single
-bit that has changed on the disk, even in a line break, leaves one copy of every record. If both copies of a record are
-damaged, no fact after that record is read: the facts are then those that were known just before that record was
-written. Numbers (terms, blocks of epochs or counters) are read from every undamaged line, before and after the damage:
-they only rise.
+Each line is `[number, kind, fields...]`. Line 0 is the head (format, name and digest of the spec); the other lines are
+records of `heronry_manager.core.memory`, numbered in turn. *Every line is written twice*, with an empty line between
+the copies: a single bit that has changed on the disk, even in a line break, leaves one copy of every record. If both
+copies of a record are damaged, no fact after this record is read: the facts are then those that were known before the
+record was written. Numbers (terms, blocks of epochs or counters) are read from every undamaged line, before and
+after the damage: they only rise.
 
-To reserve numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the first frame
-that uses a number of the block. The driver carries actions out in order, so the record is fsynced before any later
-frame is sent. After a restart `memory.reserved[kind]` is the last number that may have been used.
+To reserve a block of numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the
+first frame that uses a number of the block. The driver carries actions out in order, so the record is fsynced before
+any later frame is sent. After a restart `memory.reserved[kind]` is the last number that may have been used.
 
 When each part is on disk:
 
@@ -21,15 +21,15 @@ When each part is on disk:
                                that `sync` starts, so that a slow disk delays no frame
     the whole file             a draft is fsynced and replaces the old file; then the folder is fsynced
 
-A disk that is full or read-only does not stop the manager. `problem` says what is wrong, and the memory goes on without
-the disk. Every later write, and `sync` every `RETRY_NS`, try to write the whole file anew. Until a write succeeds, a
-restart may use a term or a block of numbers a second time.
+A disk that is full or read-only does not stop the manager. `problem` says what is wrong, and the manager goes on with
+the memory in this process alone. Every later write, and `sync` every `RETRY_NS`, try to write the whole file anew.
+Until a write succeeds, a restart may use a term or a block of numbers a second time.
 
-If the file is empty, as a full disk or a power cut may leave it, the journal begins anew, and `warning` says so: an
-empty file must not keep a manager from starting. A pipe or a folder in its place, and a journal of a later version, are
-refused.
+A full disk or a power cut may leave an empty file. Then the journal begins anew, and `warning` says so: an empty file
+must not keep a manager from starting. If the path leads to a pipe or a folder, or to a journal of a later version, the
+manager does not start.
 
-A journal belongs to one spec. If the spec has changed the manager starts only with `--changed-spec`: then the numbers
+A journal belongs to one spec. If the spec has changed, the manager starts only with `--changed-spec`: then the numbers
 stay, and the facts, which are about another aircraft, are dropped. Only one manager at a time may write a journal: a
 lock file beside it ensures that, and the kernel releases the lock when the process ends.
 """
@@ -72,9 +72,9 @@ def whole_journal(spec: Spec, memory: Memory) -> bytes:
 
 
 def recovered(data: bytes) -> tuple[Memory, str | None]:
-    """Read a journal, which may be damaged; gives the memory, and the digest of its spec.
+    """Read a journal, which may be damaged; gives the memory, and the digest of the journal's spec.
 
-    The digest is None if it is damaged.
+    The digest is None if the head of the journal is damaged.
     """
     contents = dict(_whole_lines(data))
     first_missing = next(number for number in range(len(contents) + 1) if number not in contents)
@@ -121,7 +121,10 @@ class Journal:
     """The journal of one manager, open for writing; `memory`: its content, even while the disk fails."""
 
     def __init__(self, folder: Path, node: int, spec: Spec, *, accept_changed_spec: bool = False) -> None:
-        """Open the journal, or begin a new one; raises JournalError if it is locked, unreadable, or of another spec."""
+        """Open the journal, or begin a new one; raises JournalError if it is locked, unreadable, or of another spec.
+
+        accept_changed_spec: open also a journal of another spec, keep its numbers, and drop its facts.
+        """
         self.file = folder / f"manager-{node}.journal"
         self.memory = NOTHING
         self.problem: str | None = None
@@ -168,7 +171,7 @@ class Journal:
     def sync(self, now_ns: int) -> None:
         """Let a thread write the records to the disk (fsync); while the disk fails, try again every `RETRY_NS`.
 
-        The thread syncs what was written until it begins. If it fails, `problem` says so later.
+        The thread syncs what was written before the thread began. If the thread fails, a later `sync` sets `problem`.
         """
         if self.problem is not None:
             if now_ns >= self._retry_ns:
@@ -235,7 +238,7 @@ class Journal:
         if later > _FORMAT:
             raise JournalError(
                 f"{self.file} has format {later}, of a later version, and this version reads format {_FORMAT}; "
-                "start that version, or name another folder with --state-dir"
+                "start the later version, or name another folder with --state-dir"
             )
         self.memory, digest = recovered(data)
         if digest is None and self.memory == NOTHING:

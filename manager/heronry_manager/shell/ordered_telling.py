@@ -2,7 +2,7 @@
 
 Two kinds of events come later than they happened: events whose content the manager first has to read from a PE
 (`heard_ns` is when they happened), and, in a demo, events that come from another process. So each event is held for a
-moment, in case an earlier event comes within it. An event that comes even later is passed on when it comes.
+moment, in case an earlier event comes within it. An event that comes later than this is passed on immediately.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ class OrderedTelling:
         self._held: list[Mapping[str, Any]] = []
 
     def take(self, event: Mapping[str, Any]) -> None:
-        """Hold an event until it is passed on; its `heard_ns` becomes its time."""
+        """Hold an event until it is passed on; `heard_ns`, if the event has it, becomes the event's time."""
         self._held.append({**event, "t_ns": event["heard_ns"]} if "heard_ns" in event else event)
 
     def tell_until(self, until_ns: int | None = None) -> None:

@@ -1,11 +1,12 @@
-"""The processes that plan, behind the planning policy: requests go to them, and their answers come back.
+"""Runs the processes that plan: gives them the requests for plans, and takes their answers.
 
-The planner's process is started before the flight, the pre-planner's process with its first question.
+`heronry_manager.core.planning_policy` (the *policy*) decides which process gets which request. The planner's process is
+started before the flight, the pre-planner's process with its first request.
 
-Every request has a budget, from the moment it is made. A process that has not answered by then hangs (it was stopped,
-its disk does not answer, the search does not end): it is killed and replaced, and all its requests have failed. If the
-aircraft waits for the plan, the policy then uses the greedy planner, which needs no process.
-`heronry_manager.core.planning_policy` decides which process gets which request.
+Every request has a time budget, which begins when the request is made. A process that has not answered by the end of
+the budget is taken to hang (it was stopped, its disk does not answer, the search does not end): it is killed and
+replaced, and all its requests have failed. If the aircraft waits for the plan, the policy then uses the greedy planner,
+which needs no process.
 """
 
 import time
@@ -28,17 +29,20 @@ from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, 
 from heronry_manager.planner.client import Failed, Planned
 
 AWAITED_NS = 10_000_000_000
-"""Budget of a request whose plan the aircraft waits for: the first one, or one whose greedy plan was refused."""
+"""Budget of a request whose plan the aircraft waits for: the first one, or one after a refused greedy plan."""
 
 AHEAD_NS = 300_000_000_000
 """Budget of a request while a legal configuration runs: for a better plan, or for a situation that may come."""
 
 
 class PlannerLink(Protocol):
-    """A planner that answers later: `heronry_manager.planner.client.PlannerClient`."""
+    """The methods that this file uses of a planner's process: `heronry_manager.planner.client.PlannerClient`."""
 
     def request(self, number: int, now: Situation, running: Placement | None) -> None:
-        """Request a plan for situation `now`; `poll` returns the answer, with this number."""
+        """Request a plan for situation `now`; `poll` returns the answer, with this number.
+
+        running: the placement that runs now; None: none is known.
+        """
 
     def poll(self) -> list[Planned | Failed]:
         """Return the answers that have arrived, without waiting."""
@@ -56,14 +60,14 @@ class PlannerProcesses:
     def __init__(
         self, policy: PlanningPolicy, planner: PlannerLink | None, start_pre_planner: Callable[[], PlannerLink]
     ) -> None:
-        """Begin with the planner's process; `start_pre_planner` starts the other one, before its first question.
+        """Begin with the planner's process; `start_pre_planner` starts that of the pre-planner when it is first needed.
 
-        planner: None: there is no solver. The policy must know this, and then starts no pre-planner.
+        planner: None if there is no solver. Then the policy must have been made with `has_planner` false.
         """
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
         self._pre_planner: PlannerLink | None = None
         self._until_ns: dict[int, int] = {}  # by request in the planner: the end of its budget
-        self._ahead_until_ns: dict[int, int] = {}  # and in the pre-planner
+        self._ahead_until_ns: dict[int, int] = {}  # the same, by request in the pre-planner
 
     def readers(self) -> list[PlannerLink]:
         """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
@@ -89,7 +93,7 @@ class PlannerProcesses:
     def next_deadline_ns(self) -> int | None:
         """The time (ns) at which to call `poll` at the latest, since the budget of a request ends.
 
-        None: no request is out.
+        None: no request waits for an answer.
         """
         return min((*self._until_ns.values(), *self._ahead_until_ns.values()), default=None)
 

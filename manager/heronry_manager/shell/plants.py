@@ -1,8 +1,8 @@
-"""What the running plan means for the plants of the spec: an event after every epoch, and a part of the status.
+"""Reports which control paths through the plants of a spec are closed: in an event after each epoch, and in the status.
 
-The core knows no plants. When an epoch runs everywhere or was adopted, and when the status is requested, a component
-graph is derived from the spec and the core's plan (`heronry_pcs`). Nothing here changes a plan. A spec without plants
-has no such event, and no such key in the status.
+The core does not use plants. When an epoch runs everywhere or was adopted, and when the status is requested, this file
+derives a component graph from the spec and the core's plan (`heronry_pcs`). It changes no plan. For a spec without
+plants there is no such event, and no such key in the status.
 """
 
 from collections.abc import Mapping
@@ -17,15 +17,15 @@ _RUNS = ("reconfigured", "adopted")  # events after which another epoch runs
 
 
 class Plants:
-    """Reports what the running plan means for the plants of one spec."""
+    """Reports the states of the control paths through the plants of one spec."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
 
     def after(self, told: Mapping[str, Any], plan: Plan | None) -> dict[str, Any] | None:
-        """Give the event on plants that follows another event of the core; None: none follows.
+        """Give the event on plants to send after the core's event `told`; None if there is none.
 
-        `plan`: what runs now.
+        plan: the plan that runs now.
         """
         if told["event"] not in _RUNS or plan is None or not self._spec.plants:
             return None
@@ -33,7 +33,7 @@ class Plants:
         return event("control_paths", told["t_ns"], epoch=told["epoch"], plants=states)
 
     def status(self, plan: Plan | None) -> dict[str, Any]:
-        """Give the part of the status on plants: by name the state of the control path, and why it is not closed."""
+        """Give the status of the plants: by name the state of the control path, and the reason if it is not closed."""
         if plan is None or not self._spec.plants:
             return {}
         paths = control_paths(self._spec, plan.configuration)

@@ -1,8 +1,8 @@
-"""The operator's order `script`: its text becomes the target of an order to the core, which knows no component graphs.
+"""The operator's order `script`: converts its text to a configuration, since the core does not use component graphs.
 
-The script is applied to the plan of the core's last epoch, in the situation as the core knows it, within the call. So
-the PEs that the script leaves out are chosen from at most `MOST_PLACEMENTS` combinations. If there are more, each
-module gets its first possible PE in the spec's order.
+The script is applied to the plan of the core's last epoch, in the situation as the core knows it. The manager's loop
+waits meanwhile. So, for modules for which the script names no PE, at most `MOST_PLACEMENTS` combinations of PEs are
+tried. If there are more combinations, each of these modules gets its first possible PE in the spec's order.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from heronry_manager.core.vocabulary import FlyTarget, OperatorSaid
 from heronry_manager.shell.control_protocol import FlyScript
 from heronry_pcs.plan_script import apply_to_plan
 
-MOST_PLACEMENTS: Final = 100  # the manager's loop waits meanwhile
+MOST_PLACEMENTS: Final = 100  # few, since the manager's loop waits for the result
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class ScriptSaid:
     order: FlyScript
 
     def target(self, spec: Spec, core: ManagerCore) -> OperatorSaid:
-        """Give the order that the core understands: the script replaced by the configuration that it makes."""
+        """Give the order for the core: the configuration that the script makes takes the place of the script."""
         return OperatorSaid(self.number, target_of(self.order.text, spec, core))
 
 
