@@ -32,7 +32,7 @@ _HERE = (__file__, find_image.__code__.co_filename)
 
 
 class Orders(NamedTuple):
-    """What is needed to build a module: its name, its image, its mode, its period in ns, and whether it has a device."""
+    """What is needed to build a module: its name, image, mode and period in ns, and whether it has a device."""
 
     name: str
     image: str
