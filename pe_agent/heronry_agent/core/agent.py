@@ -9,12 +9,12 @@ state frames that the parts have requested, and queues the frames to a radio. A 
 look-up of its identifier; no part gets a frame with a 29-bit identifier, a remote frame or an error frame.
 
 No frame raises an exception, whatever its bytes and its order: a malformed frame is counted (`counts`) and changes
-nothing. Only a programming error raises one: a caller whose time goes back, or a broken invariant.
+nothing. Only a programming error raises an exception: a caller whose time goes back, or a broken invariant.
 
-A PE that hears no other node continues to run its modules, but holds back its exclusive outputs (protocol rule 6) and,
-under the policy `safe_mode`, stops its expendable modules (`without_manager`); its state frames report that it hears no
-lease. The agent notes and counts frames of another node with the same node-ID; the driver does not start while it hears
-such a node.
+A PE that hears no other node continues to run its modules, but holds back its exclusive outputs (protocol rule 6). If
+the policy is `safe_mode`, it also stops its expendable modules (`without_manager`). Its state frames report that it
+hears no LEASE. The agent logs and counts frames of another node with the same node-ID; the driver does not start while
+it hears such a node.
 """
 
 from collections import Counter, deque

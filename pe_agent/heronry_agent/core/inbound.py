@@ -123,8 +123,8 @@ class Inbound:
     def _contested_until_ns(self, now_ns: int) -> int | None:
         """Time in ns until which the received exclusive frame may be forwarded to the uplink; None: it may not.
 
-        It may not if it arrived during a pause of this process: a command that arrived after it, and is still unread,
-        may end the authorization.
+        A frame that arrived during a pause of this process may not be forwarded: a command that arrived later, and is
+        still unread, may end the authorization.
         """
         turn = self._turn
         return (

@@ -57,7 +57,7 @@ class Parts:
     """What `PeObjects` and `CanopenNode` need of an agent.
 
     facts: returns the present content of the state frames.
-    take_table: takes a table that differs from the present one, or returns an abort code; None: each is refused.
+    take_table: takes a table that differs from the present one, or returns an abort code; None: no such table is taken.
     authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     """
 

@@ -21,7 +21,7 @@ from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkSt
 from heronry_wire.sansio import NEVER_NS, Send
 
 _HEADROOM_PERCENT = 110
-_LEAST_PACE = 50  # per mille of the bit rate: the usable bandwidth can only be measured with frames
+_LEAST_PACE = 50  # per mille of the bit rate: without frames the usable bandwidth could not be measured
 _PATIENCE_PERIODS = 5
 
 

@@ -2,8 +2,8 @@
 
 A PE sends page 0 on every port once in the heartbeat period of that bus. Each node has its own time slot in the period,
 so that up to 34 PEs do not send at the same moment. Page 1 follows every tenth page 0. A change is reported immediately
-on every port: page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent's own loop
-sends these frames, so an agent that hangs falls silent.
+on every port: by page 0 when an activation step is taken, by page 1 when a configuration was staged or refused. Only
+the agent's own loop sends these frames, so a PE whose agent hangs falls silent.
 
 Each port numbers its own page 0 frames, so that a gap in the sequence shows a loss on that bus.
 

@@ -78,7 +78,7 @@ class TableIndex:
 def _stand_back_ns(port: Port) -> int:
     """Time in ns that PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take on the bus.
 
-    For so long data are held back after a PREPARE.
+    After a PREPARE, data frames are held back for this time.
     """
     frames = 4 + 3 * (1 + len(port.nodes))
     return frames * WORST_BLOCKING_BITS * 1_000_000_000 // port.bitrate
