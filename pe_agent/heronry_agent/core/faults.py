@@ -124,7 +124,7 @@ class Faults:
         return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
-        """Report those uncleared faults once more that were found or acknowledged at `since_ns` or later.
+        """Report once more the uncleared faults that were found or acknowledged at `since_ns` or later.
 
         Returns the frames to send now.
         """
@@ -143,7 +143,7 @@ class Faults:
         return self._pend(self._request, now_ns)
 
     def repeat_request(self, now_ns: int) -> list[Frame]:
-        """Send the last phase request again, as with `forward_only` (`request_phase`).
+        """Send the last phase request again, now with `forward_only` set (see `request_phase`).
 
         Returns the frames to send now; none if the request was withdrawn.
         """
@@ -167,7 +167,7 @@ class Faults:
         return self._pend(request, now_ns)
 
     def repeat_priority(self, function: int, now_ns: int) -> list[Frame]:
-        """Report the last request for a function once more, unchanged; returns its frames.
+        """Send the last priority request for a function once more, unchanged; returns the frames to send now.
 
         Returns no frames while the request is not acknowledged, since such a request is repeated anyway.
         """

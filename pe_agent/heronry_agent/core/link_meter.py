@@ -65,7 +65,7 @@ class _Numbered(NamedTuple):
 
 
 class LinkMeter:
-    """Measures one radio."""
+    """Measures the usable bandwidth of one radio, and finds out when the radio is gone."""
 
     def __init__(self, bitrate: int, period_ns: int, misses: int, now_ns: int) -> None:
         self.gone = False

@@ -37,7 +37,7 @@ class Mailbox:
 
         node: node-ID of the PE that produces the source.
         type_code: data type of CANaerospace.
-        payload_bytes: length of the value.
+        payload_bytes: length of the value in bytes.
         max_age_ns: time in ns for which a datum counts as fresh.
         """
         self.node = node

@@ -130,7 +130,7 @@ class PhaseRequests:
         return frames
 
     def requested(self, module: int, phase: int, now_ns: int) -> list[Frame]:
-        """Request a phase for a module; returns the frames, none if the module has requested it before."""
+        """Request a phase for a module; returns the frames to send, none if the module's last request was the same."""
         if self._requested.get(module) == phase:
             return []
         self._requested[module] = phase

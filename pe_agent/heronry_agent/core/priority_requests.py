@@ -25,7 +25,10 @@ class PriorityRequests:
         self._standing: dict[int, int] = {}  # by function: the module whose request is the last one
 
     def requested(self, module: int, function: int, priority: int, now_ns: int) -> list[Frame]:
-        """Request a priority for a module; returns the frames, none if the module has requested it before."""
+        """Request a priority of a function for a module; returns the frames to send.
+
+        Returns no frames if the last request of this module for this function was the same.
+        """
         wanted = self._requested.setdefault(module, {})
         if wanted.get(function) == priority:
             return []

@@ -58,7 +58,7 @@ class Reporting:
         self.next_ns = min(self._beat_ns)
 
     def tick(self, now_ns: int, facts: Facts) -> list[Send]:
-        """Return the state frames that are due, with this content."""
+        """Return the state frames that are due, with the content `facts`."""
         sends = []
         for port in self._ports:
             if now_ns >= self._beat_ns[port]:
@@ -71,7 +71,7 @@ class Reporting:
         return sends
 
     def immediate(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
-        """Return the requested pages, one frame for each port."""
+        """Return the requested pages with the content `facts`, a frame of each page for each port."""
         sends = []
         for port in self._ports:
             if page_0:

@@ -28,12 +28,12 @@ class StateSeal:
 
     @property
     def session(self) -> Session | None:
-        """The session with the active manager; None if there is none in its term."""
+        """The session with the active manager; None if this manager has begun no session in its present term."""
         session = self._sessions.get(self._mastership.manager)
         return session if session is not None and session.term == self._mastership.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
-        """Begin a session, unless this manager has one in this term; `counter` is the number of its WELCOME."""
+        """Begin a session, unless this manager has one in this term; `counter` is the number of the WELCOME."""
         session = self._sessions.get(manager)
         if session is not None and session.term == term:
             return

@@ -47,7 +47,7 @@ class TableIndex:
     def on_board(self, number: int, digest: int) -> bytes | None:
         """Return the slice of contingency `number` as bytes.
 
-        None if the contingency is not on board, or `digest` is not that of its configuration.
+        Returns None if the contingency is not on board, or if its configuration has another digest than `digest`.
         """
         if not 0 < number <= len(self._preloaded):
             return None

@@ -48,7 +48,7 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StepFailed:
-    """A module raised an exception in its step; `reason` is one line, `traceback` the whole text."""
+    """A step of a module has failed; `reason` is one line; `traceback` is empty if no exception was raised."""
 
     module: int
     release: int

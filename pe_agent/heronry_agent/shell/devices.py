@@ -69,7 +69,7 @@ def _started(name: str, origin_ns: int) -> DeviceDriver:
 
 
 class Devices:
-    """The devices of a table's modules, opened."""
+    """The opened devices of the modules in a table."""
 
     def __init__(self, table: PeTable, drivers: Mapping[str, DeviceDriver]) -> None:
         """Open the devices of all modules of a table; raises DeviceDriverError.

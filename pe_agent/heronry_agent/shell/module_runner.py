@@ -112,7 +112,7 @@ class ModuleRunner:
         self._kept: dict[int, tuple[Module, _Context, str]] = {}
 
     def load(self, image: str) -> Failure | None:
-        """Import the code of an image; returns None, or why that failed."""
+        """Import the code of an image; returns None, or how the import has failed."""
         if image in self._classes:
             return None
         try:

@@ -71,7 +71,7 @@ class PartitionGroups:
         _write(folder, "cgroup.subtree_control", "+memory")
 
     def enclose(self, pid: int) -> PartitionGroup | None:
-        """Put a new process into a group of its own; None if that fails."""
+        """Put a new process into a group of its own, and return the group; None if this fails."""
         self._ended = [group for group in self._ended if not group.remove()]
         folder = f"{self._folder}/partition.{pid}"
         try:
