@@ -9,13 +9,13 @@ it is counted (`command_tags.Refusal`), and page 3 of the state reports the coun
 *Welcome.* After its own start a PE accepts no command, since every command that it hears may be old. The PE sends a
 nonce (page 2), and the manager answers with the command WELCOME, whose tag covers this nonce. Each manager numbers its
 commands; from the WELCOME on, the PE accepts a command of this manager if its number is above that of the last accepted
-one. While the PE hears a manager that has not welcomed it, it sends a nonce once in a heartbeat period. This happens in
-three cases: the PE or the manager has restarted; the standby manager has taken over; or the PE has missed so many
-commands that it cannot derive the numbers any more, and has accepted no command for T_lease. A PE that has a session
-with its manager, and has accepted a command within T_lease, does not react to commands that it cannot verify, since any
-node can send such commands. There is one exception: after a LEASE or ACTIVATE with a higher term and a tag made with
-the key, the PE sends a nonce. Only the active manager sends a WELCOME. Like any command the WELCOME names a term, so
-the PE then refuses commands of the previous manager.
+command. While the PE hears a manager that has not welcomed the PE, the PE sends a nonce once in a heartbeat period.
+This happens in three cases: the PE or the manager has restarted; the standby manager has taken over; or the PE has
+missed so many commands that it cannot derive the numbers any more, and has accepted no command for T_lease. A PE that
+has a session with its manager, and has accepted a command within T_lease, does not react to commands that it cannot
+verify, since any node can send such commands. There is one exception: after a LEASE or ACTIVATE with a higher term and
+a tag made with the key, the PE sends a nonce. Only the active manager sends a WELCOME. Like any command the WELCOME
+names a term, so the PE then refuses commands of the previous manager.
 
 *Session.* The number of the WELCOME also identifies the session under which the PE tags its states from now on; a
 manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed the
@@ -24,9 +24,9 @@ PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a ses
 *EMCY.* The next page 0 authenticates an EMCY: the tag of the page covers one pending EMCY; if several are pending, the
 pages cover them in turn. A new EMCY causes an immediate page 0, so authentication takes no extra time.
 
-A command of a manager that has not welcomed this PE is not executed. But if its tag was made with the key, a LEASE or
-ACTIVATE proves that its epoch was activated at some time. If that epoch is newer than the PE's own, the PE has been
-replaced (`output_authorization`); an old epoch proves nothing. A PE whose transmitter has failed cannot send a nonce
+A command of a manager that has not welcomed this PE is not executed. But a LEASE or ACTIVATE whose tag was made with
+the key proves that its epoch was activated at some time. If this epoch is newer than that of the PE, the PE has been
+replaced (`output_authorization`); an older epoch proves nothing. A PE whose transmitter has failed cannot send a nonce
 and gets no WELCOME from a new manager: only this proof shows that the PE has been replaced.
 
 *Lock.* The PE refuses NMT commands and SDO downloads until the active manager sends it UNLOCK, and again after the time

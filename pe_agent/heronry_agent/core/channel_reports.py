@@ -9,8 +9,8 @@ A replicated bus has two channels, which carry the same frames. The driver finds
 The manager does not acknowledge these reports. It also counts a channel as back when no PE has reported the loss for
 three seconds. So if a CHANNEL_LOST frame does not arrive, the manager learns of the loss one second later; if a
 CHANNEL_BACK frame does not arrive, the manager learns of the return three seconds later. A manager that restarts or
-takes over learns of a lost channel within one second, and the reports of a PE that dies expire. These reports change no
-plan, since the bus itself still carries frames.
+takes over learns of a lost channel within one second, and the reports of a PE that has failed expire. These reports
+change no plan, since the bus itself still carries frames.
 """
 
 from heronry_agent.core.table_index import TableIndex

@@ -5,7 +5,8 @@ Two things can be measured at any CAN interface:
     carried     while a frame of this node is in the controller, the radio is never idle. So the bits of that frame, and
                 of all frames heard meanwhile, divided by the time in the controller, are the bit rate that the radio
                 achieves. This is not measured where the driver cannot tell how long a frame took
-    delivered   state frames carry a sequence for each bus, data and echoes one for each identifier: a gap is a loss
+    delivered   frames are numbered: state frames for each bus, data and output echoes for each identifier. A gap in the
+                numbers shows a loss
 
 The usable bit rate is the carried bit rate times the share of the frames that were delivered, both over the last ten
 heartbeat periods. If this product over the last two periods alone is at most half of the product over ten, only the

@@ -289,7 +289,7 @@ class RunningModules:
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
-        """Send requests and uncleared faults again, because the manager of a new term may not know them.
+        """Send requests and uncleared faults again, because the manager of a new term may have missed them.
 
         A module that has failed starts again if its fault was cleared.
         """

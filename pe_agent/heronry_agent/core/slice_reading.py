@@ -1,6 +1,6 @@
 """Decodes the bytes of a slice into a slice that this PE can run, or gives the reason why it cannot.
 
-A slice is checked before it is staged, so that its activation cannot fail half way. A slice is refused unless
+A slice is checked before it is staged, so that its activation cannot fail half way. A slice is accepted only if
 
 - every index is in the table,
 - every wired leaf reads its own variable, from a module of this slice or from a named node,

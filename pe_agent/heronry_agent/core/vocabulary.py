@@ -1,10 +1,11 @@
 """The events and actions of the agent core, except those for frames and time (`heronry_wire.sansio`).
 
 The driver answers a StepModule by `Stepped`, `StepFailed` or `NotReady`, or by the `PartitionEnded` of the module's
-partition; if the module is stopped, perhaps not at all. The answer repeats the `release` of the StepModule, a number
-that is used only once. So the core recognizes, and drops, an answer that comes after the module was stopped. The driver
-answers StartModule only if the start has failed (`StartFailed`). It answers MeasureStep by `StepMeasured`, and Drive by
-`Driven` if the device has moved, or by `DriveFailed` if the device could not. No other action has an answer.
+partition. If the module is stopped before, the answer may be missing. The answer repeats the `release` of the
+StepModule, a number that is used only once. So the core recognizes, and drops, an answer that comes after the module
+was stopped. The driver answers StartModule only if the start has failed (`StartFailed`). It answers MeasureStep by
+`StepMeasured`, and Drive by `Driven` if the device has moved, or by `DriveFailed` if the device could not execute the
+command. No other action has an answer.
 """
 
 from collections.abc import Mapping

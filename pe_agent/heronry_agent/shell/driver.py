@@ -200,7 +200,7 @@ class AgentDriver:
                 return
 
     def _take_departures(self) -> None:
-        """Tell the core that frames to a radio have left the CAN controller, and how long each was in the controller."""
+        """Tell the core that frames to a radio have left the CAN controller, and how long each was in it."""
         for port in self.core.radio_ports:
             while departures := self._links[port].departures_ns():
                 for took_ns in departures:

@@ -1,9 +1,10 @@
 """Which class the `image` of a spec names.
 
 `package.module:Class` is imported directly, so that a user's own code needs no entry in a catalogue. A bare name is
-looked up in the catalogues that installed packages offer under the entry point `heronry.images`: each is a mapping of
-names to `package.module:Class`. An image is imported when it is first needed, so a PE loads only the code that it runs.
-A catalogue that cannot be loaded does not affect the others; the message about an unknown image names that catalogue.
+looked up in the catalogues that installed packages offer under the entry point `heronry.images`. A catalogue is a
+mapping of names to `package.module:Class`. An image is imported when it is first needed, so a PE loads only the code
+that it runs. A catalogue that cannot be loaded does not affect the others; the message about an unknown image names
+that catalogue.
 """
 
 import importlib

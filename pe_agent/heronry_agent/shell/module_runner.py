@@ -98,7 +98,7 @@ class _Context:
 
     def _require_device(self) -> None:
         if not self.has_device:
-            raise RuntimeError(f"module {self.module} is bolted to no device: give it one in the spec")
+            raise RuntimeError(f"module {self.module} has no device: give it one in the spec")
 
 
 class ModuleRunner:

@@ -7,8 +7,8 @@ modules in its own process: `heronry_tools.sim.world.module_host`.) A partition 
               modules, the host starts one partition per second in advance, so that starting a process delays no
               reconfiguration in flight
     loading   its process imports the code of all its modules in the table. When the code has been imported, the host
-              sends the orders to start modules that the core has given meanwhile. Steps that the core has ordered
-              meanwhile are answered with `NotReady`, so that the core orders them again with present inputs
+              sends the start orders that the core has given meanwhile. Steps that the core has ordered meanwhile are
+              answered with `NotReady`, so that the core orders them again with present inputs
     running   its process executes orders, one after the other
     ending    its process is killed and not reaped yet; a new process for the same partition may start meanwhile
 
