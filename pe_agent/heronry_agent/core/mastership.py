@@ -2,8 +2,9 @@
 
 A term belongs to the manager that was first heard with it. Two managers never use the same term, so a command of
 another manager with this term is refused, as is a command with a lower term. The *lease* of the manager runs as long as
-the last LEASE of the highest term has come within T_lease. If the lease ends, modules continue (policy `keep`); the
-state frames report that no LEASE is heard, and the standby manager counts these reports. A manager that has just become
+the last LEASE of the highest term has come within T_lease. Here T_lease is that of the slowest bus between the manager
+and this PE, since LEASE comes at the rate of that bus. If the lease ends, modules continue (policy `keep`); the state
+frames report that no LEASE is heard, and the standby manager counts these reports. A manager that has just become
 active cannot tell yet what runs, and which PEs have released their exclusive outputs. Its first LEASE or ACTIVATE with
 the step GO_ALL shows that it can tell both (`has_activated`).
 
@@ -25,7 +26,7 @@ class Mastership:
     """The highest term heard, its manager, and when its last LEASE came."""
 
     def __init__(self, lease_ns: int) -> None:
-        """Begin without a manager; `lease_ns` is T_lease, the time for which one LEASE is valid."""
+        """Begin without a manager; `lease_ns` is the time in ns for which one LEASE is valid."""
         self._lease_ns = lease_ns
         self.term = NO_TERM
         self.manager = 0

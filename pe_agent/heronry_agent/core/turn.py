@@ -25,7 +25,7 @@ class Turn:
         """Begin at `now_ns`; `period_ns` is the heartbeat period of the uplink."""
         self.now_ns = now_ns
         self.arrived_ns = now_ns  # arrival of the present frame: before now_ns if the process was paused
-        self.held_until_ns = now_ns - 1  # end of the last pause of the process; frames from the pause may be outdated
+        self.held_until_ns = now_ns - 1  # end of the last pause of the process: frames from before may be outdated
         self.counts: Counter[tuple[str, int]] = Counter()  # malformed or refused, by cause and identifier; never reset
         self.standstills = Standstills(period_ns)
         self.out: list[Action] = []
