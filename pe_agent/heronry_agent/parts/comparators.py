@@ -9,9 +9,10 @@ the output. The disagreement ends when the versions have agreed for `patience_ns
     ComparatorSafer     gives the value nearer to `safe`
     ComparatorNone      gives no value, and the spec decides what its readers do without one
 
-While the versions agree, the better one is the output. If only one version is present, this version is the output. Two
-modules with the same image would make the same mistakes. So give the two modules different images, and put them on
-different PEs (`separate` in the spec). The manager reports a disagreement to the operator and changes no plan.
+While the versions agree, the better one is the output. If only one version is present, this version is the output. If
+the two modules that compute the versions had the same image, they would make the same mistakes. So give these modules
+different images, and put them on different PEs (`separate` in the spec). The manager reports a disagreement to the
+operator and changes no plan.
 """
 
 from collections.abc import Mapping

@@ -196,7 +196,7 @@ def one_line(error: BaseException) -> str:
 
 
 def failure_of(error: Exception, file: str | None = None) -> Failure:
-    """Describe an exception of a module or driver; `file` has the class of that module or driver, None if unknown."""
+    """Describe an exception of a module or driver; `file`: the file with the code of the module or driver, if known."""
     try:
         line = str(error) if isinstance(error, UnknownImageError) else one_line(error)
         if len(line) > _LONGEST_MESSAGE:
