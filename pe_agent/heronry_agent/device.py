@@ -5,11 +5,11 @@ was taken, and whether the value may be used. An actuator takes a command, retur
 and has a safe action for the time when no module drives it. A package offers a driver under the entry point
 `heronry.devices` (pyproject.toml): a callable that takes the take-off time of a simulated flight on the monotonic
 clock, in ns, and gives a `DeviceDriver`. The plant of the shipped aircraft is such a driver, and so are the drivers of
-real devices. docs/modules.md shows one.
+real devices. docs/modules.md shows an example.
 
 The agent calls the driver in its own process. It commands an actuator only if the output is authorized at that moment
-(protocol rule 6). Each method of a driver must return within a few hundred microseconds. Anything slower belongs in a
-thread or process of the driver; `read` then returns the newest reading that it has.
+(protocol rule 6). Each method of a driver must return within a few hundred microseconds. Slower work belongs in a
+thread or process of the driver; `read` then returns the newest reading that this thread or process has taken.
 
 The agent calls for the safe action (`make_safe`) when the module stops, even if it will be restarted; when the module
 is given up; when its partition ends; and when the agent starts anew or ends in order. The call may come twice, and

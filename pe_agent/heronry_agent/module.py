@@ -2,16 +2,17 @@
 
 A module is a class with `step(inputs) -> outputs`, called once per period of its mode. The `image` in the spec names
 the class: a bare name is looked up in the installed catalogues, `package.module:Class` is imported. The agent makes a
-new object of the class when a module starts, and when it is restarted after a failure; when its mode changes, it does
-so unless `mode_changed` returns True. A module has no reference to a bus or to another module: all its inputs come
-through `inputs` and `self.ctx`.
+new object of the class when a module starts, when a module is restarted after a failure, and when the mode of a module
+changes (unless `mode_changed` returns True). A module has no reference to a bus or to another module: all its inputs
+come through `inputs` and `self.ctx`.
 
-On a node a module runs in a separate process, its *partition*, which it may share with other modules. If the module
-raises an exception, or the process ends, the module has failed: it is restarted a few times, and then given up.
+On a node a module runs in a separate process, its *partition*, which may also run other modules. If the module raises
+an exception, or the process ends, the module has failed: the agent restarts the module a few times, and then gives it
+up.
 
 Data from this PE and from other PEs look the same. A datum that is too old, from a wrong producer, or of an unaccepted
-version is absent. So the same line of code handles an optional input that was never supplied and one that has just been
-lost.
+version is absent. So the same line of code handles an optional input that was never supplied and an input that has just
+been lost.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,7 +22,7 @@ T = TypeVar("T")
 
 Value = int | float | str | bytes | tuple[int, ...]
 
-DISAGREEMENT = "disagreement"  # in the reports of a step, in place of an element
+DISAGREEMENT = "disagreement"  # stands in place of an element in the reports of a step
 
 
 class Datum(NamedTuple):
@@ -40,18 +41,18 @@ class Datum(NamedTuple):
 
 
 class AbsentError(KeyError):
-    """A variable is not supplied now: not yet, no more, or never in this configuration."""
+    """Raised when a step reads a variable that has no fresh datum in this step."""
 
     def __str__(self) -> str:
-        """Say what a module should do."""
+        """Return a sentence that names the variable, and tells how to read a variable that may be absent."""
         variable = repr(self.args[0])
         return f"no fresh value of {variable} is supplied; ask with inputs.get({variable}), which gives None then"
 
 
 class Inputs(Mapping[str, Datum]):
-    """The fresh inputs of one step, by variable; if several leaves read a variable, its best version counts.
+    """The fresh inputs of one step, by variable; if several leaves read a variable, the best version counts.
 
-    `inputs.get("name")` is None for a variable that has no fresh datum; `inputs["name"]` raises KeyError.
+    `inputs.get("name")` is None for a variable that has no fresh datum; `inputs["name"]` then raises AbsentError.
     """
 
     def __init__(self, by_leaf: Mapping[str, tuple[str, Datum]]) -> None:
@@ -120,7 +121,7 @@ class Context(Protocol):
         """Return the reading of the module's device when this step began; None if there is no valid reading."""
 
     def write(self, value: Value) -> None:
-        """Command the module's device; the command is executed after the step if its output is still authorized."""
+        """Command the module's device; the agent executes the command after the step, if it is still authorized."""
 
     def may_drive(self) -> bool:
         """Tell whether this module's outputs are authorized now.
@@ -149,8 +150,8 @@ class Context(Protocol):
         """Request another priority of a function from the manager; None: the priority of the spec.
 
         The manager refuses a priority outside the function's `priority_range`, and any change while a priority set by
-        the operator applies. It makes at most one change a second; of several requests the last one counts. Repeating
-        the request in the next step has no effect. The priority stays when the module stops.
+        the operator applies. The manager changes a priority at most once a second; of several requests the last one
+        counts. Repeating the request in the next step has no effect. The priority stays when the module stops.
         """
 
 

@@ -106,7 +106,7 @@ def test_a_disk_that_is_full_in_flight_grounds_nobody_and_no_count_comes_twice(
     with full_disk():
         given += [process.next() for _ in range(2 * RESERVE)]
         until(lambda: starts.said)
-        assert "File too large; the agent flies on and tries again" in starts.said[0]
+        assert "File too large; the agent continues and tries again" in starts.said[0]
     until(lambda: len(starts.said) == 2)
     assert "the boot count is kept again" in starts.said[1]
     given.append(starts.start().next())
@@ -137,7 +137,7 @@ def test_something_else_in_its_place_neither_hangs_nor_ends_the_agent(starts: St
     first = process.next()
     assert process.next() == (first + 1) % 256
     assert len(starts.said) == 1
-    assert "the agent flies on" in starts.said[0]
+    assert "the agent continues" in starts.said[0]
 
 
 def test_a_slow_disk_holds_up_the_start_for_a_while_and_the_flight_never(

@@ -153,7 +153,7 @@ def test_a_module_that_cannot_be_built_is_one_line_and_cannot_be_stepped() -> No
 def test_a_module_without_a_device_has_nothing_to_read() -> None:
     answer = Hosted("Deviceless", device=None).step()
     assert isinstance(answer, StepFailed)
-    assert "bolted to no device" in answer.reason
+    assert "has no device" in answer.reason
 
 
 def test_a_stopped_module_is_gone() -> None:

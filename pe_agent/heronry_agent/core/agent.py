@@ -1,20 +1,21 @@
-"""The agent of one PE as a state machine: frames, time and answers of modules in, actions out.
+"""The agent of one PE as a state machine, which takes frames, the time and answers of modules, and returns actions.
 
-Its parts decide, each in its own file: which part takes a frame (`inbound`), which commands to accept
-(`command_acceptance`, `mastership`), what to run next (`staging`) and how to get there (`reconfiguration`), what runs
-(`running_modules`), whether exclusive outputs are authorized (`output_authorization`), what to report (`condition`,
-`reporting`, `faults`, `canopen_node`), what to forward (`gateway`, `radios`) and when to act (`deadlines`). This file
-makes the parts and calls them in order: it hands each event to one part, steps the modules that are due, sends the
-state frames that the parts have requested, and queues the frames to a radio. A frame that no part takes costs one
-look-up of its identifier; no part gets a frame with a 29-bit identifier, a remote frame or an error frame.
+Each part of the agent has a file of its own, and decides one matter: which part takes a frame (`inbound`), which
+commands to accept (`command_acceptance`, `mastership`), what to run next (`staging`) and how to get there
+(`reconfiguration`), what runs (`running_modules`), whether exclusive outputs are authorized (`output_authorization`),
+what to report (`condition`, `reporting`, `faults`, `canopen_node`), what to forward (`gateway`, `radios`) and when to
+act (`deadlines`). This file makes the parts and calls them in order: it hands each event to one part, steps the modules
+that are due, sends the state frames that the parts have requested, and queues the frames to a radio. A frame that no
+part takes is dropped after one look-up of its identifier. No part gets a frame with a 29-bit identifier, a remote frame
+or an error frame.
 
 No frame raises an exception, whatever its bytes and its order: a malformed frame is counted (`counts`) and changes
-nothing. Only a programming error raises one: a caller whose time goes back, or a broken invariant.
+nothing. Only a programming error raises an exception: a caller whose time goes back, or a broken invariant.
 
-A PE that hears no other node continues to run its modules, but holds back its exclusive outputs (protocol rule 6) and,
-under the policy `safe_mode`, stops its expendable modules (`without_manager`); its state frames report that it hears no
-lease. The agent notes and counts frames of another node with the same node-ID; the driver does not start while it hears
-such a node.
+A PE that hears no other node continues to run its modules, but holds back its exclusive outputs (protocol rule 6). If
+the policy is `safe_mode`, it also stops its expendable modules (`without_manager`). Its state frames report that it
+hears no LEASE. The agent logs and counts frames of another node with the same node-ID; the driver does not start while
+it hears such a node.
 """
 
 from collections import Counter, deque

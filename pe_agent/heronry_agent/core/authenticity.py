@@ -6,36 +6,37 @@ the frames of a manager come far apart). If the TAG is valid, the handler gets t
 command itself arrived; if the command is forwarded, its TAG follows it. A command without a valid TAG changes nothing;
 it is counted (`command_tags.Refusal`), and page 3 of the state reports the count.
 
-A *welcome*. After its own start a PE accepts no command, since every command that it hears may be old. The PE sends a
-nonce (page 2), and the manager answers with a WELCOME whose tag covers that nonce. From the WELCOME on, the PE knows
-which number the next command of this manager must have. While the PE hears a manager that has not welcomed it, it sends
-a nonce once in a heartbeat period. This happens in three cases: the PE or the manager has restarted; the standby
-manager has taken over; or the PE has missed so many commands that the numbers no longer fit, and has accepted no
-command for T_lease. A PE that has a session with its manager, and has accepted a command within T_lease, does not react
-to commands that it cannot verify, since any node can send these. There is one exception: after a LEASE or ACTIVATE with
-a higher term and a tag made with the key, the PE sends a nonce. Only the active manager sends a WELCOME. Like any
-command the WELCOME names a term, so the PE then refuses commands of the previous manager.
+*Welcome.* After its own start a PE accepts no command, since every command that it hears may be old. The PE sends a
+nonce (page 2), and the manager answers with the command WELCOME, whose tag covers this nonce. Each manager numbers its
+commands; from the WELCOME on, the PE accepts a command of this manager if its number is above that of the last accepted
+command. While the PE hears a manager that has not welcomed the PE, the PE sends a nonce once in a heartbeat period.
+This happens in three cases: the PE or the manager has restarted; the standby manager has taken over; or the PE has
+missed so many commands that it cannot derive the numbers any more, and has accepted no command for T_lease. A PE that
+has a session with its manager, and has accepted a command within T_lease, does not react to commands that it cannot
+verify, since any node can send such commands. There is one exception: after a LEASE or ACTIVATE with a higher term and
+a tag made with the key, the PE sends a nonce. Only the active manager sends a WELCOME. Like any command the WELCOME
+names a term, so the PE then refuses commands of the previous manager.
 
-A *session*. The number of the WELCOME also identifies the session under which the states of this PE are tagged from now
-on; a manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed
-the PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a session, the tag is 0.
+*Session.* The number of the WELCOME also identifies the session under which the PE tags its states from now on; a
+manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed the
+PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a session, the tag is 0.
 
-An *EMCY* is authenticated by the next page 0: the tag of the page covers one pending EMCY; if several are pending, the
+*EMCY.* The next page 0 authenticates an EMCY: the tag of the page covers one pending EMCY; if several are pending, the
 pages cover them in turn. A new EMCY causes an immediate page 0, so authentication takes no extra time.
 
-A command of a manager that has not welcomed this PE is not executed. But if its tag was made with the key, a LEASE or
-ACTIVATE proves that its epoch was activated at some time. If that epoch is newer than the PE's own, the PE has been
-replaced (`output_authorization`); an old epoch proves nothing. A PE whose transmitter has failed cannot send a nonce
-and gets no WELCOME from a new manager: only this proof tells it that it has been replaced.
+A command of a manager that has not welcomed this PE is not executed. But a LEASE or ACTIVATE whose tag was made with
+the key proves that its epoch was activated at some time. If this epoch is newer than that of the PE, the PE has been
+replaced (`output_authorization`); an older epoch proves nothing. A PE whose transmitter has failed cannot send a nonce
+and gets no WELCOME from a new manager: only this proof shows that the PE has been replaced.
 
-A *lock*. NMT commands and SDO downloads are refused until the active manager sends UNLOCK to this PE, and again after
-the time that UNLOCK gives. While the lock is open any node can send SDO requests, since these do not name their sender;
-so a table must also be sealed with the key (`opened`).
+*Lock.* The PE refuses NMT commands and SDO downloads until the active manager sends it UNLOCK, and again after the time
+that UNLOCK gives. While the lock is open any node can send SDO requests, since these do not name their sender; so a
+table must also be sealed with the key (`opened`).
 
 If a page 2, a WELCOME or a TAG is lost, the PE sends its nonce again at the manager's next command. A WELCOME that
-comes more than T_lease after the nonce was drawn is refused. So is a doubled WELCOME, whose number is not above the
-last. Forged commands are refused and counted. After a restart the PE has no session and no open lock, and its nonces
-come from another salt.
+comes more than T_lease after the nonce was drawn is refused. A doubled WELCOME is refused, too, since its number is not
+above the last one. Forged commands are refused and counted. After a restart the PE has no session and no open lock, and
+its nonces come from another salt.
 
 A gateway cannot verify a WELCOME for another node; it forwards the WELCOME toward that node, with the TAG that follows.
 """
@@ -239,7 +240,7 @@ class Authenticity:
         return self._states.tag(beat, said, digest)
 
     def beat(self) -> None:
-        """Send what is due once in a heartbeat period; the caller calls this once in each period."""
+        """Send the first nonce after the start, and page 3 in every tenth period; call this once in a period."""
         self._beats += 1
         if self._requested_ns is None:
             self._request_welcome()
@@ -250,7 +251,7 @@ class Authenticity:
         """Send page 3: the digest of the running configuration, and how many commands were refused."""
         facts, refused = self._facts(), self._verifier.refused
         unproven = refused[Refusal.UNPROVEN]
-        other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # every start has some of those
+        other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # UNKNOWN: every start causes some
         page = StatePage3(facts.state, facts.flags, facts.digest, unproven % 0x10000, other % 0x10000)
         self._turn.out.append(self._say(page))
 

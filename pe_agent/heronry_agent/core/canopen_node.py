@@ -1,17 +1,17 @@
 """A PE as tools of other makers see it: a CANopen node (CiA 301) that also answers CANaerospace node services.
 
-Its parts decide, each in its own file: boot-up, heartbeat and NMT (`network_management`), SDO (`sdo_server`, with
-`object_dictionary` and `pe_objects` behind it), node services (`node_services`). This file hands them their frames and
-sends their answers. Nothing of this is needed in flight: other parts decide what a PE runs, and no failure here affects
-them.
+Each service has a file of its own: boot-up, heartbeat and NMT (`network_management`), SDO (`sdo_server`, with
+`object_dictionary` and `pe_objects` behind it), node services (`node_services`). This file hands the services their
+frames and sends their answers. No service is needed in flight: other parts of the agent decide what a PE runs, and a
+failure of a service does not affect these parts.
 
 The PE accepts SDO and NMT only on the uplink, as it does all commands. With a key it refuses NMT commands and SDO
 writes until it is unlocked (`authenticity`); a transfer that began before the lock closed again may be completed.
 
 SDO has a higher priority than some of the data, so its rate is limited. While this PE runs nothing, an upload by block
 may take half of the bus; once the PE is configured, its SDO transfers together may take a tenth. A request that comes
-too soon is answered later. Up to four requests are kept: some requests of SDO need no answer, so a client may send the
-next one immediately. Further requests are dropped and counted.
+too soon is answered later. Up to four requests are kept, since a client may send several in a row: some SDO requests
+get no answer. Further requests are dropped and counted.
 """
 
 from collections import deque
@@ -33,12 +33,12 @@ from heronry_wire.sdo import MESSAGE_BYTES
 from heronry_wire.timing import worst_bits
 
 _NS_PER_S = 1_000_000_000
-_DESK_SHARE, _FLIGHT_SHARE = 2, 10  # SDO may take one part in so many of the bus
+_DESK_SHARE, _FLIGHT_SHARE = 2, 10  # SDO may take 1/2 of the bus while the PE runs nothing, 1/10 once it is configured
 _MOST_HELD = 4
 
 
 class CanopenNode:
-    """The CANopen and CANaerospace services of one PE; `next_ns` is the time at which to call `tick`."""
+    """The CANopen services and CANaerospace node services of one PE; `next_ns` is when to call `tick`."""
 
     def __init__(self, parts: Parts) -> None:
         turn, index = self._turn, self._index = parts.turn, parts.index

@@ -3,14 +3,14 @@
 A replicated bus has two channels, which carry the same frames. The driver finds out which channel is lost
 (`ChannelsLost`); this file reports it to the manager, by EMCY:
 
-    lost    CHANNEL_LOST immediately, and again every second for as long as it lasts
+    lost    CHANNEL_LOST immediately, and again every second while the channel is lost
     back    CHANNEL_BACK, once
 
 The manager does not acknowledge these reports. It also counts a channel as back when no PE has reported the loss for
-three seconds. So a CHANNEL_LOST frame that does not arrive delays the manager's knowledge by one second, and a
-CHANNEL_BACK frame that does not arrive by three. A manager that restarts or takes over learns of a lost channel within
-one second, and the reports of a PE that dies expire. These reports change no plan, since the bus itself still carries
-frames.
+three seconds. So if a CHANNEL_LOST frame does not arrive, the manager learns of the loss one second later; if a
+CHANNEL_BACK frame does not arrive, the manager learns of the return three seconds later. A manager that restarts or
+takes over learns of a lost channel within one second, and the reports of a PE that has failed expire. These reports
+change no plan, since the bus itself still carries frames.
 """
 
 from heronry_agent.core.table_index import TableIndex

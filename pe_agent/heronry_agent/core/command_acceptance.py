@@ -5,7 +5,8 @@ which is the manager with the highest term heard. SLICE carries no term: the PE 
 it. An accepted command is executed and, on a gateway, forwarded to the buses away from the manager. A refused command
 is counted. To a manager with an older term the PE reports STALE_TERM once, in page 1 of its state.
 
-LEASE and ALIVE come every heartbeat period, mostly with the same content; a repetition takes a short path.
+LEASE and ALIVE come every heartbeat period, mostly with the same content. So a repeated LEASE is recognized by its
+bytes, and is not decoded again.
 
 If a command is lost, LEASE or the manager's retry repeats it. A late or doubled command changes nothing: its activation
 step (BREAK, GO, GO_ALL) is already taken, its epoch is old, or its slice is already staged. After a pause of the
@@ -68,7 +69,7 @@ class CommandAcceptance:
     without_manager: WithoutManager
     authenticity: Authenticity | None
     _settled_lease: bytes | None = None  # last LEASE of the active manager, if the PE has done all that it commands
-    _sends: Slice = field(default_factory=Slice)  # sent and forwarded now; at BREAK less than the slice says
+    _sends: Slice = field(default_factory=Slice)  # what is sent and forwarded now: at BREAK only a part of the slice
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
         """Return the CAN identifiers of all manager commands, each with its handler."""
@@ -184,7 +185,8 @@ class CommandAcceptance:
     def _take(self, order: Lease | Activate) -> None:
         """Take the activation step that LEASE or ACTIVATE names, if this PE runs or has staged its epoch.
 
-        If it does not, another PE may have replaced this one, which `OutputAuthorization` finds out.
+        If this PE neither runs nor has staged the epoch, another PE may have replaced it; `OutputAuthorization` decides
+        whether this PE is overtaken.
         """
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None

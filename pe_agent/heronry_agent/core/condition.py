@@ -1,4 +1,4 @@
-"""What the state frames of a PE report, and which of them it sends immediately instead of at the next period.
+"""What the state frames of a PE report, and which of these frames are sent immediately and not at the next period.
 
 `Condition` reads the facts from the parts on demand. It also logs changes that no command caused: whether a manager is
 heard, and whether exclusive outputs are authorized or held back.
@@ -38,7 +38,7 @@ class Condition:
     def facts(self) -> Facts:
         """Return the present content of the state frames, and log what has changed since the last call.
 
-        It logs only changes that no command causes: whether a manager is heard, and whether exclusive outputs are
+        `facts` logs only changes that no command causes: whether a manager is heard, and whether exclusive outputs are
         authorized.
         """
         now_ns = self.turn.now_ns

@@ -13,7 +13,7 @@ from heronry_agent.core.without_manager import WithoutManager
 
 @dataclass
 class Deadlines:
-    """Calls the parts of one PE's agent when they are due, except its radios.
+    """Calls the parts of one PE's agent, except its radios, when they are due.
 
     start_notes: lines to log when the PE boots up.
     """
@@ -37,7 +37,7 @@ class Deadlines:
         return min(due_ns, self.channels.next_ns)
 
     def tick(self) -> None:
-        """Call every part that is due now; due modules are not stepped here, but after every event (`AgentCore`)."""
+        """Call every part that is due now, but step no module: `AgentCore` steps the due modules after each event."""
         turn = self.turn
         now_ns = turn.now_ns
         if self.staging.tick(now_ns):

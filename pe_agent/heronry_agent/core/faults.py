@@ -3,24 +3,25 @@
 Each report is an EMCY. It is *pending* from its cause until the manager acknowledges it (CONTROL). A pending report is
 sent again once in a heartbeat period. If its cause is found again meanwhile, no second report is made.
 
-    fault           pending until its element is acknowledged. If a monitor (which may run 40 times a second) still
-                    finds the fault afterwards, the fault stays quiet for a second and is then pending again, since the
-                    manager may have cleared the element in the meantime. A reported fault stays on record until CONTROL
-                    clears it. Then an EMCY with code 0 ends the report, and the fault is reported anew as soon as it is
-                    found
-    phase request   at most one: a newer request replaces it. The acknowledgement repeats the number of the request, so
-                    that an answer to an older request does not end this one. A repeated request keeps its number, so
-                    that a manager does not execute it twice
-    priority        at most one for each function: like a phase request, but numbered for each function
+    fault           pending until its element is acknowledged. A monitor (which may run 40 times a second) may still
+                    find the fault afterwards. Then the fault is not reported for a second, and is pending again after
+                    that, since the manager may have cleared the element in the meantime. A reported fault stays on
+                    record until CONTROL clears it. Then an EMCY with code 0 ends the report, and the fault is reported
+                    anew as soon as it is found
+    phase request   at most one is pending: a newer request replaces it. The acknowledgement repeats the number of the
+                    request, so that the answer to an older request does not end a newer one. A repeated request keeps
+                    its number, so that a manager does not execute it twice
+    priority        at most one request is pending for each function. It is handled like a phase request, but the
+                    requests for each function have numbers of their own
 
-The restart of a module is reported in the same way, and so is the suspicion of a module that a PE or a bus has failed
-(the manager assesses it). Neither stays on record. The restart of a module and its final failure are acknowledged
-separately, since the manager must learn of both.
+Two more events are reported like faults, but do not stay on record: the restart of a module, and the suspicion of a
+module that a PE or a bus has failed (the manager assesses the suspicion). The restart of a module and its final failure
+are acknowledged separately, since the manager must learn of both.
 
 A fault on record is reported again to every new active manager, since the previous manager may have acknowledged the
-fault and died before the standby manager knew (`tell_all_again`). There is one exception: if this PE has been cut off
-from all other nodes since the acknowledgement, it may have missed a CLEAR. Then it reports only faults of modules that
-it keeps stopped because of the fault (`tell_again`).
+fault, and failed before the standby manager learned of it (`tell_all_again`). There is one exception: if this PE has
+been cut off from all other nodes since the acknowledgement, it may have missed a CLEAR. Then it reports only faults of
+modules that it keeps stopped because of the fault (`tell_again`).
 
 A fault of an element that may serve a function of class A is flight-critical: together with every EMCY of this fault
 the PE sends a CANaerospace emergency event. The event carries the code of the fault, and the kind and the index of the
@@ -28,8 +29,8 @@ element in one signed byte each; -1 stands for an index that does not fit.
 
 If an EMCY or an acknowledgement is lost, the report is sent once more. If a CLEAR is lost, the fault stays on record
 and is reported to the next active manager: the operator has to clear it again. Late or doubled frames change nothing.
-After a pause of the process each report that is due is sent once. A forged acknowledgement silences a fault for a
-second. A restart of the PE empties its record; the manager keeps its own.
+After a pause of the process each report that is due is sent once. After a forged acknowledgement the fault is not
+reported for a second. A restart of the PE empties the record of the PE; the manager keeps its own record.
 """
 
 from collections.abc import Collection
@@ -71,10 +72,11 @@ class Faults:
         self._critical = frozenset(critical)
         self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send the EMCY again, and the EMCY
         self._quiet_until_ns: dict[_Key, int] = {}
-        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind, index; when last found or acknowledged
+        # uncleared faults, by (kind, index): the EMCY, and when the fault was last found or acknowledged
+        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}
         self._requests = self._events = 0
-        self._request: Emergency | None = None  # the last request, unless it was withdrawn
-        self._priorities: dict[int, Emergency] = {}  # the same for the priority of each function
+        self._request: Emergency | None = None  # the last phase request, unless it was withdrawn
+        self._priorities: dict[int, Emergency] = {}  # by function: the last priority request, unless it was withdrawn
         self._priority_numbers: dict[int, int] = {}  # by function
         self.changes = 0  # how often a report has become pending or ceased to be
         self.history = ErrorHistory()
@@ -102,7 +104,8 @@ class Faults:
     def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
         """Record a fault; returns the frames that report it.
 
-        Returns no frames while an earlier report of the fault is not acknowledged, and for a second after that.
+        Returns no frames while an earlier report of the fault is not acknowledged. If the code is REPORTED, this also
+        holds for a second after the acknowledgement.
         """
         key = (code, kind, index)
         if key in self._pending:
@@ -121,7 +124,7 @@ class Faults:
         return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
-        """Report those uncleared faults once more that were found or acknowledged at `since_ns` or later.
+        """Report once more the uncleared faults that were found or acknowledged at `since_ns` or later.
 
         Returns the frames to send now.
         """
@@ -140,7 +143,10 @@ class Faults:
         return self._pend(self._request, now_ns)
 
     def repeat_request(self, now_ns: int) -> list[Frame]:
-        """Send the last phase request again with FORWARD_ONLY set; returns its frames, none if it was withdrawn."""
+        """Send the last phase request again, now with `forward_only` set (see `request_phase`).
+
+        Returns the frames to send now; none if the request was withdrawn.
+        """
         if self._request is None:
             return []
         return self._pend(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
@@ -161,7 +167,7 @@ class Faults:
         return self._pend(request, now_ns)
 
     def repeat_priority(self, function: int, now_ns: int) -> list[Frame]:
-        """Report the last request for a function once more, unchanged; returns its frames.
+        """Send the last priority request for a function once more, unchanged; returns the frames to send now.
 
         Returns no frames while the request is not acknowledged, since such a request is repeated anyway.
         """
@@ -203,7 +209,7 @@ class Faults:
         return [frame for emergency in due for frame in self._pend(emergency, now_ns)]
 
     def _pend(self, emergency: Emergency, now_ns: int) -> list[Frame]:
-        """Repeat a report every heartbeat period from now on; returns its frames."""
+        """Repeat a report in every heartbeat period from now on; returns the frames to send now."""
         key = _key(emergency)
         self.changes += key not in self._pending
         self._pending[key] = (now_ns + self._period_ns, emergency)

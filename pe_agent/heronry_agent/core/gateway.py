@@ -2,18 +2,18 @@
 
     down, from the uplink   the commands that this PE accepts. LEASE and ALIVE are forwarded immediately when their
                             content is new, else once in the heartbeat period of the far bus; SLICE only toward its node
-    up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and the
-                            reports of gateways there
+    up, to the uplink       state, EMCY, emergency events, heartbeat and output echo of the nodes beyond, and the
+                            reports of the gateways beyond
     data                    the data of each source that the slice names, from its producing node to the named ports
 
 Some modules beyond the gateway may also run on the manager's side. Forwarding the data of such a module up is an
 exclusive output of this PE (protocol rule 6). The reason: a manager that considers this PE down considers all nodes
 beyond it down, and may have started the module on its own side.
 
-Frames to a radio away from the manager go through `radio_port`, which knows its bandwidth.
+Frames to a radio away from the manager go through `radio_port`, which measures the bandwidth of the radio.
 
-The buses form a forest, and no frame is sent back to the bus it came from, so no frame goes in circles. On a PE with
-one bus the gateway forwards nothing.
+Between two PEs there is at most one route, and no frame is sent back to the bus it came from, so no frame goes in
+circles. On a PE with one bus the gateway forwards nothing.
 
 If a command was not forwarded, the next LEASE or retry repeats it. Late, doubled and out-of-order frames are forwarded
 as they come; the receiver of a command, a state or a datum recognizes an old one. After a pause of the process the

@@ -1,12 +1,12 @@
 """Which part of the agent takes a frame, by one look-up of its identifier.
 
 There are two kinds of handlers. *Fixed* handlers take state frames and output echoes of other PEs, commands (verified
-by `authenticity` first if the PE has a key), the CANopen services, and reports from beyond a gateway. *Data* handlers
-take the data that the configuration has this PE read or forward; they are made anew with each activation step
-(`rewire`). This node receives a frame under one of its own identifiers only if another node has the same node-ID; the
-handlers of these identifiers override all others.
+by `authenticity` first if the PE has a key), requests to the CANopen and node services, and reports from beyond a
+gateway. *Data* handlers take the data that this PE reads or forwards in its present configuration; they are made anew
+with each activation step (`rewire`). This node receives a frame under one of its own identifiers only if another node
+has the same node-ID; the handlers of these identifiers override all others.
 
-*Quiet* identifiers are those whose frames change no deadline and cause no state frame: this covers most frames.
+An identifier is *quiet* if its frames change no deadline and cause no state frame. Most frames have such identifiers.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -123,8 +123,8 @@ class Inbound:
     def _contested_until_ns(self, now_ns: int) -> int | None:
         """Time in ns until which the received exclusive frame may be forwarded to the uplink; None: it may not.
 
-        It may not if it arrived during a pause of this process: a command that arrived after it, and is still unread,
-        may end the authorization.
+        A frame that arrived during a pause of this process may not be forwarded: a command that arrived later, and is
+        still unread, may end the authorization.
         """
         turn = self._turn
         return (

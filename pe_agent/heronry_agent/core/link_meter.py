@@ -5,14 +5,17 @@ Two things can be measured at any CAN interface:
     carried     while a frame of this node is in the controller, the radio is never idle. So the bits of that frame, and
                 of all frames heard meanwhile, divided by the time in the controller, are the bit rate that the radio
                 achieves. This is not measured where the driver cannot tell how long a frame took
-    delivered   state frames carry a sequence for each bus, data and echoes one for each identifier: a gap is a loss
+    delivered   frames are numbered: state frames for each bus, data and output echoes for each identifier. A gap in the
+                numbers shows a loss
 
 The usable bit rate is the carried bit rate times the share of the frames that were delivered, both over the last ten
-heartbeat periods. If the last two periods alone give less than half of it, only they count: it is better to reduce the
-bandwidth too early than too late, since a late reduction lets a queue grow.
+heartbeat periods. If this product over the last two periods alone is at most half of the product over ten, only the
+last two periods count: it is better to reduce the bandwidth too early than too late, since a late reduction lets a
+queue grow.
 
-An *outage* is silence in both directions, and says nothing about the bandwidth before and after it. It counts as one
-lost frame of each sender; the frame of this node that was stuck in the controller is not counted.
+An *outage* is a time in which the radio carries nothing in either direction: no frame is heard for a period and a half
+or more. An outage shows nothing about the bandwidth before and after it. It counts as one lost frame of each sender;
+the frame of this node that was stuck in the controller is not counted.
 
 The radio is *gone* when no frame has been heard for as many periods as a node of its bus may miss, plus an eighth of a
 period. So the manager learns that everything beyond the radio is lost, before it would declare the first of those nodes
@@ -63,7 +66,7 @@ class _Numbered(NamedTuple):
 
 
 class LinkMeter:
-    """Measures one radio."""
+    """Measures the usable bandwidth of one radio, and finds out when the radio is gone."""
 
     def __init__(self, bitrate: int, period_ns: int, misses: int, now_ns: int) -> None:
         self.gone = False
@@ -142,7 +145,7 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count the frames from this frame's sender that have come since its last one, and those that were due."""
+        """Count a numbered frame as come, and the frames since the last one of its sequence as due."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return

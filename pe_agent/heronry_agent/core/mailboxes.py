@@ -4,10 +4,10 @@ A mailbox belongs to one source and one origin: the PE on which the source's mod
 origin, the mailbox keeps its datum. If the origin changes, the mailbox is emptied, since a datum of the old producer
 must not be used any more. A datum from another node, of another type, or without a version is refused.
 
-A leaf gets a datum if the leaf accepts its version and the datum is fresh: no older than three periods of its source
-(of its slowest mode). Before the first datum a leaf gets the variable's `initial` value, if there is one, in the best
-version that the leaf accepts; so feedback cycles can start. Once a datum has come, the initial value is not used again:
-a datum that is too old counts as absent.
+A leaf gets a datum if the leaf accepts the version of the datum, and the datum is fresh: no older than three periods of
+its source. (If the modes that give a source have different periods, the longest one counts.) Before the first datum a
+leaf gets the variable's `initial` value, if there is one, in the best version that the leaf accepts; so feedback cycles
+can start. Once a datum has come, the initial value is not used again: a datum that is too old counts as absent.
 
 A value that stays on this PE passes through the same codec as a value on a bus, so a module gets the same number
 wherever its producer runs: a FLOAT has single precision everywhere.
@@ -37,7 +37,7 @@ class Mailbox:
 
         node: node-ID of the PE that produces the source.
         type_code: data type of CANaerospace.
-        payload_bytes: length of the value.
+        payload_bytes: length of the value in bytes.
         max_age_ns: time in ns for which a datum counts as fresh.
         """
         self.node = node

@@ -1,4 +1,4 @@
-"""A PE as an NMT slave of CANopen: boot-up, heartbeat, and what it does with NMT commands (CiA 301, 7.2.8).
+"""A PE as an NMT slave of CANopen: its boot-up, its heartbeat, and how it handles NMT commands (CiA 301, 7.2.8).
 
     INITIALISING      at the start, and after a reset by NMT: one boot-up frame, then PRE_OPERATIONAL
     PRE_OPERATIONAL   the PE runs nothing
@@ -8,11 +8,13 @@
 Any node can send an NMT command of two bytes, so no such command may stop an aircraft's elevator. The manager decides
 what a PE runs, by the management protocol; NMT never starts, stops or holds a module. While a PE is configured, or
 hears a LEASE, it refuses and counts every NMT command. NMT works as CiA 301 defines it only on a PE that runs nothing
-and hears no manager: on a desk. There a stop disables only SDO, and ends as soon as the PE hears a manager.
+and hears no manager, for example on a desk. The command stop then disables only SDO, and only until the PE hears a
+manager.
 
-Reset node and reset communication have the same effect, since nothing runs that could be reset. The heartbeat time
-returns to its value at power-on, the error history and any SDO transfer are dropped, and boot-up is sent again, at most
-once in SHORTEST_HEARTBEAT_MS. The incarnation does not change, since nothing is lost on which a manager relies.
+The commands reset node and reset communication have the same effect, since no module runs that could be reset. The
+heartbeat time returns to its value at power-on, the error history and any SDO transfer are dropped, and the boot-up
+frame is sent again, at most once in SHORTEST_HEARTBEAT_MS. The incarnation stays the same, since a manager uses nothing
+that such a reset drops.
 
 If a command is lost, the NMT master sees no effect in the heartbeat, and repeats the command. A doubled command causes
 a second boot-up at most. A forged command has the effect of a true one.

@@ -1,8 +1,8 @@
 """The nonces of a PE with a key: numbers used once, which prove that an answer is not an old one (protocol rule 11).
 
-A WELCOME answers a nonce, and its tag covers the nonce. A nonce is valid for T_lease; then a new one is drawn. The salt
-is different at every start of the agent, so nonces are never predictable or used twice. A nonce contains a tag of its
-own, by which a manager recognizes that a PE with the key has sent it.
+A manager answers a nonce with the command WELCOME, whose tag covers the nonce. A nonce is valid for T_lease; then a new
+one is drawn. The salt is different at every start of the agent, so nonces are never predictable or used twice. A nonce
+contains a tag of its own, by which a manager recognizes that a PE with the key has sent the nonce.
 """
 
 from hashlib import blake2s

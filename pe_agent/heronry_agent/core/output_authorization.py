@@ -8,48 +8,48 @@ output with the time of that moment, so that a pause of the process counts:
     PE that has received a configuration has heard an ALIVE. After a new term begins, the last ALIVE of the old term
     remains valid until the first ALIVE of the new term, which comes within a period.
 
-(b) A state frame, LEASE or ALIVE of another node has arrived within T_lease. Other frames do not count, because they
-    cannot show, by (a) or (c), that this PE was replaced, for example during a pause of its process. Only frames on the
-    uplink count: the manager considers a gateway that is cut off from the uplink as down, even if the gateway hears
-    nodes on its far buses.
+(b) A state frame, LEASE or ALIVE of another node has arrived within T_lease. Only these frames count, because only they
+    can show, by (a) or (c), that this PE was replaced, for example during a pause of its process. They count only on
+    the uplink: the manager considers a gateway that is cut off from the uplink as down, even if the gateway hears nodes
+    on its far buses.
 
 (c) This PE is not *overtaken*. It becomes overtaken when a state frame of another PE, or a LEASE at an activation step
-    after PREPARED, names a newer epoch than its own, or when LEASE names its epoch number with another digest. It
-    ceases to be overtaken when it takes the last activation step (GO_ALL) of a configuration, or when LEASE names its
-    configuration at that step. Until then a PE that took over in the meantime may still drive the outputs, even if this
-    PE is to drive them again.
+    after PREPARED, names a newer epoch than that of this PE, or when LEASE names the epoch of this PE with another
+    digest. It ceases to be overtaken when it takes the last activation step (GO_ALL) of a configuration, or when LEASE
+    names its configuration at that step. Before that, a PE that took over in the meantime may still drive the outputs,
+    even if this PE is to drive them again.
 
 (d) No frame of another node with this PE's node-ID has arrived within T_lease: the manager may mistake that node for a
     restart of this PE, and give the outputs of this PE to another PE. With a key the manager cannot make that mistake,
     and this condition is not checked.
 
-After a silence, one frame of another node does not prove that this PE was not replaced: that node may have just
-restarted, or may have been cut off too. An ALIVE of a manager that has just become active does not prove it either,
-since this manager considers every PE available that it hears. So after a silence longer than T_lease this PE is in
-*doubt*, and holds its outputs back. The doubt ends when an ALIVE names this PE and comes from a manager that has
-brought a configuration to its last step: before that step, the PE that replaced this one may not have released the
-outputs. Without such a manager the doubt ends when this PE has heard other nodes for T_lease: if another PE replaced
-it, that PE is among them and reports its newer epoch every period.
+During a silence this PE may have been replaced. The first frame of another node after the silence does not show whether
+it was: that node may have just restarted, or may have been cut off too. An ALIVE of a manager that has just become
+active does not show it either, since this manager considers every PE available that it hears. So after a silence longer
+than T_lease this PE is in *doubt*, and holds its outputs back. The doubt ends when an ALIVE names this PE and comes
+from a manager that has brought a configuration to its last step: before that step, the PE that replaced this one may
+still drive the outputs. Without such a manager the doubt ends when this PE has heard other nodes for T_lease. If
+another PE had replaced this one, it would be among these nodes, and would have reported its newer epoch in each period.
 
-For the frames of a module that may run elsewhere the limit in (b) is two heartbeat periods, and a frame whose
-transmission could not start by then is dropped. The reason: a manager that does not hear this PE gives its identifiers
-to another PE after three periods and a quarter. A PE whose connection returns in between must not send under these
-identifiers before it has heard the manager's decision. If the manager does not receive the frames of this PE, it sends
-PING once in a period. From two periods after the first PING on, the PE holds these frames back as well, until an ALIVE
-comes a period and an eighth or more after the last PING. When a frame ends (a), (c) or (d), frames that wait under
-these identifiers are withdrawn (`revoked`): a PE whose transmitter had failed has been replaced, and must not send them
-when the transmitter works again.
+For the data frames of a module that may run elsewhere the limit in (b) is two heartbeat periods, and a frame whose
+transmission could not start by then is dropped. The reason: a manager that does not hear this PE gives the identifiers
+of such modules to another PE after three periods and a quarter. A PE whose connection returns in between must not send
+under these identifiers before it has heard the manager's decision. If the manager does not receive the state frames of
+this PE, it sends PING once in a period. From two periods after the first PING on, the PE sends nothing under these
+identifiers, until an ALIVE comes a period and an eighth or more after the last PING. When a frame ends (a), (c) or (d),
+the data frames that wait under these identifiers are withdrawn (`revoked`): a PE whose transmitter had failed has been
+replaced, and must not send these frames when the transmitter works again.
 
 A lost, late or doubled frame can only withdraw an authorization, never give one. Without a key a forged LEASE or state
 frame can hold the outputs back until the next true LEASE, and forged PINGs can hold back the frames of modules that may
 run elsewhere. Only a forged ALIVE could release outputs, so the management protocol must be protected.
 
-With a key only proven evidence counts for (c): a LEASE or ACTIVATE that is accepted, or one whose tag was made with the
-key (`authenticity`). State frames of other PEs carry no proof that this PE could check, and do not count. They are not
-needed while this PE hears other nodes: if its outputs were given to another PE, it would also hear the manager's ALIVE
-that does not name it, and T_lease later the LEASE with the newer epoch, both repeated every period. After a silence
-longer than T_lease this PE may have missed these, so until the doubt ends the state frames of other PEs count, too. A
-forger cannot cause that silence: every frame that it sends is heard.
+With a key, (c) depends only on frames whose tag proves them: a LEASE or ACTIVATE that is accepted, or one whose tag was
+made with the key (`authenticity`). State frames of other PEs do not count, since this PE cannot check their tags. They
+are not needed while this PE hears other nodes: if its outputs were given to another PE, it would hear ALIVEs that do
+not name it, and T_lease later LEASEs with the newer epoch, both in every period. After a silence longer than T_lease
+this PE may have missed such ALIVEs and LEASEs. So until the doubt ends the state frames of other PEs count, too. A
+forger cannot cause such a silence: forged frames only add to the frames that are heard.
 """
 
 from collections.abc import Callable
@@ -75,7 +75,7 @@ class OutputAuthorization:
         self._heard_ns: int | None = None
         self._hears_since_ns = 0  # begin of hearing other nodes, at the start or after a silence longer than T_lease
         self._doubted_ns: int | None = None  # the same time while this PE is in doubt; None: no doubt
-        self._identifiers_doubted_ns: int | None = None  # the same for frames, after two silent periods
+        self._identifiers_doubted_ns: int | None = None  # the same for data frames, after two silent periods
         self._clashed_ns: int | None = None  # when another node was last heard under this PE's node-ID
         self._overtaken = False
         self._missed_ns: int | None = None  # time of the first PING, while the manager may not hear this PE
@@ -86,7 +86,7 @@ class OutputAuthorization:
         return now_ns <= self.until_ns(now_ns)
 
     def until_ns(self, now_ns: int) -> int:
-        """Time in ns at which the authorization ends if no frame comes; if that is before now, it has ended."""
+        """Time in ns at which the authorization ends if no frame comes; before now if there is no authorization."""
         if not self._named or self._overtaken or self._heard_ns is None:
             return now_ns - 1
         if not self._is_past(self._doubted_ns, now_ns) or not self._is_past(self._clashed_ns, now_ns):
@@ -165,7 +165,7 @@ class OutputAuthorization:
         self._overtake()
 
     def confirmed(self) -> None:
-        """Note that this PE is not overtaken: it, or LEASE for its configuration, is at the step GO_ALL."""
+        """Note that this PE is not overtaken: it takes GO_ALL, or LEASE names its configuration at GO_ALL."""
         self._overtaken = False
 
     def _overtake(self) -> None:

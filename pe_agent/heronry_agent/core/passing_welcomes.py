@@ -1,8 +1,9 @@
-"""How a gateway with a key forwards WELCOMEs for other nodes: unverified, each with the TAG that follows it.
+"""How a gateway with a key forwards each WELCOME for another node, and the TAG that follows the WELCOME.
 
-The gateway verifies only commands for itself. A TAG names only the kind of its command, and not the node. So a TAG for
-a WELCOME that is not for this gateway is taken as that of the WELCOME which was forwarded first and still lacks its
-TAG. A WELCOME whose TAG does not come within T_lease is no longer waited for.
+With the command WELCOME a manager answers the nonce of a PE; a TAG proves the command before it (`authenticity`). A
+gateway verifies only commands for itself, so it forwards these two frames unverified. A TAG names the kind of its
+command, but not the node. So if a TAG of a WELCOME is not for this gateway, it is taken as the TAG of the oldest
+forwarded WELCOME that still lacks one. If this TAG does not come within T_lease, the gateway stops waiting for it.
 """
 
 from collections import deque
@@ -15,7 +16,7 @@ _MOST = 40
 
 
 class PassingWelcomes:
-    """The WELCOMEs that have been forwarded and whose TAG has not come."""
+    """The WELCOMEs that have been forwarded, and whose TAGs have not come yet."""
 
     def __init__(self, turn: Turn, gateway: Gateway, lease_ns: int) -> None:
         self._turn, self._gateway, self._lease_ns = turn, gateway, lease_ns

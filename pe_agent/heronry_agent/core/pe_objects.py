@@ -4,7 +4,8 @@ Only the two long texts, the EDS and the table, are kept once a client has read 
 each time. A client can write two numbers: the heartbeat time, and 0 to the number of errors, which empties the list. A
 client can also write a table. A PE that waits for a table (`table_waiting`) takes any table that fits. A PE that has a
 table accepts only the same table again. A PE that runs a configuration accepts no table, since a table has many bytes,
-which would load the bus. With a key the lock must be open for any download, and a table must be sealed.
+which would load the bus. With a key the lock (`authenticity`) must be open for any download, and a table must be
+sealed.
 """
 
 from collections.abc import Callable
@@ -57,7 +58,7 @@ class Parts:
     """What `PeObjects` and `CanopenNode` need of an agent.
 
     facts: returns the present content of the state frames.
-    take_table: takes a table that differs from the present one, or returns an abort code; None: each is refused.
+    take_table: takes a table that differs from the present one, or returns an abort code; None: no such table is taken.
     authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     """
 

@@ -4,9 +4,9 @@ A `when` rule compares a variable with a threshold. The PE that runs the module 
 rule, at each value of the module. So the values need not be sent on a bus, and the rule cannot fire while no such
 module runs.
 
-    armed     the value has not been beyond the threshold for `hold_ns` without a break
+    armed     the rule waits until the value has been beyond the threshold for `hold_ns` without a break
     fired     the value has been beyond the threshold for that time, and the phase was requested once. The rule is armed
-              again when the value has been back for `hold_ns`
+              again when the value has been back for `hold_ns` without a break
 
 A break is a value on the other side of the threshold, or three periods without a value. A rule leads to its phase only
 from its *origins* (by default the phases before it in the spec); a module may request any phase. If several rules fire
@@ -14,14 +14,15 @@ at one value, only one phase is requested: rules whose origins contain the prese
 the phase that is last in the spec.
 
 The manager announces the present phase (CONTROL, HOLDS). If the new phase is an origin of a fired rule whose values
-still come, the rule fires again. A PE may have missed the last announcement, and request a phase to which no rule leads
-from the present one: the manager checks the origins itself, acknowledges such a request, and changes nothing.
+still come, the rule fires again. If a PE has missed the last announcement, it may request a phase to which no rule
+leads from the present phase. The manager checks the origins itself, acknowledges such a request, and keeps the phase.
 
 A module that requests the same phase in every step makes one request. A request *stands* until its module requests
 another phase or stops. When a new term begins, the PE sends its last standing request again, since the new manager may
-not know it. It keeps its number, so that no manager executes it twice, and carries FORWARD_ONLY: the manager ignores it
-unless a rule leads from the present phase to the requested one. If the spec has a rule that leads back to an earlier
-phase, an acknowledged request is withdrawn when its rule is armed again, because its condition no longer holds.
+not have received it. The repeated request keeps its number, so that no manager executes it twice. It carries
+FORWARD_ONLY: the manager ignores the request unless a rule leads from the present phase to the requested one. If the
+spec has a rule that leads back to an earlier phase, an acknowledged request of a rule is withdrawn when the rule is
+armed again, because its condition no longer holds.
 
 `faults` and the manager handle lost, late, doubled and forged requests. A pause of the process is a break of the value.
 When a module starts on this PE, its rules are armed, even if they have fired on another PE before: a rule whose
@@ -48,7 +49,7 @@ class _Watch:
     rule: PhaseEntry
     longest_break_ns: int
     armed: bool = True
-    since_ns: int | None = None  # since when the value has been on the side that the next change of state needs
+    since_ns: int | None = None  # since when the value has been beyond the threshold (armed), or back (fired)
     seen_ns: int = 0
 
     def see(self, value: float, now_ns: int) -> bool:
@@ -129,7 +130,7 @@ class PhaseRequests:
         return frames
 
     def requested(self, module: int, phase: int, now_ns: int) -> list[Frame]:
-        """Request a phase for a module; returns the frames, none if the module has requested it before."""
+        """Request a phase for a module; returns the frames to send, none if the module's last request was the same."""
         if self._requested.get(module) == phase:
             return []
         self._requested[module] = phase
@@ -138,7 +139,7 @@ class PhaseRequests:
     def new_mastership(self, now_ns: int) -> list[Frame]:
         """Return the frames that repeat the last request for the manager of a new term.
 
-        None are needed while the request is not acknowledged, since it is being repeated anyway.
+        Returns no frames while the request is not acknowledged, since `faults` repeats it anyway.
         """
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 

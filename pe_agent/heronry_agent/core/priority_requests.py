@@ -6,10 +6,10 @@ priority of one function, the last request counts. A request *stands* until anot
 its module stops.
 
 `faults` repeats a request until the manager acknowledges it, so a lost, late or doubled frame has no effect. The
-manager changes the priority of a function, and acknowledges that, at most once a second; until then the newest request
-is pending here. A request outside the spec's range is sent too: the manager refuses it and says so. When a new term
-begins, the PE sends its standing requests again, each with the number that it had, so that no manager executes it
-twice. A restart of the PE forgets its requests; the manager keeps the priorities.
+manager changes the priority of a function, and acknowledges the change, at most once a second; until then the newest
+request is pending here. A request outside the spec's range is sent too: the manager refuses it, and reports the
+refusal. When a new term begins, the PE sends its standing requests again. Each keeps its number, so that no manager
+executes it twice. A restart of the PE drops its requests; the manager keeps the priorities.
 """
 
 from heronry_agent.core.faults import Faults
@@ -25,7 +25,10 @@ class PriorityRequests:
         self._standing: dict[int, int] = {}  # by function: the module whose request is the last one
 
     def requested(self, module: int, function: int, priority: int, now_ns: int) -> list[Frame]:
-        """Request a priority for a module; returns the frames, none if the module has requested it before."""
+        """Request a priority of a function for a module; returns the frames to send.
+
+        Returns no frames if the last request of this module for this function was the same.
+        """
         wanted = self._requested.setdefault(module, {})
         if wanted.get(function) == priority:
             return []

@@ -1,8 +1,8 @@
-"""The data frames of this PE: outputs of its modules, and echoes of the values that it commanded its actuators to.
+"""The data frames of this PE: outputs of its modules, and echoes of the values to which it commanded its actuators.
 
 Every identifier has its own message code, incremented with each frame that is sent. This file only makes frames; which
 of them are sent depends on the slice, and on protocol rule 6. The output echo shows on the bus, with a lower priority
-than all data, to what an actuator was commanded. Observers and simulated plants read it:
+than all data, to which value an actuator was commanded. Observers and simulated plants read the echo:
 
     byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
 

@@ -1,4 +1,4 @@
-"""A gateway's port to a radio, to which it sends one frame at a time (protocol rule 9).
+"""A gateway's port to a radio: it sends one frame at a time, and measures how fast the radio is (protocol rule 9).
 
 Frames wait in `radio_queue`. The next frame is handed to the CAN controller only when the one before has left it
 (`Left`). So more urgent and newer frames can still overtake the others, and the time that a frame takes can be
@@ -21,7 +21,7 @@ from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkSt
 from heronry_wire.sansio import NEVER_NS, Send
 
 _HEADROOM_PERCENT = 110
-_LEAST_PACE = 50  # per mille of the bit rate: the usable bandwidth can only be measured with frames
+_LEAST_PACE = 50  # per mille of the bit rate: without frames the usable bandwidth could not be measured
 _PATIENCE_PERIODS = 5
 
 

@@ -40,8 +40,8 @@ class Radios:
     def passed(self, out: list[Action]) -> list[Action]:
         """Take the frames to radios out of the actions and queue them; returns the actions that are to be executed now.
 
-        Among these are the frames that the queues send now. The age of a forwarded frame counts, so that a frame which
-        waited during a pause of this process is not sent late.
+        These include the frames that the queues send now. A frame that waited during a pause of this process is not
+        sent late: its time limit in the queue runs from its arrival.
         """
         now_ns, passed = self._turn.now_ns, []
         for action in out:

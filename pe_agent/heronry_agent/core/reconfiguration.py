@@ -17,9 +17,10 @@ the module is stopped and started at once. A DEMUX branch that ran on this PE un
 its new mode. It may go on, since no other PE drives that DEMUX. While this PE is in doubt (`output_authorization`), the
 branch drives nothing.
 
-A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides. There is
-one exception (`forgive`). If the operator has cleared the fault, and another manager becomes active before such an
-epoch, that manager may know neither of the fault nor of the CLEAR; then the module starts again in the present epoch.
+A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides where the
+module runs. There is one exception (`forgive`). If the operator has cleared the fault, and another manager becomes
+active before such an epoch, this manager may have missed both the fault and the CLEAR, and may open no new epoch. So
+the PE starts the module again in the present epoch.
 
 A module *rests* while it is stopped because no manager is heard. It starts again when a LEASE names this configuration
 again (`without_manager`), or when a new configuration contains it.

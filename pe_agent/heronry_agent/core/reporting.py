@@ -2,8 +2,8 @@
 
 A PE sends page 0 on every port once in the heartbeat period of that bus. Each node has its own time slot in the period,
 so that up to 34 PEs do not send at the same moment. Page 1 follows every tenth page 0. A change is reported immediately
-on every port: page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent's own loop
-sends these frames, so an agent that hangs falls silent.
+on every port: by page 0 when an activation step is taken, by page 1 when a configuration was staged or refused. Only
+the agent's own loop sends these frames, so a PE whose agent hangs falls silent.
 
 Each port numbers its own page 0 frames, so that a gap in the sequence shows a loss on that bus.
 
@@ -58,7 +58,7 @@ class Reporting:
         self.next_ns = min(self._beat_ns)
 
     def tick(self, now_ns: int, facts: Facts) -> list[Send]:
-        """Return the state frames that are due, with this content."""
+        """Return the state frames that are due, with the content `facts`."""
         sends = []
         for port in self._ports:
             if now_ns >= self._beat_ns[port]:
@@ -71,7 +71,7 @@ class Reporting:
         return sends
 
     def immediate(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
-        """Return the requested pages, one frame for each port."""
+        """Return the requested pages with the content `facts`, a frame of each page for each port."""
         sends = []
         for port in self._ports:
             if page_0:

@@ -3,9 +3,9 @@
     running    the module has not failed, or has been restarted since
     waiting    the module has failed and will be restarted: immediately the first time, then after BACK_OFF_NS, doubled
                each time. `due` gives the modules whose time has come
-    given up   the module has failed more than `budget` times, each time within FORGIVEN_NS of the failure before. Its
-               record is dropped: the manager has the report, and decides. If the module is started again, it has a new
-               budget
+    given up   the module has failed more than `budget` times (the number of restarts that the table allows), each time
+               within FORGIVEN_NS of the failure before. Its record is dropped: the manager has the report, and decides
+               where the module runs. If the module is started here again, its failures are counted from 0
 
 If a partition ends, the module that was computing counts as failed (not if it has been stopped since its step began).
 If no module was computing, all modules in the partition count as failed. Modules of the partition that do not count as

@@ -5,22 +5,23 @@ StopModule; in between the schedule decides when it is stepped. The outputs of a
 and, where the slice says so, to the buses. A command to the module's device is executed, if it is authorized, and
 echoed. A report of a failed element becomes a fault.
 
-A module *fails* when it raises an exception, gives or writes a value that cannot be carried, gives an output that none
-of its modes has, hangs, or its partition ends. The failure is reported, and the module is restarted as often as the
-table allows (`restarts`), then stopped: the manager has the report and decides. A module that cannot be built, or that
-takes too long in many steps in a row, is stopped immediately. A module whose code is not on this PE is reported when
-the PE boots up (or when the import fails), and again to every new active manager. A partition in which a module hangs
-is ended by force; its other modules are restarted immediately, and other partitions are not affected.
+A module *fails* when it raises an exception, gives a value that no frame can carry, gives its device a command that the
+device cannot execute, hangs, or was computing when its partition ended. The failure is reported, and the module is
+restarted as often as the table allows (`restarts`), then stopped: the manager has the report and decides where the
+module runs. A module that cannot be built, or that takes too long in many steps in a row, is stopped immediately. A
+module whose code is not on this PE is reported when the PE boots up (or when the import fails), and again to every new
+active manager. A partition in which a module hangs is ended by force; its other modules are restarted immediately, and
+other partitions are not affected.
 
 The output authorization (protocol rule 6) is checked at the last moment, in three places. Without authorization a DEMUX
-branch is not stepped, since the branch may command its device itself. Without authorization a command in the answer to
-a step is not executed: the authorization may have ended since the step began. A module that may run elsewhere is
+branch is not stepped, since the branch may command its device itself. If the authorization has ended since the step of
+a DEMUX branch began, the commands in the answer to the step are not executed. A module that may run elsewhere is
 stepped even without authorization, and its outputs reach modules on this PE, but its data frames are not sent.
 
 If a module has been stopped since its step began, the answer is dropped. While this PE holds back its exclusive
 outputs, and for a second after that, it accepts no report that an element has failed: a surface that no PE drives does
-not follow its command, although its servo is healthy. The module that made the report is restarted, so that it forgets
-what it has observed.
+not follow its command, although its servo is healthy. The module that made the report is started anew, so that its old
+observations are dropped.
 """
 
 from collections.abc import Collection, Mapping
@@ -105,7 +106,7 @@ class RunningModules:
         self.phase_requests = PhaseRequests(index, self.faults)
         self._priority_requests = PriorityRequests(self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
-        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module: when it told what is no fault
+        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module and code: last report of what is no fault
         self.has_exclusive_output = False
         self.load_percent = 0
         self._lacking: set[int] = set()  # modules whose code is not on this PE
@@ -259,7 +260,7 @@ class RunningModules:
     def lack(self, images: Mapping[str, str]) -> None:
         """Report every module with one of these images to the manager, as a module whose code is not on this PE.
 
-        images: each with the reason, which a reader can ask for.
+        images: each with the reason, which an SDO client can read.
         """
         for image, reason in sorted(images.items()):
             self._turn.note("image", f"{image} cannot be run here: {plain_reason(reason)}")
@@ -288,7 +289,7 @@ class RunningModules:
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
-        """Send requests and uncleared faults again, because the manager of a new term may not know them.
+        """Send requests and uncleared faults again, because the manager of a new term may have missed them.
 
         A module that has failed starts again if its fault was cleared.
         """
@@ -433,7 +434,7 @@ class RunningModules:
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
         """Report to the manager an event that is not a fault, unless it was reported within the last second.
 
-        Tells whether it was sent.
+        Tells whether the report was sent.
         """
         now_ns, index = self._turn.now_ns, running.entry.index
         if now_ns - self._noticed_ns.get((index, code), -FAULT_QUIET_NS) < FAULT_QUIET_NS:

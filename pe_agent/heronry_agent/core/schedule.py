@@ -5,20 +5,20 @@ module, computed from k and not from the release before: so a rate of 30 Hz, who
 nanoseconds, does not drift. If several releases have passed while the PE was busy or paused, the module is stepped
 once, and the other releases are skipped and counted (`overruns`).
 
-Modules that are due at the same instant begin in the order of the spec. A partition receives all of its steps together
-and computes them one by one; partitions compute side by side. A partition receives no further steps before it has
-answered all. A chain of modules on one PE should use each other's newest values. So a module waits for the modules on
-this PE whose outputs it reads and that were due just before it: until they have answered, but at most a quarter of its
-own period. If a module hangs or is late, the modules that read its outputs go on without its new value, and only the
-other modules of its partition have to wait.
+Modules that are due at the same instant begin in the order of the spec. A partition receives all steps that are due in
+it together, and computes them one by one; partitions compute side by side. A partition receives no further steps before
+it has answered all of these. If one module on this PE reads the outputs of another, it should get the newest values. So
+a module waits for those modules on this PE whose outputs it reads and that were due just before it. The wait ends when
+they have answered, and lasts at most a quarter of the period of the module that waits. If a module hangs or is late,
+the modules that read its outputs go on without its new value; only the other modules of its partition have to wait.
 
 The time that a step has *spent* is its duration without the time in which it waited for a processor: so no module is
 reported because the computer was overloaded or paused. The driver of the core measures this time. This file decides
 when the driver measures it, and what the result means:
 
     overruns    OVERRUNS_IN_A_ROW steps in a row have each spent more than a period: the module cannot keep up
-    hangs       one step has spent at least HUNG_NS, and at least FRESH_PERIODS periods, after which its output is not
-                fresh any more. `overdue` gives the steps to measure
+    hangs       one step has spent at least HUNG_NS, and at least FRESH_PERIODS periods, after which the last output of
+                the module is not fresh any more. `overdue` gives the steps to measure
 """
 
 from collections import Counter
@@ -32,9 +32,9 @@ OVERRUNS_IN_A_ROW = 10
 HUNG_NS = 100_000_000
 
 NS_MHZ = 1_000_000_000_000
-"""The period in ns is this divided by the rate in mHz (10^9 ns/s times 10^3 mHz/Hz)."""
+"""Divided by a rate in mHz, this constant gives the period in ns (10^9 ns/s times 10^3 mHz/Hz)."""
 
-_PATIENCE = 4  # a module waits for its producers for one part in so many of its period
+_PATIENCE = 4  # a module waits for the modules whose outputs it reads, for at most 1/4 of its period
 
 
 def hung_ns(rate_mhz: int) -> int:
@@ -151,7 +151,7 @@ class Schedule:
         return self._releases
 
     def end(self, module: int, release: int, spent_ns: int) -> bool:
-        """Note the answer to a step; False if no such step has begun, or its module has been stopped since."""
+        """Note the answer to a step; returns False if no such step has begun, or its module has been stopped since."""
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -162,7 +162,10 @@ class Schedule:
         return True
 
     def again(self, module: int, release: int, now_ns: int) -> bool:
-        """Make a module due now, because its step was not computed; False if `end` would return False."""
+        """Make a module due now, because its step was not computed.
+
+        Returns False if no such step has begun, or its module has been stopped since.
+        """
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -186,7 +189,7 @@ class Schedule:
         return [(step.module, step.release) for step in found]
 
     def hangs(self, module: int, release: int, spent_ns: int, now_ns: int) -> bool:
-        """Tell whether a step that has spent `spent_ns` so far hangs; if not, plan its next measurement."""
+        """Tell whether a step that has spent `spent_ns` so far hangs; if it does not, plan its next measurement."""
         grid = self._awaiting(module, release)
         if grid is None:
             return False

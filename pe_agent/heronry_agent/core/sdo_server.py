@@ -12,8 +12,8 @@ The server is in one of these states:
     none            no transfer
     _Download,
     _Upload         segmented: the server awaits the next segment; a wrong toggle bit ends the transfer
-    _BlockDownload  the server receives segments; `is_complete` once the last one has come, and the server awaits the
-                    end
+    _BlockDownload  the server receives segments; once the last one has come, `is_complete` is True, and the server
+                    awaits the end of the transfer
     _BlockUpload    OPENED until the client sends start; SENDING segments; WAITING for the answer to a block; CLOSING:
                     the end was sent, and the server awaits the client's answer
 
@@ -27,7 +27,7 @@ A lost request or answer ends an expedited or segmented transfer: the client giv
 TIME_OUT_NS, with an abort. A lost segment of a block is sent again: the server drops the segments after a gap, and its
 answer names the last segment in order. If the last segment of a block is lost, the server sends its answer after
 BLOCK_PAUSE_NS. A forged request has the effect of a true one. Garbage is answered with an abort, or not at all; no
-request raises an exception. After a restart the server knows of no transfer, and aborts one that a client continues.
+request raises an exception. After a restart the server has no transfer, and aborts a transfer that a client continues.
 
 SDO has a higher priority than some of the data, so its rate is limited: each request is answered with at most one
 frame, a block upload sends one segment and then leaves the bus free for `segment_ns`, and a block download has at most

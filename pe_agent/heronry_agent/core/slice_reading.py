@@ -1,9 +1,12 @@
 """Decodes the bytes of a slice into a slice that this PE can run, or gives the reason why it cannot.
 
-Everything is checked before the slice is staged, so that its activation cannot fail half way. Every index is in the
-table. Every wired leaf reads its own variable, from a module of this slice or from a named node. Every published source
-is an output of a module of this slice. Every bit mask names only ports of this PE. The code of every module is on this
-PE.
+A slice is checked before it is staged, so that its activation cannot fail half way. A slice is accepted only if
+
+- every index is in the table,
+- every wired leaf reads its own variable, from a module of this slice or from a named node,
+- every published source is an output of a module of this slice,
+- every bit mask names only ports of this PE, and
+- the code of every module is on this PE.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,14 +21,17 @@ class SliceReader:
     """Decodes and checks slices for one PE."""
 
     def __init__(self, index: TableIndex, missing_images: Mapping[str, str]) -> None:
-        """missing_images: images of the table that cannot be loaded on this PE, each with the reason."""
+        """Check slices against a table.
+
+        missing_images: images of the table that cannot be loaded on this PE, each with the reason.
+        """
         self._index = index
         self.missing_images = dict(missing_images)
 
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
         """Return the slice of contingency `number` as bytes, and the digest of these bytes.
 
-        None if the contingency is not on board, or `digest` is not that of its configuration.
+        Returns None if the contingency is not on board, or if its configuration has another digest than `digest`.
         """
         body = self._index.on_board(number, digest)
         return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))

@@ -13,10 +13,10 @@ at once, without a body. Otherwise the body must follow: if frames are missing a
 period, the PE answers INCOMPLETE.
 
 The PE answers by page 1 of its state; the methods that take commands return whether an answer is due now. Page 1 names
-the epoch of the last PREPARE, so that the manager knows which command is answered. If the epoch is staged, page 1 gives
-its digest, and otherwise the reason why it is not staged. A late PREPARE, of an older epoch than the one collected, is
-answered with STALE_EPOCH. After a pause of the process, the frames that have come meanwhile are handled in their order.
-After a restart the PE is unconfigured, and the manager begins anew.
+the epoch of the last PREPARE, so that the manager can tell which command is answered. If the epoch is staged, page 1
+gives its digest, and otherwise the reason why it is not staged. A late PREPARE, of an older epoch than the one
+collected, is answered with STALE_EPOCH. After a pause of the process, the frames that have come meanwhile are handled
+in their order. After a restart the PE is unconfigured, and the manager begins anew.
 """
 
 from dataclasses import dataclass

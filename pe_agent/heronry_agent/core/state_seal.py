@@ -1,10 +1,11 @@
 """How a PE with a key authenticates its states to its manager: sessions, and the tag of each page (protocol rule 11).
 
-A manager that has welcomed this PE (`authenticity`) has a session with it, identified by the number of the WELCOME,
-which the manager uses only once. A further WELCOME in the same term does not begin another session, since forged frames
-can cause a PE to request one. RENEW ends a session. Only the session with the active manager is used; without a
-session, pages carry the tag 0. Pages 0 are numbered within a session. The page shows only the lowest byte of its
-number. So that both sides count alike, a session's first number is rounded down to a multiple of 256.
+With the command WELCOME a manager answers a nonce of this PE (`authenticity`), and begins a session with the PE. The
+number of the WELCOME identifies the session; the manager uses each number only once. A further WELCOME in the same term
+does not begin another session, since forged frames can cause a PE to request a WELCOME. The command RENEW ends a
+session. Only the session with the active manager is used; without a session, pages carry the tag 0. Pages 0 are
+numbered within a session, but a page carries only the lowest byte of its number. So that manager and PE count alike,
+the first number of a session is rounded down to a multiple of 256.
 
 The tag of a page 0 also covers one EMCY that waits to be acknowledged; if there are several, the pages cover them in
 turn.
@@ -17,7 +18,7 @@ from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, PAGE_1_BEAT, Ke
 
 
 class StateSeal:
-    """Knows the sessions of one PE, and computes the tags of its state pages."""
+    """Keeps the sessions of one PE, and computes the tags of its state pages."""
 
     def __init__(self, node: int, key: Key, mastership: Mastership, pending: Callable[[], Sequence[bytes]]) -> None:
         """Begin without a session; `pending` returns every EMCY that the manager has not acknowledged yet."""
@@ -27,12 +28,12 @@ class StateSeal:
 
     @property
     def session(self) -> Session | None:
-        """The session with the active manager; None if there is none in its term."""
+        """The session with the active manager; None if this manager has begun no session in its present term."""
         session = self._sessions.get(self._mastership.manager)
         return session if session is not None and session.term == self._mastership.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
-        """Begin a session, unless this manager has one in this term; `counter` is the number of its WELCOME."""
+        """Begin a session, unless this manager has one in this term; `counter` is the number of the WELCOME."""
         session = self._sessions.get(manager)
         if session is not None and session.term == term:
             return

@@ -47,7 +47,7 @@ class TableIndex:
     def on_board(self, number: int, digest: int) -> bytes | None:
         """Return the slice of contingency `number` as bytes.
 
-        None if the contingency is not on board, or `digest` is not that of its configuration.
+        Returns None if the contingency is not on board, or if its configuration has another digest than `digest`.
         """
         if not 0 < number <= len(self._preloaded):
             return None
@@ -78,7 +78,7 @@ class TableIndex:
 def _stand_back_ns(port: Port) -> int:
     """Time in ns that PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take on the bus.
 
-    For so long data are held back after a PREPARE.
+    After a PREPARE, data frames are held back for this time.
     """
     frames = 4 + 3 * (1 + len(port.nodes))
     return frames * WORST_BLOCKING_BITS * 1_000_000_000 // port.bitrate

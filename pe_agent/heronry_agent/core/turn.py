@@ -1,8 +1,8 @@
 """The present call of the core: its time, and the actions and state pages that the parts have requested so far.
 
-All parts of the agent share this object, so that the time and the list of actions need not be passed through every
-call. A part that has changed something which the state frames report requests a state page; the core sends each
-requested page once, when the call ends. The next call keeps only the time and the counts.
+All parts of the agent share one `Turn`, so that the time and the list of actions need not be passed through every call.
+If a part changes something that the state frames report, the part requests a state page; the core sends each requested
+page once, when the call ends. The next call begins without actions and requests, but the counts stay.
 """
 
 from collections import Counter
@@ -25,7 +25,7 @@ class Turn:
         """Begin at `now_ns`; `period_ns` is the heartbeat period of the uplink."""
         self.now_ns = now_ns
         self.arrived_ns = now_ns  # arrival of the present frame: before now_ns if the process was paused
-        self.held_until_ns = now_ns - 1  # end of the last pause: a frame from before it may be outdated by a later one
+        self.held_until_ns = now_ns - 1  # end of the last pause of the process: frames from before may be outdated
         self.counts: Counter[tuple[str, int]] = Counter()  # malformed or refused, by cause and identifier; never reset
         self.standstills = Standstills(period_ns)
         self.out: list[Action] = []
@@ -41,7 +41,7 @@ class Turn:
         return self.out
 
     def arrived(self, age_ns: int, late_ns: int) -> None:
-        """Set the age of the frame that this call handles; more than `late_ns` shows that this process was paused."""
+        """Set the age of the frame that this call handles; if it exceeds `late_ns`, this process was paused."""
         self.arrived_ns = self.now_ns - age_ns
         if age_ns > late_ns:
             self.held_until_ns = self.now_ns

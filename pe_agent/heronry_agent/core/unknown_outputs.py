@@ -1,9 +1,9 @@
-"""Finds misspelt outputs: a step gives no value for an output of its mode, but one under a similar name.
+"""Finds misspelt outputs: a step gives no value for an output of its mode, but gives a value under a similar name.
 
 The agent cannot publish such a value. The module counts as running, and its function as served, although the modules
-that read the output never get it. So the agent informs its manager once a second (this is no fault), and its log names
-the output that was probably meant. A module may compute more values than its mode has outputs, and may leave outputs
-out; so other unknown names are not reported.
+that read the output never get it. So the agent informs its manager once a second (this is no fault), and the log of the
+agent names the output that was probably meant. A module may compute more values than its mode has outputs, and may
+leave outputs out; so other unknown names are not reported.
 """
 
 from collections.abc import Collection

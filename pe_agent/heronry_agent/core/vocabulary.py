@@ -1,10 +1,11 @@
 """The events and actions of the agent core, except those for frames and time (`heronry_wire.sansio`).
 
 The driver answers a StepModule by `Stepped`, `StepFailed` or `NotReady`, or by the `PartitionEnded` of the module's
-partition; if the module is stopped, perhaps not at all. The answer repeats the `release` of the StepModule, a number
-that is used only once. So the core recognizes, and drops, an answer that comes after the module was stopped.
-StartModule is answered only if it failed; MeasureStep by `StepMeasured`; Drive by `Driven` if the device moved, or
-`DriveFailed` if it could not. No other action has an answer.
+partition. If the module is stopped before, the answer may be missing. The answer repeats the `release` of the
+StepModule, a number that is used only once. So the core recognizes, and drops, an answer that comes after the module
+was stopped. The driver answers StartModule only if the start has failed (`StartFailed`). It answers MeasureStep by
+`StepMeasured`, and Drive by `Driven` if the device has moved, or by `DriveFailed` if the device could not execute the
+command. No other action has an answer.
 """
 
 from collections.abc import Mapping
@@ -22,7 +23,8 @@ class Stepped(NamedTuple):
 
     outputs: value by variable; a variable left out is not published.
     writes: commands of the module to its device, in order; none has been executed yet.
-    reports: (element, detail) of each element that the module reports failed, as `device:NAME` or `module:NAME`.
+    reports: (element, detail) of each element that the module reports failed, as `KIND:NAME`; DISAGREEMENT in place of
+        an element reports that two inputs differ.
     phases: mission phases that the module requested, in order.
     priorities: (function, priority) for each request; the priority SPECS_PRIORITY stands for that of the spec.
     spent_ns: duration of the step, without the time in which it waited for a processor.
@@ -47,7 +49,7 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StepFailed:
-    """A module raised an exception in its step; `reason` is one line, `traceback` the whole text."""
+    """A step of a module has failed; `reason` is one line; `traceback` is empty if no exception was raised."""
 
     module: int
     release: int
@@ -115,7 +117,7 @@ class DriveFailed:
 
 @dataclass(frozen=True, slots=True)
 class StartModule:
-    """Build a module and let it run in a mode (an index into `entry.modes`), or continue it if StopModule kept it."""
+    """Build a module, or continue a module that StopModule has kept; `mode` is an index into `entry.modes`."""
 
     module: int
     entry: ModuleEntry
@@ -191,7 +193,7 @@ class Left(NamedTuple):
 
 
 class ChannelsLost(NamedTuple):
-    """The lost channels of a port's replicated bus, numbered from 1, have changed to this set."""
+    """The set of lost channels of a port's replicated bus has changed; `channels` is the new set, numbered from 1."""
 
     port: int
     channels: frozenset[int]

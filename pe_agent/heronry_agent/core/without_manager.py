@@ -11,10 +11,10 @@ falls.
 
 A LEASE that names the configuration which runs here starts the stopped modules again: it shows that no other
 configuration has been activated. A new configuration starts its modules in any case. A LEASE that names another
-configuration, or none, starts nothing: its manager will decide. Protocol rule 6 applies throughout: an exclusive output
-still needs its authorization.
+configuration, or none, starts nothing: the manager that sent it will decide what this PE runs. Protocol rule 6 applies
+throughout: an exclusive output still needs its authorization.
 
-One LEASE within T_lease is enough, so single ones may be lost or late. After a pause of the process, the frames that
+One LEASE within T_lease is enough, so single LEASEs may be lost or late. After a pause of the process, the frames that
 came in the pause are handled before the deadline of the lease is checked, so a LEASE among them counts. A forged LEASE
 can only start modules of the present configuration. After a restart the PE runs nothing.
 """

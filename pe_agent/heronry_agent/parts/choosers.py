@@ -1,11 +1,12 @@
 """Fail-over and N-version: modules that choose one value out of several of different quality.
 
-FailOver   gives the first of `sources` that is present. A source that was absent is used again only after it was
-           present for `patience_ns`, so that an intermittent source does not make the output jump
-NVersion   compares programs that were written independently, and give one variable in one version each. It gives the
-           best version that is not outvoted. With three or more versions, a version is outvoted if it is not within
-           `tolerance` of their median, and the element that gave it is reported. With two versions, none is outvoted,
-           and the better one is given
+FailOver   gives the first of `sources` that is present. If a better source than the one in use comes back, FailOver
+           changes to the better source only after it was present for `patience_ns`, so that an intermittent source does
+           not make the output jump
+NVersion   compares programs that were written independently. Each program gives the same variable, in a version of its
+           own. NVersion gives the best version that is not outvoted. With three or more versions, a version is outvoted
+           if it is not within `tolerance` of their median, and the element that gave it is reported. With two versions,
+           none is outvoted, and NVersion gives the better one
 """
 
 import statistics

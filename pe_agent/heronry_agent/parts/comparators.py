@@ -1,17 +1,18 @@
 """Comparators: modules that compare two versions of one variable, computed by two different programs.
 
-With two versions that differ, either may be right, so no element is reported as failed (a voter does that, from three
-versions on). A difference beyond `limit` that has lasted for `patience_ns` is a *disagreement*. While it lasts, the
-comparator reports it repeatedly, and its subclass chooses the output. The disagreement ends when the versions have
-agreed for `patience_ns`.
+With two versions that differ, either may be right, so a comparator reports no element as failed. (With three versions
+or more, a voter can tell which one is wrong.) A difference beyond `limit` that has lasted for `patience_ns` is a
+*disagreement*. While the disagreement lasts, the comparator reports it repeatedly, and the kind of comparator decides
+the output. The disagreement ends when the versions have agreed for `patience_ns`.
 
     ComparatorBetter    gives the better version, and only reports the disagreement
     ComparatorSafer     gives the value nearer to `safe`
     ComparatorNone      gives no value, and the spec decides what its readers do without one
 
-While the versions agree, the better one is the output; if only one is present, that one. Two modules with the same
-image would make the same mistakes. So give the two modules different images, and put them on different PEs (`separate`
-in the spec). The manager reports a disagreement to the operator and changes no plan.
+While the versions agree, the better one is the output. If only one version is present, this version is the output. If
+the two modules that compute the versions had the same image, they would make the same mistakes. So give these modules
+different images, and put them on different PEs (`separate` in the spec). The manager reports a disagreement to the
+operator and changes no plan.
 """
 
 from collections.abc import Mapping
@@ -48,7 +49,7 @@ class Comparator(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Compare the two best versions, and return the output.
 
-        No value if no version is present, or if `goes_on` returns None.
+        The step gives no output if no version is present, or if `goes_on` returns None.
         """
         heard = [datum.number() for datum in inputs.every(self.variable) if datum.valid and is_finite(datum.value)]
         if len(heard) < 2:
@@ -87,4 +88,4 @@ class ComparatorNone(Comparator):
     """Gives no value while the two disagree; a subclass sets the attributes."""
 
     def goes_on(self, better: float, worse: float) -> None:
-        """Return None."""
+        """Return None: while the versions disagree there is no output."""

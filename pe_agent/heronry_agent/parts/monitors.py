@@ -5,10 +5,11 @@
     ActuatorMonitor     reports an actuator whose position is further than `tolerance` from that of a healthy actuator,
                         for `patience_ns`. A healthy actuator follows its command with the lag `lag_s`. An actuator that
                         is stuck at its command is not detected. A wrong position sensor looks like a failed actuator;
-                        with a second actuator, `images.servo_monitor` can tell which of the two has failed
+                        where there is a second actuator, the image `servo_monitor` of the shipped aircraft can tell
+                        whether the sensor or the actuator has failed
 
-Both give the health of the element as an output: 0 healthy, 1 reported as failed. While an input is missing they do not
-compare.
+Both monitors give the health of the element as an output: 0 healthy, 1 reported as failed. While an input is missing
+they do not compare.
 """
 
 from collections.abc import Mapping

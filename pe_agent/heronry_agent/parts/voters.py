@@ -1,9 +1,10 @@
 """Voters: modules that compute one value from several that should be equal, and report the one that differs.
 
-    median    gives the median of the channels that are present, so that a single wrong channel does not decide. Of two
-              channels that differ it gives the one nearer to the last output
-    majority  gives the mean of the largest group of channels that agree, if that is more than half of all channels;
-              otherwise no value, and the spec decides what the modules that read it do without one
+    MedianVoter    gives the median of the channels that are present, so that a single wrong channel does not decide. Of
+                   two channels that differ it gives the one nearer to the last output
+    MajorityVoter  gives the mean of the largest group of channels that agree, if this group has more than half of all
+                   channels. If it has not, the voter gives no value, and the spec decides what the modules that read
+                   the output do without one
 
 A *channel* is one of the variables that should be equal. A channel is reported if it is further than `tolerance` from
 the output while more than two channels are present. With two channels that differ, either may be right, and none is
@@ -65,7 +66,10 @@ class MajorityVoter(Voter):
     """Gives the value on which more than half of its input channels agree; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float | None:
-        """Return the mean of the largest group of values that agree within `tolerance`; None if it is no majority."""
+        """Return the mean of the largest group of values that agree within `tolerance`.
+
+        Returns None if this group has no more than half of all channels.
+        """
         groups = ([other for other in heard if abs(other - one) <= self.tolerance] for one in heard)
         largest = max(groups, key=len)
         return statistics.fmean(largest) if 2 * len(largest) > len(self.channels) else None

@@ -116,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
         "--devices",
         default=PLANT,
         metavar="DRIVER",
-        help=f"the installed driver of this PE's devices (default: {PLANT}, those of a simulated flight)",
+        help=f"name of an installed driver for this PE's devices (default: {PLANT}, the devices of a simulated flight)",
     )
     parser.add_argument("--until-eof", action="store_true", help="stop when standard input ends")
     talk = parser.add_mutually_exclusive_group()
@@ -178,7 +178,7 @@ def _secret(key: Key | None) -> Secret | None:
 
 
 def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
-    """Wait until this node receives its table, and return it; None if the program is stopped before."""
+    """Wait until this node receives its table, and return the table; None if the program is stopped before."""
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))

@@ -1,8 +1,8 @@
 """The devices of one PE: each is read before every step of its module, and executes commands that the core authorizes.
 
 The agent's process reads and commands the devices, not the partition of the module: so the authorization is checked at
-the last moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. The device drivers
-(`heronry_agent.device`) know the hardware.
+the last moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. Only the device drivers
+(`heronry_agent.device`) depend on the hardware.
 
 Each device has one driver. A PE may have several drivers, and loads only those that the devices of its modules need. A
 spec cannot name a driver yet, so all devices of a PE have the driver that `pe-agent --devices` names, by default the
@@ -69,7 +69,7 @@ def _started(name: str, origin_ns: int) -> DeviceDriver:
 
 
 class Devices:
-    """The devices of a table's modules, opened."""
+    """The opened devices of the modules in a table."""
 
     def __init__(self, table: PeTable, drivers: Mapping[str, DeviceDriver]) -> None:
         """Open the devices of all modules of a table; raises DeviceDriverError.
@@ -99,7 +99,7 @@ class Devices:
         return followed
 
     def read(self, module: int, now_ns: int) -> Value | None:
-        """Read the device of a module; None if it has none, or there is no valid reading."""
+        """Read the device of a module; None if the module has no device, or there is no valid reading."""
         device = self._bolted_to[module]
         if device is None:
             return None

@@ -3,13 +3,13 @@
 A turn of the loop:
 
 1. Wait until a frame has come, a deadline is due, or the program that started the agent has ended.
-2. Hand every frame that has come to the core, with its age, before any deadline: after a pause of this process old
-   frames must not count as new (protocol rule 6).
+2. Hand the received frames to the core, before any deadline that is due. Each frame is handed over with its age, since
+   after a pause of this process an old frame must not count as new (protocol rule 6).
 3. Hand the results of the partitions to the core, and then the deadline if it is due. Modules whose steps become due
    compute in their partitions while the loop goes on.
 
-The kernel (or the hub of the software bus) filters out frames that the PE does not need at present: on a full bus, most
-of them.
+The kernel (or the hub of the software bus) filters out frames that the PE does not need at present. On a full bus these
+are most of the frames.
 
 A frame that could not leave within T_lease is dropped, because its authorization (protocol rule 6) does not last
 longer.
@@ -20,8 +20,8 @@ manager notices.
 A lost bus does not end the agent (`heronry_wire.link` reopens it). Meanwhile the core continues and its frames are
 dropped; after T_lease its exclusive outputs are no longer authorized (protocol rule 6). If the bus toward the manager
 comes back after more than T_lease, other PEs may have taken over the modules of this PE. So the driver stops all
-modules, listens for another node with this node-ID, and then starts unconfigured, as a new incarnation. While it hears
-another node with the node-ID, the PE stays silent and goes on listening.
+modules, listens for another node with this node-ID, and then starts unconfigured, as a new incarnation. While another
+node with this node-ID is heard, the PE stays silent and goes on listening.
 
 In one turn a limited number of frames is read, more than the buffer of a socket holds: a flood of frames delays the
 state frames, but does not stop them.
@@ -90,8 +90,10 @@ class AgentDriver:
         """Make the first core.
 
         new_core: makes the core of a new incarnation.
+        host: runs the partitions, and has the devices read and commanded.
         links: one for each port of the table, in the same order.
         tell: called with every line for the log, at once.
+        service: reports to systemd, if systemd has started the agent.
         """
         self.core = new_core()
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
@@ -198,7 +200,7 @@ class AgentDriver:
                 return
 
     def _take_departures(self) -> None:
-        """Tell the core which frames to a radio have left the CAN controller, and how long each was in there."""
+        """Tell the core that frames to a radio have left the CAN controller, and how long each was in it."""
         for port in self.core.radio_ports:
             while departures := self._links[port].departures_ns():
                 for took_ns in departures:

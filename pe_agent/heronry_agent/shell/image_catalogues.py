@@ -1,9 +1,10 @@
 """Which class the `image` of a spec names.
 
 `package.module:Class` is imported directly, so that a user's own code needs no entry in a catalogue. A bare name is
-looked up in the catalogues that installed packages offer under the entry point `heronry.images`: each is a mapping of
-names to `package.module:Class`. An image is imported when it is first needed, so a PE loads only the code that it runs.
-A catalogue that cannot be loaded does not affect the others; the message about an unknown image names it.
+looked up in the catalogues that installed packages offer under the entry point `heronry.images`. A catalogue is a
+mapping of names to `package.module:Class`. An image is imported when it is first needed, so a PE loads only the code
+that it runs. A catalogue that cannot be loaded does not affect the others; the message about an unknown image names
+that catalogue.
 """
 
 import importlib
@@ -77,7 +78,7 @@ def _is_installed(module: str) -> bool:
 
 
 def _spec_of(module: str, path: Sequence[str] | None) -> ModuleSpec | None:
-    """Find a Python module as `import` would; None if no finder knows it."""
+    """Find a Python module as `import` would; None if there is no such module."""
     for finder in sys.meta_path:
         with suppress(Exception):  # a finder is foreign code
             spec = finder.find_spec(module, path)
@@ -87,7 +88,7 @@ def _spec_of(module: str, path: Sequence[str] | None) -> ModuleSpec | None:
 
 
 class _Catalogues(NamedTuple):
-    """All installed catalogues, merged into one mapping, and a sentence for each that cannot be loaded."""
+    """All installed catalogues, merged into one mapping, and a sentence for each catalogue that cannot be loaded."""
 
     images: Mapping[str, str]
     broken: tuple[str, ...]

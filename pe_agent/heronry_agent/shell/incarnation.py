@@ -1,16 +1,17 @@
 """The boot count of a PE, 0..255, by which other nodes notice every restart, even one within a heartbeat period.
 
 A PE needs a new count at its start, and whenever it begins anew after an outage of the bus. A file keeps a *reserve*: a
-number up to `RESERVE` counts ahead of the present count, so that the agent may use the counts up to it without writing
-the disk each time. The agent never waits for the disk in flight: a thread writes the reserve, and tries again every
-`RETRY_S`. How the agent knows that a count is new:
+count that is at most `RESERVE` ahead of the present count. The agent may use all counts up to the reserve without a
+further write to the disk. The agent never waits for the disk in flight: a thread writes the reserve, and tries again
+every `RETRY_S` seconds if writing fails. The count is new for these reasons:
 
-    in one process       the count before is in memory: each count is the one before plus one
-    from start to start  a process begins one above the reserve on the disk, and writes its own before it sends a frame
-    no disk              the agent does not know. The count is drawn at random, but differs from the count that the disk
-                         has, and one restart in 256 is not recognized. This is so without a folder, with a full or
-                         read-only disk at the start, and with a disk that takes longer than `LONGEST_START_S` at the
-                         start
+    in one process       the last count is in memory, and the next count is the last one plus 1
+    from start to start  a process begins with the count after the reserve on the disk, and writes a reserve of its own
+                         before it sends a frame
+    no disk              the count is drawn at random, so the other nodes do not recognize one restart in 256. If the
+                         reserve can be read, the drawn count is neither the reserve nor the count after it. This
+                         applies without a folder, with a full or read-only disk at the start, and with a disk that
+                         takes longer than `LONGEST_START_S` seconds at the start
 
 A disk that fails does not stop the agent. The agent reports the problem, continues, and reports when the reserve is
 written again.
@@ -125,7 +126,7 @@ class BootCount:
     def _told(self, problem: str) -> None:
         if self._problem is None:
             self._tell(
-                f"{problem}; the agent flies on and tries again, and until then a restart may not be recognized "
-                "(name a folder that can be written with --state-dir)"
+                f"{problem}; the agent continues and tries again, and until then a restart may not be recognized "
+                "(use --state-dir to name a folder that can be written)"
             )
         self._problem = problem

@@ -1,18 +1,18 @@
-"""Makes the objects of modules, calls their steps, keeps them while their mode changes, and drops them.
+"""Makes the object of each module, calls its steps, keeps the object while the mode changes, and drops the object.
 
 This code runs modules both in a partition of a node and in the process of the simulator. It uses no bus, no table and
 no other process, and turns an exception of a module into a `Failure`. A module is
 
-    built    by `start`, from its image. If the module was kept, `mode_changed` is called first, and the module goes on
-             as it is if that returns True
+    built    by `start`, from its image. If the module was kept, `start` first calls its `mode_changed`. If this returns
+             True, the module continues with its present object
     stepped  by `step`: its outputs, writes, reports and requests are returned as one Result; only their form is checked
-    kept     by `stop(keep=True)`: not stepped, until `start` continues it or `stop` drops it
+    kept     by `stop(keep=True)`: not stepped, until `start` continues the module or `stop` drops it
 
 A second `start` of a module that runs builds it anew.
 
-A failure names the exception, its message, a file and a line. If the traceback has a frame in the module's own file, it
-is that frame's line, even if a library raised the exception: the author of the module needs the place where the library
-was called.
+A failure names the exception, its message, a file and a line. If the traceback has a frame in the module's own file,
+the failure names the line of this frame, even if a library raised the exception: the author of the module needs the
+place where the library was called.
 """
 
 import sys
@@ -32,7 +32,7 @@ _HERE = (__file__, find_image.__code__.co_filename)
 
 
 class Orders(NamedTuple):
-    """What is needed to build a module: the names of module, image and mode, and its period in ns."""
+    """What is needed to build a module: its name, image, mode and period in ns, and whether it has a device."""
 
     name: str
     image: str
@@ -98,7 +98,7 @@ class _Context:
 
     def _require_device(self) -> None:
         if not self.has_device:
-            raise RuntimeError(f"module {self.module} is bolted to no device: give it one in the spec")
+            raise RuntimeError(f"module {self.module} has no device: give it one in the spec")
 
 
 class ModuleRunner:
@@ -112,7 +112,7 @@ class ModuleRunner:
         self._kept: dict[int, tuple[Module, _Context, str]] = {}
 
     def load(self, image: str) -> Failure | None:
-        """Import the code of an image; returns None, or why that failed."""
+        """Import the code of an image; returns None, or how the import has failed."""
         if image in self._classes:
             return None
         try:
@@ -123,7 +123,10 @@ class ModuleRunner:
         return None
 
     def start(self, module: int, orders: Orders, now_ns: int) -> Failure | None:
-        """Build a module, or continue, in its new mode, one that `stop` has kept; returns None, or why that failed."""
+        """Build a module; a module that `stop` has kept continues in the new mode if its `mode_changed` allows this.
+
+        Returns None, or how building the module has failed.
+        """
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
             return None
@@ -146,7 +149,7 @@ class ModuleRunner:
             self._kept[module] = held
 
     def code(self, module: int) -> Module | None:
-        """Return the object of a module that runs, None if it does not; the caller must not change the object."""
+        """Return the object of a module; None if the module does not run. The caller must not change the object."""
         held = self._running.get(module)
         return None if held is None else held[0]
 
@@ -193,7 +196,7 @@ def one_line(error: BaseException) -> str:
 
 
 def failure_of(error: Exception, file: str | None = None) -> Failure:
-    """Describe an exception of a module or driver; `file` has the class of that module or driver, None if unknown."""
+    """Describe an exception of a module or driver; `file`: the file with the code of the module or driver, if known."""
     try:
         line = str(error) if isinstance(error, UnknownImageError) else one_line(error)
         if len(line) > _LONGEST_MESSAGE:
@@ -205,7 +208,10 @@ def failure_of(error: Exception, file: str | None = None) -> Failure:
 
 
 def _place(error: BaseException, file: str | None) -> str | None:
-    """Return "FILE:LINE" of the innermost frame in `file`; else of that in any code outside heronry; else None."""
+    """Return "FILE:LINE" of the innermost frame in `file`.
+
+    If no frame is in `file`, the innermost frame outside heronry counts; None if there is no such frame either.
+    """
     if isinstance(error, UnknownImageError) and error.__cause__ is not None:
         error = error.__cause__
     frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]

@@ -3,17 +3,19 @@
     python -m heronry_agent.shell.partition AGENT_PID NAME     started by the agent; the socket is file descriptor 3
 
 The partition has no bus, no table and no key. It executes the orders that come on the socket one after the other, and
-sends the answer to each step before it begins the next (`partition_messages`): if the process ends, the agent knows
-which module was computing. An exception of a module becomes an answer, and its traceback is printed.
+sends the answer to each step before it begins the next step (`partition_messages`). So the agent can tell which module
+was computing when the process ended. An exception of a module becomes an answer, and its traceback is printed.
 
-What modules print, and these tracebacks, goes line by line to the standard error of the agent, each line with time and
-module name (`module_prints`). On a node that is the journal of the agent's service, in a demo the agent's log.
+The tracebacks, and all text that modules print, go line by line to the standard error of the agent, each line with time
+and module name (`module_prints`). On a node this standard error is the journal of the agent's service; in a demo it is
+the agent's log.
 
-No partition outlives its agent: the kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
-of a step, and a closed socket ends it. If the agent hangs it sends no orders, so no module computes; a step that was
-ordered before is not computed if its authorization (`until_ns`) has ended when its turn comes.
+No partition outlives its agent. The kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
+of a step. The process also ends when its socket is closed. If the agent hangs it sends no orders, so no module computes
+a further step. A step that was ordered before is skipped if its authorization (`until_ns`) has ended when the partition
+comes to it.
 
-A partition leaves no core file, which would take seconds.
+A partition writes no core file, since writing one would take seconds.
 """
 
 import ctypes
@@ -132,7 +134,7 @@ def main(arguments: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends this process
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)  # else what a module prints is lost when the process is killed
-    prints = ModulePrints(sys.stdout)  # which is the standard error of the agent, as this process's own is
+    prints = ModulePrints(sys.stdout)  # the agent has connected both outputs of this process to its standard error
     sys.stdout = sys.stderr = prints
     partition = Partition(ModuleRunner(time.monotonic_ns), prints.of)
     with suppress(ConnectionError):  # raised when the agent closes the socket with packets unread

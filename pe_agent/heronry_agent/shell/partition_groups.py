@@ -3,7 +3,8 @@
 RLIMIT_DATA (`partition_process`) limits each process by itself, and counts neither shared memory nor the child
 processes of a module. The control group of a partition counts both, and can end all its processes. Groups are used only
 if the agent was started in a group that it may divide: systemd marks such a group with the attribute `user.delegate`
-(`Delegate=` in the unit). Processes may be only in leaf groups (cgroups(7)), so the agent first moves to a leaf:
+(`Delegate=` in the unit). A group that is divided may contain no process itself (cgroups(7)), so the agent first moves
+to a group below it:
 
     heronry-agent@nav.service     delegated
         agent                     the agent
@@ -60,14 +61,17 @@ class PartitionGroups:
     """Divides the control group of the agent into one group per partition."""
 
     def __init__(self, folder: str) -> None:
-        """Move this process into a leaf of the group `folder`, and have memory counted per leaf; raises OSError."""
+        """Move this process into a group of its own below the group `folder`; raises OSError.
+
+        From then on the kernel counts memory separately for each group below `folder`.
+        """
         self._folder = folder
         self._ended: list[PartitionGroup] = []
         _enter(f"{folder}/{_AGENT}", os.getpid())
         _write(folder, "cgroup.subtree_control", "+memory")
 
     def enclose(self, pid: int) -> PartitionGroup | None:
-        """Put a new process into a group of its own; None if that fails."""
+        """Put a new process into a group of its own, and return the group; None if this fails."""
         self._ended = [group for group in self._ended if not group.remove()]
         folder = f"{self._folder}/partition.{pid}"
         try:
@@ -86,9 +90,9 @@ class PartitionGroups:
 
 
 def open_groups(tell: Callable[[Note], None]) -> PartitionGroups | None:
-    """Prepare the control group of this process for partitions; None if it is not delegated, or cannot be used.
+    """Prepare the control group of this process for partitions; None if the group is not delegated, or cannot be used.
 
-    If it is delegated and cannot be used, `tell` is called with the reason.
+    If the group is delegated and cannot be used, `tell` is called with the reason.
     """
     folder = _own_folder()
     if folder is None or not _is_delegated(folder):

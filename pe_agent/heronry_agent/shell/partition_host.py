@@ -3,19 +3,20 @@
 The host executes the core's actions on modules, and answers them by events. (The simulator has another host, which runs
 modules in its own process: `heronry_tools.sim.world.module_host`.) A partition is
 
-    absent    until one of its modules is started, or until the host starts its process in advance: one partition per
-              second once the PE runs modules, so that starting a process delays no reconfiguration in flight
-    loading   its process imports the code of all its modules in the table. When it has loaded, the host starts the
-              modules that the core has started meanwhile, and answers their steps with `NotReady`, so that the core
-              orders the steps again with present inputs
+    absent    until one of its modules is started, or until the host starts its process in advance. Once the PE runs
+              modules, the host starts one partition per second in advance, so that starting a process delays no
+              reconfiguration in flight
+    loading   its process imports the code of all its modules in the table. When the code has been imported, the host
+              sends the start orders that the core has given meanwhile. Steps that the core has ordered meanwhile are
+              answered with `NotReady`, so that the core orders them again with present inputs
     running   its process executes orders, one after the other
     ending    its process is killed and not reaped yet; a new process for the same partition may start meanwhile
 
 The host ends a partition that sends an answer without an order, a packet that cannot be read, or a packet that is too
-long. It reports to the core that a partition has ended, and why; the core decides which module counts as failed. The
-core also decides when a step hangs, except the step of a module that has been stopped since: the core no longer waits
-for this step, although the step delays all later orders. So the host itself ends the partition when such a step has
-spent the time after which a module counts as hanging.
+long. The host reports to the core that a partition has ended, and why; the core decides which module counts as failed.
+The core also decides that a step hangs, with one exception. If a module is stopped during its step, the core no longer
+waits for this step, although the step delays all later orders. So the host itself ends the partition when such a step
+has spent the time after which a module counts as hanging.
 """
 
 import time
@@ -82,10 +83,10 @@ class PartitionHost:
         self._processes: dict[str, PartitionProcess] = {}
         self._load_by_ns: dict[str, int] = {}  # time limit of each partition that loads
         self._waiting: dict[str, list[StartModule]] = {}  # starts to send when the partition has loaded
-        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # steps to give back then as NotReady
+        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # steps to answer with NotReady then
         self._modes: dict[int, int] = {}
         self._numbers: dict[int, dict[str, int]] = {}  # numbers of the leaves of each running module, by path
-        self._ending: list[tuple[PartitionProcess, bool]] = []  # and whether to report the end to the core
+        self._ending: list[tuple[PartitionProcess, bool]] = []  # each with: whether to report its end to the core
         self._cold = sorted({module.partition for module in table.modules}, reverse=True)
         self._warm_ns = NEVER_NS
 
@@ -100,7 +101,7 @@ class PartitionHost:
         return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Execute an action of the core on a module or a device; returns its answer, None if none is known yet."""
+        """Execute an action of the core on a module or a device; returns the answer, None if it has none yet."""
         match action:
             case StepModule():
                 self._step(action, now_ns)
@@ -148,7 +149,7 @@ class PartitionHost:
         return events
 
     def abandon(self) -> None:
-        """End all partitions without reporting it, and make every device safe; new partitions may start afterwards."""
+        """End all partitions without a report to the core, and make every device safe; new partitions may follow."""
         self._ending = [(process, False) for process, _ in self._ending]
         for name in list(self._processes):
             self._end(name, tell=False)

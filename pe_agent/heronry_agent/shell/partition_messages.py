@@ -2,7 +2,7 @@
 
     agent to partition            partition to agent
     LOAD    images, then          LOADED       images that cannot be loaded, with the reasons
-    START   module, orders        START_FAILED module, reason, traceback        only if it failed
+    START   module, orders        START_FAILED module, reason, traceback        only if START has failed
     STOP    module, keep                       nothing
     STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, requests
                                   STEP_FAILED  release, reason, traceback
@@ -40,7 +40,7 @@ Input = tuple[int, Value, int, int, bool]
 """A datum at a leaf: the leaf's number, then the fields of `Datum`."""
 
 _LIST = 0xFFFF  # most entries of a list, most bytes of a text
-_LAYOUTS, _LAYOUT_BYTES = 256, 1024  # most layouts that are kept, and longest one that is, in bytes
+_LAYOUTS, _LAYOUT_BYTES = 256, 1024  # most layouts in the cache, and length in bytes of the longest layout there
 _REASON, _TRACEBACK = 500, 3_000  # characters of a failure's texts; the agent keeps fewer (`failure_text`)
 _T = TypeVar("_T")
 

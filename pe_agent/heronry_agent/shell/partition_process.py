@@ -1,18 +1,18 @@
-"""A partition as its agent sees it: a process with one socket, a memory limit, and a measure of the time it spends.
+"""The agent's side of a partition: the process, the socket to it, its memory limit, and the time that its steps take.
 
 No method ever waits. If a partition does not read its packets, it is ended (`broken`). The process is started by exec,
-not by fork: so it inherits no bus, no key and no table, and is smaller. Its environment has only what Python needs. It
-has a lower priority than its agent, so that heartbeats go first.
+not by fork: so it inherits no bus, no key and no table, and is smaller. Its environment has only what Python needs. The
+process has a lower priority than its agent, so that heartbeats go first.
 
 The orders of one turn of the agent's loop form one packet. For GATHER_NS after such a packet, answers do not wake the
 agent; then the agent reads them together.
 
 The time that a step has *spent* is measured from the sending of its order to the arrival of its answer, less the time
 for which the partition waited for a processor. The kernel counts this waiting time (schedstat), except a wait that
-still lasts. So while the process waits, the processor time that the step has used is taken as the time spent; on a
-kernel that does not count waiting this is always done. The count at the beginning of a step is read only once in
-SAMPLE_NS, and after a late step. So the waiting of earlier steps may be subtracted as well, and the time spent may come
-out too short, but not too long.
+still lasts. So while the process runs or waits for a processor, the processor time that the step has used is taken as
+the time spent. On a kernel that does not count waiting times, the processor time is always taken. The count is not read
+at the beginning of each step, but only once in SAMPLE_NS, and after a late step. So the waiting time of earlier steps
+may be subtracted as well: the time spent may come out too short, but not too long.
 
 When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds then, plus the
 RAM that the spec gives its modules, plus SLACK_BYTES for the interpreter. If a module exceeds the limit, Python raises
@@ -56,7 +56,7 @@ class _PendingStep:
 
 
 class PartitionProcess:
-    """One partition as the agent sees it: a process, and the socket to it."""
+    """The agent's side of one partition: starts the process, sends orders to it, and measures its steps."""
 
     def __init__(self, name: str, ram: int, groups: PartitionGroups | None = None) -> None:
         """Start the process; raises OSError.
@@ -72,7 +72,7 @@ class PartitionProcess:
         self._orders: list[Order] = []  # to be sent when the turn ends
         self._waited_before_ns = 0  # the process's waiting time when last read, between two steps
         self._sample_ns = 0  # when to read the waiting time again
-        self.gathers = False  # not to be selected on: the answers are read together at `look_ns`
+        self.gathers = False  # True: `select` is not to wait for this partition; its answers are read at `look_ns`
         self.look_ns = 0
         self._begun_ns = time.monotonic_ns()
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -161,7 +161,7 @@ class PartitionProcess:
         return first.module, self.spent_ns(first.module, first.release, now_ns)
 
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
-        """Time in ns that this step has spent so far; 0 if it is not being computed now."""
+        """Time in ns that this step has spent so far; 0 if the step is not being computed now."""
         if (
             self.loading
             or not self._pending

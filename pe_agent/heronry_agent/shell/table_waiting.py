@@ -1,19 +1,20 @@
-"""A PE without a table: started with its node-ID only, it waits on the bus until it receives its table by SDO.
+"""A PE without a table: it was started with its node-ID only, and waits on the bus until it receives its table by SDO.
 
     waiting   the node is a CANopen node that runs nothing: boot-up, heartbeat PRE-OPERATIONAL, SDO, NMT, node services.
               It sends no state frame, so a manager counts it as down and plans without it
-    given     object 2020h was written with a table that can be used and has this node-ID. The node still sends the
-              answer; then the agent starts as if the table had come from a file
+    given     a client has written object 2020h with a table that can be used and has this node-ID. The node still sends
+              the answer to the client; then the agent starts as if the table had come from a file
 
-With a key the node requests a WELCOME from a manager that it hears, as every PE does (`authenticity`). It executes only
-the commands LEASE and UNLOCK. It accepts a table only while it is unlocked, and only if the table is sealed with the
-key; any node may send it.
+With a key the node sends a nonce to a manager that it hears, and the manager answers with the command WELCOME, as with
+every PE (`authenticity`). The node executes only the commands LEASE and UNLOCK; UNLOCK allows SDO writes for some
+seconds. The node accepts a table only while it is unlocked, and only if the table is sealed with the key; any node may
+send a sealed table.
 
 `sdo_server` handles lost, late and doubled frames: a table arrives complete and checked, or not at all. A table that
-cannot be used is refused with 0609 0030h, and the reason is logged. Without a key, any sender of a table decides which
-of the code installed on this node will run. So a PE waits for a table only if it was started with `--node`; without a
-key this option is meant for a bus whose nodes are all trusted. A PE that has its table accepts no other. After a
-restart the PE waits again.
+cannot be used is refused with SDO abort code 0609 0030h, and the reason is logged. Without a key, the sender of a table
+decides which installed code this node will run. So a PE waits for a table only if it was started with `--node`; without
+a key this option is meant for a bus whose nodes are all trusted. A PE that has its table accepts no other table. After
+a restart the PE waits again.
 """
 
 import os
@@ -104,7 +105,7 @@ class WaitingCore:
         return self._canopen.next_ns
 
     def _accept(self, manager: int, command: Command, event: Received) -> None:
-        """Execute a verified LEASE, which shows which manager is active, or UNLOCK; ignore other commands."""
+        """Execute a verified LEASE or UNLOCK; ignore other commands. A LEASE shows which manager is active."""
         message = decode_command(command, event.frame.data)
         if isinstance(message, Malformed | SliceHead | SliceBody) or not self._mastership.admits(manager, message.term):
             return
@@ -167,7 +168,7 @@ class Waiting:
     def run(self, *, until_eof: bool) -> PeTable | None:
         """Wait until a table has come, and the answer to its sender is on the bus; returns the table.
 
-        None if `stop` is called before; with `until_eof`, also if standard input ends.
+        Returns None if `stop` is called before; with `until_eof`, also if standard input ends before.
         """
         core, link = self._core, self._link
         while not self._stopping:
