@@ -78,11 +78,11 @@ def line(landing: Landing) -> str:
     head = f"seed {landing.mission.seed}{blows}: "
     landed = landing.touchdown
     if landed is None:
-        how = "goes around, landing refused" if landing.went_around else "has not landed"
+        how = "the landing is refused, and the aircraft goes around" if landing.went_around else "has not landed"
         return f"{head}{how}; digest {landing.digest}"
     judged = "acceptable" if not landing.causes else f"not acceptable ({', '.join(landing.causes)})"
     where = f"{landed.x_m:.1f} m from the aim, {landed.y_m:+.1f} m from the centre line"
-    return f"{head}lands {judged}: {where}, sink {landed.sink_m_per_s:.2f} m/s; digest {landing.digest}"
+    return f"{head}the landing is {judged}: {where}, sink {landed.sink_m_per_s:.2f} m/s; digest {landing.digest}"
 
 
 def figures(found: dict[str, Any]) -> str:
