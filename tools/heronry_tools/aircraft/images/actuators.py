@@ -87,7 +87,7 @@ class LimitedElevatorServo3(SurfaceServo):
 
 
 class RudderServo(SurfaceServo):
-    """A rudder servo."""
+    """A rudder servo without an output echo."""
 
     demand = "rudder_demand"
 

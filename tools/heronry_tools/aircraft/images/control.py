@@ -42,8 +42,8 @@ _RUDDER_LIMIT_DEG = 20.0
 class Pid:
     """Proportional, integral and rate feedback, in deg per deg, 1/s and s.
 
-    The integral is for trim: it contributes at most `trim_deg`, so a loop that cannot move its aircraft (because of a
-    jammed surface, for example) does not run to its stop.
+    The integral is for trim: it contributes at most `trim_deg`. So the output does not run to its limit when the loop
+    cannot move the aircraft, for example because of a jammed surface.
     """
 
     proportional: float
@@ -67,7 +67,7 @@ class Pid:
 
 
 class PitchControl(Module):
-    """Controls the pitch by the elevator; in mode `scheduled` the gain falls with airspeed.
+    """Controls the pitch by the elevator; in mode `scheduled` the gain is smaller at a higher airspeed.
 
     The effect of a surface grows with the square of the airspeed. On the balloon's line there is no flow and a surface
     has no effect, so no trim is learned there.

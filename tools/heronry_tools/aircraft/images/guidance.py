@@ -110,7 +110,7 @@ def _flares(inputs: Inputs) -> bool:
 def _bank_per_deg(inputs: Inputs) -> float:
     """Give the bank in degrees that is commanded per degree of turn.
 
-    It is larger in thin air and at speed, where a bank turns the aircraft more slowly.
+    This bank is larger at a high true airspeed, at which a bank turns the aircraft more slowly.
     """
     true_m_per_s = number(inputs, "true_airspeed")
     if true_m_per_s is None:

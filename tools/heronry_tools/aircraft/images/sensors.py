@@ -176,7 +176,7 @@ class Battery(NumberSensor):
 
 
 class Camera(SensorDriver):
-    """Number of frames taken since it was switched on."""
+    """Number of frames that the camera has taken since it was switched on."""
 
     device = "camera"
 

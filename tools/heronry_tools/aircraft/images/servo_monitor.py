@@ -130,5 +130,5 @@ class ServoMonitor(SurfaceMonitor):
     delay_ns = _DELAY_WITHOUT_ECHO_NS
 
     def working_servo(self, inputs: Inputs) -> int:  # noqa: ARG002 (its inputs do not say)
-        """Give 1, or 2 once the first servo was reported."""
+        """Give the number of the servo that counts as driven: 1, and after the report of servo 1, 2."""
         return 2 if 1 in self._accused else 1

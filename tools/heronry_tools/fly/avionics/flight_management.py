@@ -61,7 +61,7 @@ _LEVEL = (Stage.START, Stage.APPROACH)
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the flight management knows in one step.
+    """The inputs of the flight management in one step.
 
     x_m, y_m, height_m: position in the runway's frame
     ground_speed_m_per_s: speed over ground
@@ -158,7 +158,10 @@ class FlightManagementSystem(Module):
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the commands; nothing without position or velocity. The loops use the last commands while fresh."""
+        """Publish the commands; nothing without position or velocity.
+
+        The control loops then use the last commands, until these are too old.
+        """
         x, y, height = (number(inputs, name) for name in ("position_x", "position_y", "height"))
         north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
         self.known = None

@@ -72,7 +72,7 @@ def _deed(act: Fault) -> Deed:
 
 
 class _Plant:
-    """The plant process."""
+    """Starts the plant process, exchanges messages with it, and ends it."""
 
     def __init__(self, folder: Path, mission: Mission, record_file: Path | None) -> None:
         form = {
@@ -117,7 +117,7 @@ class _Plant:
         return self._reader.newest().height_m
 
     def fail(self, device: str, how: str) -> None:
-        """Make a device fail."""
+        """Make a device of the plant fail; `how` is a `Failure`."""
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps({"fail": device, "how": how}).encode() + b"\n")
         self._process.stdin.flush()

@@ -55,7 +55,10 @@ class Scale:
 
 
 def span(values: Iterable[Value], *, least: float = 0.0, margin: float = 0.05) -> tuple[float, float]:
-    """Return a range that contains all values with a margin, and is at least `least` wide."""
+    """Return a range that contains all finite values with a margin, and is at least `least` wide.
+
+    margin: on each side, as a share of the width.
+    """
     known = [value for value in values if value is not None and math.isfinite(value)]
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
     lacking = max(least - (high - low), 0.0) / 2.0
@@ -96,7 +99,7 @@ class Panel:
                 yield f'<path class="series" stroke="{colour}" d="{way}"/>'
 
     def box(self, x: tuple[float, float], y: tuple[float, float], fill: str, opacity: float = 1.0) -> str:
-        """Fill a rectangle."""
+        """Fill the rectangle between the values `x` and `y`, each from one edge to the other."""
         left, right = sorted(self.across.px(value) for value in x)
         top, bottom = sorted(self._held(value) for value in y)
         size = f'width="{right - left:.1f}" height="{bottom - top:.1f}"'
