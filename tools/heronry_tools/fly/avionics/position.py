@@ -19,7 +19,8 @@ from heronry_agent.parts.reading import number, numbers
 from heronry_tools.fly.avionics.tracking_filter import H, TrackingFilter, X, Y
 
 NS_PER_S = 1_000_000_000
-CAMERA_M = (100.0, 12.0, 0.3)  # x, y, height of the rover's camera; height less that of the aircraft's centre on wheels
+# x, y, height of the camera (m). The height of the aircraft's centre above its wheels is subtracted from the height.
+CAMERA_M = (100.0, 12.0, 0.3)
 _SINKS_M_PER_S = 0.5  # an aircraft that sinks less is on the level part of the approach
 _WAITS_NS = 300_000_000  # how long to wait for the receiver before the filter begins by an image alone
 _STEEPEST_RAD = 0.12  # largest elevation of an aircraft on approach; an image with a larger elevation is wrong
