@@ -37,7 +37,7 @@ KINDS: Mapping[str, str] = {
     "channel_lost": "channel, by: a channel of a replicated bus carries nothing for this node; the other channel does",
     "channel_back": "channel, by: the channel carries frames for this node again",
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule has changed the mission phase",
-    "suspicion": "element, by, evidence: a module reports a PE or a bus as faulty; evidence: what the manager knows",
+    "suspicion": "element, by, evidence: a module reports a PE or a bus as faulty; evidence: what the manager observes",
     "suspicion_assessed": "element, found: what the manager found out about a suspected PE or bus",
     "unknown_element": "module, by, detail: the module has reported an element that the spec does not have",
     "unknown_output": "module, by: a step gives no value for an output, but one under a similar name (misspelt)",
@@ -64,7 +64,7 @@ KINDS: Mapping[str, str] = {
     "many states of the PE had a wrong tag; from now on a state counts only if the one before it was proven, too",
     "attacked": "bus, percent, frames_per_s: forged frames take a tenth of the manager's bus or more",
     "outputs_held": "pe, modules, cause: a PE holds exclusive outputs back for longer than T_lease",
-    "outputs_free": "pe, for_ns: the PE holds exclusive outputs back no longer; it did so for this time",
+    "outputs_free": "pe, for_ns: the PE no longer holds exclusive outputs back; it held them back for this time",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped: "
     "this epoch runs now",
     "control_paths": "epoch, plants {name: on_path, open, unmoved (no module drives its actuators) or "
@@ -72,7 +72,7 @@ KINDS: Mapping[str, str] = {
     "script_taken": "reason: a script of the operator is accepted: its configuration is deployed, and held",
     "script_refused": "reason: a script of the operator was refused; what runs stays",
     "script_ended": "reason: the script that was held has ended",
-    "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
+    "journal_failed": "problem: the journal cannot be written; what is not in it is lost at a restart",
     "journal_kept": "before (the problem until now): the disk keeps the whole journal again",
     "standing_by": "node, term: another manager is active; this one follows it, and can take over",
     "refused": "term: most PEs report that they hear no LEASE, though it is sent; the manager begins a new term",

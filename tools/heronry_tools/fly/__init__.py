@@ -1,5 +1,5 @@
 """Flights of an aircraft that a flight dynamics model computes, with its avionics on simulated or real PEs.
 
-docs/flights.md explains these flights. The modules in `avionics` run on PEs and use nothing of the tools but
-themselves. Only `dynamics` imports jsbsim, which the extra `[fly]` installs.
+docs/flights.md explains these flights. The modules in `avionics` run on PEs, and import no other part of
+`heronry_tools`. Only `dynamics` imports jsbsim, which the extra `[fly]` installs.
 """

@@ -52,7 +52,7 @@ class Field:
 RUNWAY, FIELD = Runway(), Field()
 Site = Literal["runway", "field"]
 
-_Z_95 = 1.959963984540054  # of a normal distribution, 95 % lie within so many standard deviations
+_Z_95 = 1.959963984540054  # 95 % of a normal distribution lie within so many standard deviations of its mean
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,21 +1,22 @@
 """Wind and turbulence in which an aircraft flies: a logarithmic profile near the ground, gusts after Dryden.
 
 Sources: MIL-F-8785C, section 3.7 (also MIL-HDBK-1797A, appendix): the wind at 20 ft determines the mean wind in the
-boundary layer and the intensity of the turbulence. Below 1 000 ft, with the height h in ft and W20 the wind at 20 ft:
+boundary layer and the intensity of the turbulence. The index u is along the heading, v is across the heading, and w is
+vertical. Below 1 000 ft, with the height h in ft and W20 the wind at 20 ft:
 
     mean wind     W20 ln(h / z0) / ln(20 / z0), z0 = 0.15 ft
     scales        L_w = h, L_u = L_v = h / (0.177 + 0.000823 h)^1.2
     intensities   s_w = 0.1 W20, s_u = s_v = s_w / (0.177 + 0.000823 h)^0.4
 
-At 1 000 ft all three scales are 1 000 ft and all intensities are 0.1 W20. Above that, the scales grow to 1 750 ft at 2
-000 ft and then stay the same. The intensities fade over the next kilometres; the standard has tables of exceedance
-instead. The mean wind above the boundary layer is interpolated between given points; without any, it stays as it is at
-1 000 ft.
+At 1 000 ft all three scales are 1 000 ft and all intensities are 0.1 W20. Above this height, the scales grow to
+1 750 ft at 2 000 ft and then stay the same. Above 2 000 ft the intensities fall exponentially; the standard has tables
+of exceedance instead. Above 1 000 ft the mean wind is interpolated between the points `aloft`. Without such points, it
+stays as it is at 1 000 ft.
 
-The spectra: u is white noise through one lag of L / V, v and w are white noise through a squared lag with a lead of
-sqrt(3) L / V. Both filters are discretised exactly, in states of variance 1. The intensity multiplies these states
-afterwards, so the variance is right with any step, and follows the height at once. JSBSim's own turbulence has no
-effect below 1 000 ft, where landings are.
+The spectra, with the scale L and the airspeed V: u is white noise through one lag of L / V; v and w are white noise
+through a squared lag with a lead of sqrt(3) L / V. Both filters are discretised exactly, and their output has variance
+1. The output is then multiplied by the intensity at the present height. So the variance is right with any length of a
+step, and changes with the height at once. JSBSim's own turbulence has no effect below 1 000 ft, where landings are.
 
 Gusts are the same over the whole span, so they do not roll the aircraft. All random numbers come from the seed.
 """
@@ -29,7 +30,7 @@ from random import Random
 M_PER_FT = 0.3048
 _ROUGHNESS_FT = 0.15
 _REFERENCE_FT = 20.0
-_LEAST_FT = 3.0  # below, the profile ends: a gust of scale 0 is noise
+_LEAST_FT = 3.0  # a lower height counts as this one: at a scale of 0, gusts would be white noise
 _LAYER_FT = 1_000.0
 _FREE_FT, _FREE_SCALE_FT = 2_000.0, 1_750.0
 _FADING_FT = 10_000.0
@@ -95,7 +96,7 @@ def intensities_m_per_s(height_m: float, wind_20ft_m_per_s: float) -> tuple[floa
 
 
 class Turbulence:
-    """Gusts of one flight; equal seeds give equal gusts. Steps must follow each other in time."""
+    """Gusts of one flight; equal seeds give equal gusts. Calls of `step` must follow each other in time."""
 
     def __init__(self, seed: int, wind_20ft_m_per_s: float) -> None:
         self._wind = wind_20ft_m_per_s
@@ -122,8 +123,9 @@ class Turbulence:
         return horizontal * self._along, horizontal * _with_lead(self._across), vertical * _with_lead(self._down)
 
 
-# A squared lag: the first state is noise through one lag, the second the first through the same lag. With variance 1 of
-# the first the stationary covariances are 1, 1/2, 1/2; the noise of a step is what keeps them so.
+# A squared lag has two states: the first is noise through one lag, the second is the first state through the same lag.
+# Stationary values: the first state has variance 1, the second has variance 1/2, and their covariance is 1/2. The noise
+# that is added in each step keeps these values.
 _HALF = 0.5
 _LEAD, _REST = math.sqrt(3.0), 1.0 - math.sqrt(3.0)
 

@@ -33,7 +33,7 @@ def angles_rad(x_m: float, y_m: float, height_m: float) -> tuple[float, float]:
 
 
 class Camera:
-    """Takes images of the aircraft, and has the result of the newest processed image."""
+    """Takes images of the aircraft, and keeps the result of the newest processed image."""
 
     def __init__(self, seed: int) -> None:
         self._chance = Random(f"{seed} camera")
@@ -45,7 +45,7 @@ class Camera:
         self.blind = False
 
     def step(self, now_ns: int, seen_rad: tuple[float, float], head_rad: tuple[float, float]) -> None:
-        """Take an image if one is due.
+        """Take an image if one is due, and make each image available that has been processed by now.
 
         seen_rad: azimuth and elevation of the aircraft
         head_rad: azimuth and elevation in which the head points

@@ -11,14 +11,14 @@ from heronry_dg.model import Spec
 from heronry_tools.fly.acceptance import share, share_line
 from heronry_tools.fly.mission import Blow, Landing, Mission
 
-FIRST_BLOW_S, LAST_BLOW_S = 4.0, 34.0  # of a drawn fault: on final, after the loss of the corrections
+FIRST_BLOW_S, LAST_BLOW_S = 4.0, 34.0  # times of a drawn fault: on final, after the loss of the corrections
 
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
     """Makes one mission for each seed.
 
-    mission: the mission, whose seed is replaced
+    mission: the settings of all missions, except the seed
     one_fault: whether each mission gets one more fault, from `drawn_blow`
     """
 
@@ -34,7 +34,7 @@ class Drawn:
 
 
 def drawn_blow(spec: Spec, seed: int) -> Blow:
-    """Draw one fault at a random time: of a PE, of a wireless bus, or of a servo (dead, stuck or loose)."""
+    """Draw one fault at a random time: of a PE, of a wireless bus, or of an actuator (dead, stuck or loose)."""
     chance = Random(f"{seed} blow")
     servos = [f"device:{one.name}" for one in spec.devices.values() if one.kind == "actuator"]
     buses = [f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless"]
@@ -54,7 +54,7 @@ def summary(landings: Sequence[Landing]) -> dict[str, Any]:
         **share([landing.causes for landing in landings]),
         "causes": dict(Counter(cause for landing in landings for cause in landing.causes).most_common()),
         "went_around": sum(landing.went_around for landing in landings),
-        # those in which the plan kept a position good enough to land until the end
+        # landings at whose end the plan still supplied a position that is good enough to land
         "kept": share([landing.causes for landing in landings if landing.mode == "precise"]),
         "sink_m_per_s": quantiles(sinks, 0.95),
         "height_error_below_1_5_m": round(sum(e < 1.5 for e in errors) / len(errors), 4) if errors else None,
@@ -78,11 +78,11 @@ def line(landing: Landing) -> str:
     head = f"seed {landing.mission.seed}{blows}: "
     landed = landing.touchdown
     if landed is None:
-        how = "goes around, landing refused" if landing.went_around else "has not landed"
+        how = "the landing is refused, and the aircraft goes around" if landing.went_around else "has not landed"
         return f"{head}{how}; digest {landing.digest}"
     judged = "acceptable" if not landing.causes else f"not acceptable ({', '.join(landing.causes)})"
     where = f"{landed.x_m:.1f} m from the aim, {landed.y_m:+.1f} m from the centre line"
-    return f"{head}lands {judged}: {where}, sink {landed.sink_m_per_s:.2f} m/s; digest {landing.digest}"
+    return f"{head}the landing is {judged}: {where}, sink {landed.sink_m_per_s:.2f} m/s; digest {landing.digest}"
 
 
 def figures(found: dict[str, Any]) -> str:
@@ -95,7 +95,10 @@ def figures(found: dict[str, Any]) -> str:
     if found["sink_m_per_s"]:
         lines.append("sink rate: median {:.2f} m/s, 95 % below {:.2f} m/s".format(*found["sink_m_per_s"]))
     if found["height_error_below_1_5_m"] is not None:
-        lines.append(f"height error below 10 m stays below 1.5 m in {100 * found['height_error_below_1_5_m']:.1f} %")
+        lines.append(
+            f"below 10 m the error of the height stays below 1.5 m in {100 * found['height_error_below_1_5_m']:.1f} % "
+            "of the landings"
+        )
     if found["reconfigured_after_s"]:
         middle, most = found["reconfigured_after_s"]
         lines.append(f"reconfigured after a fault: median {middle:.3f} s, 99 % within {most:.3f} s")

@@ -2,9 +2,9 @@
 
 Sensors and servos are connected to PEs as in the aircraft. Modules on PEs read the sensors, their data cross simulated
 buses as frames, and a servo moves only when the agent of its PE authorizes the output. The aircraft waits on final
-approach until the first configuration runs; then the time of the flight begins. From then on the plant is stepped
-whenever a device is read or commanded, so equal missions give equal results, bit by bit. `Landing.digest` covers every
-frame and the state at the end.
+approach until the first configuration runs; then the time of the flight begins. From then on every call that reads or
+commands a device first steps the plant up to the virtual time of the call. So equal missions give equal results, bit by
+bit. `Landing.digest` covers every frame and the state at the end.
 """
 
 import hashlib
@@ -29,22 +29,23 @@ from heronry_tools.sim.flight.simulation import Simulation
 
 _LOOK_NS = 25_000_000
 _ROLLS_NS = 1 * NS_PER_S  # after the touchdown
-_GONE_NS = 8 * NS_PER_S  # after a go-around was begun
+_GONE_NS = 8 * NS_PER_S  # after the beginning of a go-around
 _LONGEST_START_NS = 5 * NS_PER_S
 _ROVER = ("rover", "vision")
 
 
 class ReleasedPlant:
-    """A plant whose time stands still until it is released."""
+    """A plant whose time stands still until `release` starts it."""
 
     def __init__(self, plant: FlightPlant) -> None:
         self.plant = plant
         self._origin_ns: int | None = None
 
     def release(self, simulation: Simulation, look_ns: int) -> int:
-        """Run the simulation until the first configuration runs, or for five seconds, then start the plant's time.
+        """Run the simulation until the first configuration runs, then start the plant's time.
 
-        Returns the simulator's time of the start. The simulation is run in steps of `look_ns`.
+        If none runs at 5 s of the simulator's time, the plant's time starts then. The simulation is run in steps of
+        `look_ns`. Return the simulator's time of the start.
         """
         while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
             simulation.run_for(look_ns)
@@ -60,7 +61,7 @@ class ReleasedPlant:
         return self.plant.read(device, self.flown_ns(now_ns))
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
-        """Command an actuator."""
+        """Command an actuator; return the command that it accepted, None if it accepted none."""
         return self.plant.write(device, value, self.flown_ns(now_ns))
 
     def make_safe(self, device: str, now_ns: int) -> None:
@@ -73,7 +74,7 @@ class ReleasedPlant:
         return frozenset()
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail."""
+        """Make a device fail as `how` says; with a bias, its value is wrong by `offset`, in the unit of the device."""
         self.plant.fail(device, how, self.flown_ns(now_ns), offset)
 
     def heal(self, device: str) -> None:
@@ -101,7 +102,10 @@ class EavFlight:
         self._errors_m: list[float] = []
 
     def fly(self) -> tuple[Landing, FlightRecord]:
-        """Run the flight until the aircraft has rolled for a second, has gone around, or its time is over."""
+        """Run the flight to its end, and return its result and its record.
+
+        The flight ends a second after the touchdown, 8 s after the beginning of a go-around, or after `longest_s`.
+        """
         simulation = self.simulation
         self._begin_ns = self._released.release(simulation, _LOOK_NS)
         Injections(simulation, self._mission.acts, simulation.now_ns)

@@ -49,11 +49,11 @@ def line(landing: GliderLanding) -> str:
         return f"{head}has not landed after {landing.flown_s:.0f} s; digest {landing.digest}"
     judged = "acceptable" if not landing.causes else f"not acceptable ({', '.join(landing.causes)})"
     under = " under the parachute" if landing.chute else ""
-    phases = " ".join(f"{phase} {time_s:.0f} s" for phase, time_s in landing.phases)
+    phases = " ".join(f"{phase} from {time_s:.0f} s" for phase, time_s in landing.phases)
     return (
-        f"{head}lands {judged}{under}: {landing.from_home_m:.0f} m from home, sink {touched.sink_m_per_s:.2f} m/s "
-        f"after {landing.flown_s:.0f} s ({landing.world_s:.0f} s in the world); phases: {phases}; "
-        f"digest {landing.digest}"
+        f"{head}the landing{under} is {judged}: {landing.from_home_m:.0f} m from home, sink "
+        f"{touched.sink_m_per_s:.2f} m/s, after {landing.flown_s:.0f} s on board ({landing.world_s:.0f} s of the "
+        f"plant's time); phases: {phases}; digest {landing.digest}"
     )
 
 

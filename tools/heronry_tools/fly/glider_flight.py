@@ -1,8 +1,8 @@
 """One flight of BIG BLUE in the single-process simulator: the shipped spec with its modules, on a simulated aircraft.
 
-As in `flight`, sensors and servos are connected to PEs only, and equal missions give equal results, bit by bit. The
-mission sequencer on board reports the state of the flight; the manager enters the phases of the spec by their own
-conditions. No operator intervenes.
+As in `heronry_tools.fly.flight`, sensors and servos are connected to PEs only, and equal missions give equal results,
+bit by bit. The mission sequencer on board publishes the stage of the flight. The manager enters a phase of the spec
+when the condition holds that the spec states for this phase. No operator intervenes.
 """
 
 import hashlib
@@ -46,7 +46,10 @@ class GliderFlight:
         self._chute_seen = False
 
     def fly(self) -> tuple[GliderLanding, FlightRecord]:
-        """Run the flight until the aircraft has slid for two seconds, or its time is over."""
+        """Run the flight to its end, and return its result and its record.
+
+        The flight ends two seconds after the touchdown, or after `longest_s`.
+        """
         simulation = self.simulation
         self._begin_ns = self._released.release(simulation, _LOOK_NS)
         Injections(simulation, self._mission.acts, simulation.now_ns)

@@ -15,7 +15,7 @@ from heronry_tools.sim.faults.fault import Fault
 STRONGEST_WIND_M_PER_S = 5.0  # at 20 ft
 PACE = 30
 _FIRST_BLOW_S, _LAST_BLOW_S = 5.0, 400.0
-_STREAM_M_PER_S = 12.0  # at the height of the jet stream: a day on which such a flight is tried
+_STREAM_M_PER_S = 12.0  # strongest drawn wind at the height of the jet stream; a day with more is not a day to fly
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +23,11 @@ class GliderMission:
     """The settings of a flight, from one of the starts of `dynamics.big_blue` to the ground.
 
     strongest_wind_m_per_s: upper limit of the wind at 20 ft that the seed draws
-    pace: how many times faster than on the avionics' clock the time passes while the aircraft hangs on its line
+    pace: while the aircraft hangs on its line, the plant's time passes this many times faster than the avionics' clock
     blows: faults that are injected at a time of the flight or below a height
     acts: faults of the kinds of `heronry sim`; their times count from the beginning of the flight
     `judged`: whether the simulator's oracles check the flight; `GliderLanding.violations` has what they find
-    longest_s: when the flight ends without a touchdown
+    longest_s: time of the flight at which it ends if there was no touchdown before
     """
 
     seed: int = 0
@@ -40,7 +40,7 @@ class GliderMission:
     longest_s: float = 9_000.0
 
     def wind(self) -> Wind:
-        """Return the wind that the seed draws: aloft nearly from the west, at the ground within 60 degrees of it."""
+        """Return the wind that the seed draws: from the west, within 20 degrees aloft and 60 degrees at the ground."""
         chance = Random(f"{self.seed} wind")
         speed, from_deg = chance.uniform(0.0, self.strongest_wind_m_per_s), chance.uniform(210.0, 330.0)
         stream_deg = chance.uniform(250.0, 290.0)
@@ -58,7 +58,7 @@ class GliderLanding:
     chute: whether the parachute opened
     released_m: height at which the line was cut; None if it was not cut
     flown_s: duration of the flight on the avionics' clock
-    world_s: duration of the flight in real time, which runs faster on the line
+    world_s: duration of the flight in the plant's time, which passes faster while the aircraft hangs on the line
     digest: digest of every frame and of the state at the end
     violations: what the simulator's oracles found
     """
@@ -105,7 +105,7 @@ class GliderLanding:
 
 
 def drawn_blow(spec: Spec, seed: int) -> Blow:
-    """Draw one fault at a random time after the release: a PE that fails, or a device that is dead or stuck."""
+    """Draw one fault, 5 to 400 s after the beginning of the flight: a PE fails, or a device is dead or stuck."""
     chance = Random(f"{seed} blow")
     pe, device = chance.choice(list(spec.pes)), chance.choice(list(spec.devices))
     element = chance.choice((f"pe:{pe}", f"device:{device}"))

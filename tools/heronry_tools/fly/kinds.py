@@ -1,7 +1,7 @@
 """The aircraft that `heronry fly` knows, each with the functions that run its flights and report them.
 
-A spec belongs to the aircraft whose devices it has. To add another aircraft, add a `Kind` to this file (docs/flights.md
-says how).
+The aircraft of a spec is recognized by a device that no other aircraft has. To add another aircraft, add a `Kind` to
+this file (docs/flights.md says how).
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from heronry_tools.fly.record import FlightRecord
 from heronry_tools.fly.report.dispersion_page import Landing
 
 Name = Literal["eav", "big_blue"]
-# One device that no other aircraft has, by which a spec is known.
+# By aircraft: a device that no other aircraft has. A spec with this device is a spec of this aircraft.
 _KNOWN_BY: dict[Name, str] = {"eav": "pan_tilt", "big_blue": "inflation_valve"}
 
 
@@ -44,7 +44,7 @@ class Kind:
     figures: Callable[[dict[str, Any]], str]
 
     def dispersed(self, landing: Any) -> Landing:
-        """Return what the report of many flights needs of one result."""
+        """Return the part of one result that the report of many flights shows."""
         wind = landing.mission.wind().speed_m_per_s
         return Landing(
             landing.mission.seed, landing.touchdown, wind, getattr(landing, "height_bias_m", None), self.site
@@ -72,7 +72,7 @@ KINDS: dict[Name, Kind] = {
 
 
 def aircraft_of(spec: Spec) -> Name:
-    """Return the name of the aircraft whose devices `spec` has; raises UserError if no known aircraft has them."""
+    """Return the name of the aircraft that `spec` describes; raises UserError if it describes none of `KINDS`."""
     for name, device in _KNOWN_BY.items():
         if device in spec.devices:
             return name

@@ -1,10 +1,12 @@
-"""How long a change takes from a sensor to a servo: the measured pitch rate is stepped, and the elevator must follow.
+"""Measures how long a change takes from a sensor to a servo: a step of the pitch rate must move the elevator.
 
-The change passes through the module that reads the inertial unit, the pitch control and the module that drives the
-servo, and over the buses between their PEs. The step is added to the readings of both inertial units, in a flight in
-still air whose sensors have no noise. The damping of the pitch control answers a step of the rate at once. So the first
-elevator command that has changed by half of the full answer gives the latency. The time before the inertial unit takes
-its next sample does not count.
+The step is added to the pitch rate in the samples of both inertial units. It passes through the module that reads the
+inertial unit, the pitch control and the module that drives the servo, and over the buses between their PEs. The flight
+has still air, and its inertial units have no errors.
+
+The damping of the pitch control answers a step of the rate at once. So the latency is the time from the first sample
+with the step to the first elevator command that has changed by half of the full answer. The time before the inertial
+unit takes this sample does not count.
 """
 
 from heronry_agent.module import Value
@@ -23,7 +25,7 @@ class LatencyProbe:
         self.latencies_ns: list[int] = []
         self.unanswered = 0
         self._is_up = False
-        self._since_ns: int | None = None  # the sample with the step that is not answered yet
+        self._since_ns: int | None = None  # time of the first sample with a step that is not answered yet
         self._next_ns = _FIRST_NS
         self._before_deg: float | None = None
 
@@ -39,7 +41,10 @@ class LatencyProbe:
         return STEP_DEG_PER_S if self._is_up else 0.0
 
     def commanded(self, device: str, value: Value, now_ns: int) -> None:
-        """Read a command to an actuator; the first changed elevator command after a step gives a latency."""
+        """Take note of a command to an actuator; the first changed elevator command after a step gives a latency.
+
+        now_ns: time of the flight, like that of the samples.
+        """
         if not device.startswith("elevator") or not isinstance(value, (int, float)):
             return
         before_deg, self._before_deg = self._before_deg, float(value)

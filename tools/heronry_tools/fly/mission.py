@@ -8,7 +8,7 @@ from heronry_tools.fly.acceptance import Cause, Touchdown, causes
 from heronry_tools.fly.atmosphere import Wind
 from heronry_tools.sim.faults.fault import Fault
 
-STRONGEST_WIND_M_PER_S = 7.7  # of those that are drawn, at 20 ft
+STRONGEST_WIND_M_PER_S = 7.7  # strongest drawn wind, at 20 ft
 WIDEST_WIND_DEG = 60.0  # from the runway's direction
 
 
@@ -38,7 +38,7 @@ class Mission:
     """The settings of a flight of the EAV on final approach.
 
     strongest_wind_m_per_s: upper limit of the wind at 20 ft that the seed draws
-    corrections_lost_s: when the differential receiver becomes inaccurate; None if it stays accurate
+    corrections_lost_s: time of the flight at which the differential receiver becomes inaccurate; None: it does not
     has_rover: whether the rover is beside the runway
     must_land: whether the operator orders to land even without a good position
     blows: faults that are injected at a time of the flight or below a height
@@ -46,7 +46,7 @@ class Mission:
     most_height_bias_m: upper limit of a constant height error of the differential receiver, which the seed draws
     `judged`: whether the simulator's oracles check the flight; `Landing.violations` has what they find
     probed: whether latencies from sensor to servo are measured, in still air and with sensors without errors
-    longest_s: when the flight ends without a touchdown
+    longest_s: time of the flight at which it ends if there was no touchdown before
     """
 
     seed: int = 0
@@ -56,7 +56,7 @@ class Mission:
     must_land: bool = False
     blows: tuple[Blow, ...] = ()
     acts: tuple[Fault, ...] = ()
-    most_height_bias_m: float = 0.0  # of the differential receiver: a constant error that is drawn, and not found
+    most_height_bias_m: float = 0.0  # no monitor detects this error, since it is constant
     judged: bool = False
     probed: bool = False
     longest_s: float = 90.0
@@ -76,12 +76,13 @@ class Landing:
     """The result of a flight.
 
     touchdown: state at the first contact with the ground; None if there was none
-    mode: mode of the flight management at the end; None if it does not run
+    mode: mode of the flight management at the end; None if no PE runs the flight management
     digest: digest of every frame and of the state at the end
     reconfigured_after_s: time from the first fault to the next active configuration; None if there was no fault, or no
     configuration after it
-    worst_height_error_m: greatest error, below 10 m, of the estimated height; None if the flight ended above 10 m
-    nees: by state of the tracking filter, its mean squared error over its variance; empty without a filter
+    worst_height_error_m: greatest error of the estimated height while the aircraft was below 10 m and had not touched
+    the ground; None if there was no estimate in this time
+    nees: for each state of the tracking filter, the mean of squared error over variance; empty without a filter
     violations: what the simulator's oracles found
     latencies_ns: measured latencies from sensor to servo; empty if the mission is not `probed`
     """
@@ -105,7 +106,7 @@ class Landing:
 
     @property
     def height_bias_m(self) -> float | None:
-        """Return the drawn constant error of the height by which the aircraft landed; None if none was drawn."""
+        """Return the drawn constant error of the differential receiver's height; None if none was drawn."""
         return self.mission.height_bias_m() if self.mission.most_height_bias_m else None
 
     def document(self) -> dict[str, Any]:

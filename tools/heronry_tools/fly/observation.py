@@ -1,6 +1,6 @@
-"""What modules of a simulated flight have estimated and decided, but do not publish on a bus.
+"""Reads what modules of a simulated flight have estimated and decided, but do not publish on a bus.
 
-The observer reads attributes of running modules and changes none, so a flight is the same with and without it.
+The observer reads attributes of running modules and changes none. So a flight is the same with and without an observer.
 """
 
 from heronry_tools.fly.avionics.flight_management import FlightManagementSystem, Situation, Stage
@@ -18,7 +18,7 @@ class Observer:
 
     def __init__(self, simulation: Simulation, plant: EavPlant) -> None:
         self._simulation, self._plant = simulation, plant
-        self.squares = [0.0] * STATES  # sums of the filter's errors over its own sigma, squared
+        self.squares = [0.0] * STATES  # for each state of the filter: sum of squared error over variance
         self.samples = 0
 
     def management(self) -> FlightManagementSystem | None:
@@ -56,9 +56,9 @@ class Observer:
         return None if management is None else LABELS[management.management.stage]
 
     def mode(self) -> str | None:
-        """Return the mode of the flight management; None if it does not run.
+        """Return the mode of the flight management; None if no PE runs the flight management.
 
-        The plan selects the mode by the quality of the position that it can supply.
+        The planner selects the mode by the quality of the position that the plan can supply.
         """
         management = self.management()
         return None if management is None else management.ctx.mode

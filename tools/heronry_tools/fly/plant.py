@@ -1,8 +1,9 @@
 """What a plant with flight dynamics offers to the devices of the PEs, and to the record of a flight.
 
-A plant steps at 120 Hz; step 0 is at its time 0. `advance` steps it up to a time; actuators keep their last command
-during these steps. Times of calls must not decrease: a call with an earlier time reads the present state. The plant
-knows no bus, no module and no clock. Its random numbers come from its seed, so that equal calls give equal bits.
+A plant steps at 120 Hz; step 0 is at its time 0. `advance` steps the plant up to a time; actuators keep their last
+command during these steps. Times of calls must not decrease: a call with an earlier time reads the present state. The
+plant uses no bus, no module and no clock. Its random numbers come from its seed. So two plants with the same seed and
+the same calls give the same results, bit by bit.
 
 Positions are in the runway's frame: x along the landing direction from the aiming point of the approach (m), y to the
 right of the centre line (m), height of the wheels above the runway (m). The landing direction is north in JSBSim.
@@ -20,7 +21,7 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The real state of the aircraft at one time, for records and acceptance; modules do not see it."""
+    """The real state of the aircraft at one time, for records and acceptance; modules cannot read it."""
 
     time_s: float
     x_m: float

@@ -1,18 +1,18 @@
 """The record of one flight, from which its pictures and statistics are made and its landing is assessed.
 
 A record has columns of numbers over time, stretches of time in which something had one state, and marks at single
-times. Its JSON form holds all of it, so that a flight is drawn again without being flown again.
+times. The JSON form of a record is complete, so the pictures can be made from it again without another flight.
 
 Columns. A name ends with the unit. There is always the column `time_s`; every other column is as long, and has None
 where its value was not known. A column with the real state of the aircraft has the name of its field in `plant.Truth`.
-The prefix `estimate_` marks what the avionics estimate for such a field, and `sigma_` the standard deviation that the
-filter gives for it. The load of a bus is `load_` and the name of the bus, as a share of its bit rate.
+The prefix `estimate_` marks what the avionics estimate for such a field. The prefix `sigma_` marks the standard
+deviation that the filter gives for the field. The column `load_BUS` has the load of a bus, as a share of its bit rate.
 
     x_m, estimate_x_m, sigma_x_m       time_s       elevator_deg, throttle       load_can0, load_radio
 
-Stretches and marks. A stretch has a kind, a subject and a label. Kind `mode` has the modes of the flight management as
-labels, kind `phase` the phases of the spec. Kind `place` has a module as subject, and its PE and mode as label. A mark
-has a kind (fault, reconfigured, refused, touchdown, note), and a sentence for the reader.
+Stretches and marks. A stretch has a kind, a subject and a label. Kind `mode` has the stages of the landing as labels;
+kind `phase` has the phases of the spec. Kind `place` has a module as subject, and the PE and mode of the module as
+label. A mark has a kind (fault, reconfigured, refused, touchdown, note), and a sentence for the reader.
 """
 
 import json
@@ -87,7 +87,7 @@ class FlightRecord:
 
     @staticmethod
     def from_json(text: str) -> "FlightRecord":
-        """Read the JSON text of a record; a ValueError says what is wrong with the text."""
+        """Read the JSON text of a record; raises a ValueError that tells what is wrong with the text."""
         try:
             return _read(json.loads(text))
         except (TypeError, KeyError, AttributeError) as problem:
@@ -150,7 +150,7 @@ class Recorder:
         self._structure.update(name for name in truth.touching if not is_wheel(name))
 
     def state(self, time_s: float, kind: StretchKind, subject: str, label: str | None) -> None:
-        """Record that the subject has the state `label` from now on; None: it has no state any more.
+        """Record that the subject has the state `label` from `time_s` on; with None, it has no state any more.
 
         This ends the previous stretch of the subject. If the label is the same as before, the stretch goes on.
         """
@@ -163,7 +163,7 @@ class Recorder:
             self._states[kind, subject] = (label, time_s)
 
     def mark(self, time_s: float, kind: MarkKind, text: str) -> None:
-        """Add a mark."""
+        """Add a mark; `text` is a sentence for the reader."""
         self._marks.append(Mark(time_s, kind, text))
 
     def finished(self) -> FlightRecord:

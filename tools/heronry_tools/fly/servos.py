@@ -1,8 +1,8 @@
 """Control surfaces and their servos: rate limit, stops, and the ways in which a servo fails.
 
 Two servos can drive one surface. The servo that was commanded last holds it. When a servo fails, its clutch slips, and
-the surface stays where it is until the other servo takes it. A loose servo accepts commands, but its surface floats
-back to neutral in the air.
+the surface stays where it is until the other servo takes it. A loose servo accepts commands, but the air stream moves
+its surface back to neutral.
 """
 
 from dataclasses import dataclass, field

@@ -1,13 +1,14 @@
 """The images of the shipped aircraft: the code of the modules of `big_blue`, `elevator_and_chute` and the examples.
 
-`elevator_and_chute` names no images, so each of its images has the name of its module. `big_blue` names an image where
-several modules share one, or where its variables have other names. The agent finds `CATALOGUE`, like the catalogues of
-other packages, by an entry point (`heronry.images` in pyproject.toml), and imports only the images that it runs.
+`elevator_and_chute` names no images: each of its images has the name of the module. `big_blue` names the image of a
+module if several modules share the image, or if the image with the module's name uses other variables. The agent finds
+`CATALOGUE`, like the catalogues of other packages, by an entry point (`heronry.images` in pyproject.toml), and imports
+only the images that it runs.
 
-An image imports only `heronry_agent.module` and `heronry_agent.parts`. The agent calls its `step` once per period, with
-the inputs that are present; `ctx.now_ns` is the time. An image reads no clock and no random source, so the same times
-and inputs give the same outputs. Any input may be absent in any period, above all in the first ones. Each image
-documents its behaviour in that case, and what it loses at a restart.
+An image imports only `heronry_agent.module`, `heronry_agent.parts` and other files of this folder. The agent calls
+`step` once per period, with the inputs that are present; `ctx.now_ns` is the time. An image reads no clock and no
+random source, so the same times and inputs give the same outputs. Any input may be absent in any period, above all in
+the first ones. Each file tells what its images do without an input, and what they lose at a restart.
 """
 
 from collections.abc import Mapping

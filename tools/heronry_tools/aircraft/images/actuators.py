@@ -1,4 +1,4 @@
-"""Device drivers of the actuators: they limit each demand, and hold the output, or make it safe, without a demand.
+"""Device drivers of the actuators: they limit each demand; without a demand, they hold the output or make it safe.
 
 A driver decides which value is written to the device in each period:
 
@@ -7,8 +7,8 @@ A driver decides which value is written to the device in each period:
 - A charge or a burn wire cannot be undone. It fires after two demands in a row, and then stays fired.
 - A gas valve closes without a demand: the gas stays in the wings and in the bottle.
 
-After a restart, a servo waits for the first demand, since the surface may be anywhere. A charge that is still demanded
-is fired again, which does no harm.
+After a restart, a servo driver waits for the first demand, since the surface may be anywhere. If a charge is still
+demanded after a restart, its driver fires it again, which does no harm.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,11 @@ _NS_PER_S = 1_000_000_000
 
 
 class SurfaceServo(Module):
-    """Drives a control surface to a demanded angle in degrees; `echo` is a variable that carries its last command."""
+    """Drives a control surface to a demanded angle in degrees.
+
+    demand: variable of the demanded angle
+    echo: variable that carries the last command to the servo; None for a servo without an echo
+    """
 
     demand: ClassVar[str]
     echo: ClassVar[str | None] = None
@@ -83,7 +87,7 @@ class LimitedElevatorServo3(SurfaceServo):
 
 
 class RudderServo(SurfaceServo):
-    """A rudder servo."""
+    """A rudder servo without an output echo."""
 
     demand = "rudder_demand"
 

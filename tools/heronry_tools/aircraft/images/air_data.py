@@ -1,12 +1,12 @@
 """Air data: one static pressure out of three, and the airspeed.
 
 The voter publishes the middle of three pressures, so one wrong sensor never determines the output. Of two pressures
-that differ it publishes the one that is nearer to its last output.
+that differ, the voter publishes the one that is nearer to its last output.
 
-The voter reports a sensor that has differed from the middle for a second without a break, and repeats the report each
-second (the operator may have cleared it). It reports only while all three pressures are present: of two that differ,
-either may be wrong. In its first second it reports nothing, since some data may be old. The name of a variable in the
-spec shows its sensor: `pressure_2` is measured by `device:pressure_sensor_2`.
+The voter reports a sensor that has differed from the middle for a second without a break. The report is repeated each
+second, since the operator may have cleared the fault. The voter reports only while all three pressures are present: of
+two that differ, either may be wrong. In its first second the voter reports nothing, since some data may be old. The
+name of a variable in the spec shows the sensor: `pressure_2` is measured by `device:pressure_sensor_2`.
 
 A restart loses the last output, and starts both seconds anew.
 """
@@ -21,7 +21,8 @@ from heronry_tools.aircraft.images import atmosphere
 
 _CHANNELS = ("1", "2", "3")
 _PATIENCE_NS = 1_000_000_000
-# In a fast climb, healthy sensors sampled up to a period apart differ by some hPa near the ground: hence a share.
+# In a fast climb near the ground, healthy sensors that are sampled up to a period apart differ by some hPa. So a part
+# of the tolerance is a share of the pressure.
 _TOLERANCE_HPA = 2.0
 _TOLERANCE_SHARE = 0.02
 _DETAIL_PER_HPA = 10

@@ -37,7 +37,8 @@ class FusedAltitude(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish an altitude.
 
-        Without a GPS height, mode `fused` uses the last offset and `gps_only` publishes nothing.
+        Without a GPS height, mode `fused` uses the last offset and `gps_only` publishes nothing. Without a pressure,
+        and before its first GPS height, `fused` publishes nothing.
         """
         gps_m = number(inputs, "gps_altitude")
         if self.ctx.mode == "gps_only":

@@ -1,11 +1,12 @@
 """The standard atmosphere: conversions between pressure and altitude, and between dynamic pressure and airspeed.
 
-The plant computes pressures from altitudes by these formulas, and the barometric images compute altitudes from
-pressures by the same ones, so that both have the same altitude.
+The plant computes pressures from altitudes by these formulas. The barometric images compute altitudes from pressures by
+the same formulas, so that their altitude is that of the plant.
 
 Source: ICAO Standard Atmosphere (ICAO Doc 7488, ISO 2533), geopotential altitude, layers from -2 to 47 km. A layer has
-a constant lapse rate L; with L = 0 pressure falls exponentially, else with the power g0 / (R L). Base pressures are
-computed from the layer below rather than copied, so that the function has no steps.
+a constant lapse rate L. If L is 0, the pressure falls exponentially with altitude; if not, the pressure is a power of
+the temperature, with the exponent -g0 / (R L). Base pressures are computed from the layer below rather than copied, so
+that the function has no steps.
 """
 
 import math

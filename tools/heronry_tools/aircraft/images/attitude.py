@@ -2,16 +2,18 @@
 
 Gyros react at once, but drift. Accelerometers show gravity on average, but are noisy. The complementary filter turns
 the angle by the gyros, and corrects it slowly towards a reference: the angle that the accelerometers show. Without
-accelerometers the reference is the best glide with level wings, in which a glider flies most of the time. But a control
-loop that holds this angle turns the aircraft instead: the true angle then drifts with the bias of the gyros, and in a
-turn with the pull to level wings. So the airspeed corrects the pitch (`control`), and the track the bank (`guidance`).
-The horizon sensor does not drift, but is coarse.
+accelerometers the reference is the best glide with level wings, in which a glider flies most of the time.
+
+This reference does not bound the error of gyros alone, since a control loop holds the filtered angle and not the true
+one. The true angle drifts with the bias of the gyros and, in a turn, with the correction towards level wings. So the
+inner loop corrects the pitch by the airspeed (control.py), and the outer loop corrects the bank by the track
+(guidance.py). The horizon sensor does not drift, but is coarse.
 
 Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive. When the nose
 points up, gravity is measured as a forward acceleration; when the right wing is low, as an acceleration to the left.
 
-A change of the mode keeps the angles. After a restart the filter with accelerometers starts from their angle. The
-filter of gyros alone starts from the best glide; if that is wrong, the error decreases only slowly.
+A change of the mode keeps the angles. After a restart, the filter with accelerometers starts from the angle that they
+show. The filter of gyros alone starts from the best glide; if this start is wrong, the error decreases only slowly.
 """
 
 import math

@@ -4,14 +4,16 @@ Signs are CANaerospace's. An elevator that goes down (positive) lowers the nose,
 positive deflection. A rudder that swings clockwise (positive) yaws to the right, and by their dihedral the wings then
 roll to the right: an inflatable wing has no ailerons.
 
-A loop publishes the demanded angle of its surface, limited to the range of the surface. Without a command it flies the
-best glide with level wings. A command beyond the limits of attitude is limited, too, whatever its source. Without an
-attitude nothing is published, and the servo stays where it is.
+A loop publishes the demanded angle of its surface, limited to the range of the surface. Without a command, the loops
+fly the best glide with level wings. A command beyond the limits of attitude is limited, too, whatever its source.
+Without an attitude a loop publishes nothing, and the servo stays where it is.
 
-A pitch of gyros alone (version 2) drifts without limit, since the loop itself hides the drift. But a nose that is lower
-than believed makes the glide faster. So in mode `scheduled` the pitch loop learns the drift from the airspeed.
+A pitch of gyros alone (version 2) drifts without limit, since the loop holds the measured pitch and not the true one.
+But if the true pitch is lower than the measured one, the glide is faster. So in mode `scheduled` the pitch loop learns
+the drift from the airspeed.
 
-A restart loses the integral: the surface moves by at most the trim that was learned. It also loses a learned drift.
+A restart loses the integral: the surface moves by at most the trim that was learned. A restart also loses a learned
+drift.
 """
 
 import math
@@ -28,7 +30,7 @@ BEST_GLIDE_M_PER_S = 18.0
 _LEAST_FLOW_M_PER_S = 8.0
 GYROS_ALONE = 2  # version of an attitude that drifts
 _FASTER_M_PER_S_PER_DEG = 0.9  # how much faster the glide is with the nose one degree lower
-_DRIFT_DEG_PER_M = 0.07  # with the 7 s in which the airspeed follows the pitch, a well damped loop
+_DRIFT_DEG_PER_M = 0.07  # gives a well damped loop: the airspeed follows the pitch within 7 s
 _DRIFT_LIMIT_DEG = 40.0
 _PITCH_LIMIT_DEG = 15.0
 _ROLL_LIMIT_DEG = 30.0
@@ -40,8 +42,8 @@ _RUDDER_LIMIT_DEG = 20.0
 class Pid:
     """Proportional, integral and rate feedback, in deg per deg, 1/s and s.
 
-    The integral is for trim: it contributes at most `trim_deg`, so a loop that cannot move its aircraft (because of a
-    jammed surface, for example) does not run to its stop.
+    The integral is for trim: it contributes at most `trim_deg`. So the output does not run to its limit when the loop
+    cannot move the aircraft, for example because of a jammed surface.
     """
 
     proportional: float
@@ -65,7 +67,7 @@ class Pid:
 
 
 class PitchControl(Module):
-    """Controls the pitch by the elevator; in mode `scheduled` the gain falls with airspeed.
+    """Controls the pitch by the elevator; in mode `scheduled` the gain is smaller at a higher airspeed.
 
     The effect of a surface grows with the square of the airspeed. On the balloon's line there is no flow and a surface
     has no effect, so no trim is learned there.
@@ -95,7 +97,7 @@ class PitchControl(Module):
         return {"elevator_demand": -self._pid.output_deg(wanted_deg - pitch_deg, rate, _gain(speed))}
 
     def _learn_drift(self, wanted_deg: float, speed_m_per_s: float | None) -> None:
-        """Learn by how much the pitch reads too high; nothing on the line, or with the nose up, as in the flare."""
+        """Learn by how much the measured pitch is too high; not on the line, nor with the nose up, as in the flare."""
         if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S or wanted_deg > 0.0:
             return
         expected = BEST_GLIDE_M_PER_S + _FASTER_M_PER_S_PER_DEG * (BEST_GLIDE_PITCH_DEG - wanted_deg)

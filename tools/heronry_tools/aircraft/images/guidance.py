@@ -1,14 +1,16 @@
 """The outer loops: from a position and the stage of the flight to a commanded attitude.
 
-There are two, as in section 4 of the paper. `Guidance` is on board: it flies home on a straight line, or, without a
-position, straight ahead. `OrbitAutopilot` is the experiment on the ground. It knows the aircraft only by telemetry, and
-circles over the field by a vector field. The vector field leads to the circle from anywhere, without switching between
-approach and orbit. Both publish commands in degrees; the inner loops limit the commands, and fly on without them.
+There are two outer loops, as in section 4 of the paper by Rawashdeh et al. `Guidance` is on board: it flies home on a
+straight line, or, without a position, straight ahead. `OrbitAutopilot` is the experiment on the ground. It gets all its
+inputs by telemetry, and commands a circle over the field. A vector field leads to the circle from anywhere, without
+switching between approach and orbit. Both publish commands in degrees. The inner loops (control.py) limit the commands,
+and fly on if no command comes.
 
 An attitude of gyros alone has a wrong bank after a long turn: an aircraft that circles over the field would bank more
-and more. So `Guidance` learns to command less bank, down to level wings, while the track turns tighter than it should.
+and more. So while the track turns faster than the commanded bank should turn it, `Guidance` learns to command less
+bank, down to level wings.
 
-A restart of `Guidance` loses what it has learned, and it takes half a minute to learn that again. A restart of
+A restart of `Guidance` loses what was learned; the module needs half a minute to learn it again. A restart of
 `OrbitAutopilot` loses nothing: every command depends only on the inputs of one step.
 """
 
@@ -28,7 +30,7 @@ M_PER_DEG_LATITUDE = 111_320.0
 
 _NS_PER_S = 1_000_000_000
 _G_M_PER_S2 = 9.81
-_LEAST_M_PER_S = 8.0  # slower than this it does not fly
+_LEAST_M_PER_S = 8.0  # slower than this the aircraft does not fly
 _LEARNED_PER_S = 0.04
 _SHOWN_LIMIT_DEG = 45.0
 _BANK_PER_DEG = 0.8
@@ -41,7 +43,10 @@ _STEEPEST_PITCH_DEG = -8.0
 
 
 def home_bearing_and_distance(latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-    """Bearing of the field in degrees (-180..180, clockwise from north) and its distance in m, for a flat earth."""
+    """Return the bearing of the field in degrees (-180..180, clockwise from north) and its distance in m.
+
+    The earth counts as flat.
+    """
     north_m = (HOME_LATITUDE_DEG - latitude_deg) * M_PER_DEG_LATITUDE
     per_deg_m = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_DEG))
     east_m = (HOME_LONGITUDE_DEG - longitude_deg) * per_deg_m
@@ -49,7 +54,7 @@ def home_bearing_and_distance(latitude_deg: float, longitude_deg: float) -> tupl
 
 
 def turn_deg(wanted_deg: float, present_deg: float) -> float:
-    """The shorter turn from one direction to another, -180..180, right positive."""
+    """Return the shorter turn from the present to the wanted direction, -180..180; to the right is positive."""
     return (wanted_deg - present_deg + 180.0) % 360.0 - 180.0
 
 
@@ -87,7 +92,7 @@ class Guidance(Module):
 
     def _roll_deg(self, inputs: Inputs) -> float:
         if _flares(inputs):
-            return 0.0  # a wing tip touches the ground before the skids do
+            return 0.0  # in a bank, a wing tip would touch the ground before the skids
         place = (number(inputs, "gps_latitude"), number(inputs, "gps_longitude"))
         track_deg = number(inputs, "gps_track")
         if self.ctx.mode != "route" or place[0] is None or place[1] is None or track_deg is None:
@@ -105,7 +110,7 @@ def _flares(inputs: Inputs) -> bool:
 def _bank_per_deg(inputs: Inputs) -> float:
     """Give the bank in degrees that is commanded per degree of turn.
 
-    It is larger in thin air and at speed, where a bank turns the aircraft more slowly.
+    This bank is larger at a high true airspeed, at which a bank turns the aircraft more slowly.
     """
     true_m_per_s = number(inputs, "true_airspeed")
     if true_m_per_s is None:
@@ -116,7 +121,7 @@ def _bank_per_deg(inputs: Inputs) -> float:
 class OrbitAutopilot(Module):
     """The experiment: commands a circle over the field, with a glide that is steeper the higher the aircraft is.
 
-    An aircraft that reports that it hangs on its balloon is commanded to hang level.
+    While telemetry shows that the aircraft hangs on its balloon, the commands are level wings and the best glide.
     """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
@@ -130,7 +135,8 @@ class OrbitAutopilot(Module):
         if status is not None and status[0] < Stage.GLIDE:
             return {"pitch_command": BEST_GLIDE_PITCH_DEG, "roll_command": 0.0}
         bearing_deg, distance_m = home_bearing_and_distance(place[0], place[1])
-        # Far away the course is straight home, on the circle at right angles to that, inside the circle outwards.
+        # Far away, the wanted course leads to the field. On the circle, it is at right angles to the direction of the
+        # field. Inside the circle, it leads outwards.
         inward_deg = math.degrees(math.atan2(distance_m - _ORBIT_RADIUS_M, _ORBIT_RADIUS_M))
         wanted_deg = bearing_deg - 90.0 + inward_deg
         roll_deg = held(turn_deg(wanted_deg, course_deg), _ORBIT_BANK_LIMIT_DEG)

@@ -1,11 +1,11 @@
-"""The stage of the flight, by which the phases of the spec are entered.
+"""Finds the stage of the flight, by which the manager enters the phases of the spec.
 
 The stage only advances, and only after the inputs have indicated a later stage for several periods. Any input may be
-missing. For example, an aircraft on its balloon has no airspeed and a released one has; without a pitot, an aircraft
-that is far below its highest point counts as released. Without any input the stage stays.
+missing. For example: with a pitot, an airspeed shows that the aircraft is released from the balloon; without a pitot,
+an aircraft that is far below its highest point counts as released. Without any input the stage stays.
 
-A restart begins without a stage, and takes the one that the inputs indicate. It loses the highest point, so without a
-pitot a released aircraft is recognized only after another long descent.
+After a restart, the module begins with the first stage, and then takes the stage that the inputs indicate. A restart
+loses the highest point, so without a pitot a released aircraft is recognized only after another long descent.
 """
 
 from collections.abc import Mapping

@@ -1,23 +1,24 @@
 """The two events that end a flight: the logic of the parachute, and that of the balloon's line.
 
-The parachute has two inputs, the release command and the altitude. As in the paper (section 3.1), either input is
-enough to keep it shut. It opens in one of three cases:
+The logic of the parachute has two inputs, the release command and the altitude. As in the paper (section 3.1), one of
+them is enough to keep the parachute shut. The parachute opens in one of three cases:
 
 - the release command is given;
-- the command link is lost, the altitude is known, and the aircraft, which has been high, comes down through the opening
-  altitude: further down it would be too late for a command;
-- *by default*: neither input has been present for a time that is longer than a reconfiguration takes, and longer than
-  the inputs need after a start.
+- the command has been missing for 3 s, and the aircraft, which has been above 3 000 m, is below the opening altitude:
+  further down, a command would come too late;
+- *by default*: both inputs have been missing for 3 s, which is longer than a reconfiguration takes, and longer than the
+  inputs need after a start.
 
 The balloon's line is cut in one of three cases:
 
 - the command to cut it is given;
 - the aircraft is at the planned altitude, and its wings are known to be ready or their state is unknown;
-- the aircraft is at the highest altitude, where the balloon bursts by itself, whatever the state of its wings.
+- the aircraft is at the highest altitude, where the balloon bursts by itself. The state of the wings does not matter
+  then.
 
-Neither module withdraws its output: once given, it stays. A module that is started again gives the output again if the
-reasons still hold. A parachute module that is started again below the opening altitude does not know that the aircraft
-has been high, and waits for a command or for the default.
+Neither module withdraws its output. A restart loses the output; the module gives it again if one of the cases still
+holds. A restart of the parachute's logic also loses whether the aircraft has been high. If it restarts below the
+opening altitude, only a command or the default can open the parachute.
 """
 
 from collections.abc import Mapping

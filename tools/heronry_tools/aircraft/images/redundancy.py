@@ -22,7 +22,7 @@ class PressureMajority(MajorityVoter):
 
 
 class PressureFailOver(FailOver):
-    """The pressure on which two sensors agree, else the middle one."""
+    """The pressure on which two of three sensors agree, in hPa; if there is none, the middle one of the three."""
 
     sources, output = ("agreed_pressure", "median_pressure"), "static_pressure"
 
@@ -60,7 +60,7 @@ class ElevatorLimiter(RateLimiter):
 
 
 class ElevatorLimiter1(ElevatorLimiter):
-    """The limiter of the first of three redundant paths, each to an elevator servo of its own."""
+    """The limiter of the first of three redundant paths; each path leads to an elevator servo of its own."""
 
     output = "servo_demand_1"
 

@@ -1,9 +1,9 @@
 """Device drivers of the sensors: they convert a device's readings to variables in their units.
 
-A driver also decides whether its device has failed. A device that for half a second was silent, or gave impossible
-readings, is reported as `device:...`, and again every half second, since the operator may have cleared it. The half
-second covers a device that is still starting when its driver starts. In a period without a valid reading nothing is
-published: an old value is not repeated as a new one.
+A driver also decides whether its device has failed. A device is reported as `device:...` if it was silent, or gave
+impossible readings, for half a second. The report is repeated every half second, since the operator may have cleared
+the fault. The half second covers a device that is still starting when its driver starts. In a period without a valid
+reading the driver publishes nothing: readers must not take an old value for a new one.
 
 A restart loses only the count of silent periods.
 """
@@ -29,7 +29,7 @@ class SensorDriver(Module):
         self._silence = Lasting(_SILENCE_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a sensor's driver has none)
-        """Publish the converted reading, or nothing if there is none."""
+        """Publish the converted reading, or nothing if there is no valid one; report a device that has failed."""
         raw = self.ctx.read()
         given = None if raw is None else self.convert(raw)
         if self._silence.is_due(given is None):
@@ -113,7 +113,7 @@ class Horizon(SensorDriver):
 
 
 class Barometer(NumberSensor):
-    """Static pressure in hPa, of the paper's Figure 3."""
+    """Static pressure in hPa, from the barometer of the paper's Figure 3."""
 
     device = "barometer"
     variable = "absolute_pressure"
@@ -176,7 +176,7 @@ class Battery(NumberSensor):
 
 
 class Camera(SensorDriver):
-    """Number of frames taken since it was switched on."""
+    """Number of frames that the camera has taken since it was switched on."""
 
     device = "camera"
 
@@ -204,7 +204,7 @@ class Console(CommandReceiver):
 
 
 class ChuteReceiver(SensorDriver):
-    """The one command of the paper's Figure 3: open the parachute; 1 is yes."""
+    """The only command of the paper's Figure 3: open the parachute; 1 is yes."""
 
     device = "receiver"
 

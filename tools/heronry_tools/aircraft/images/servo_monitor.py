@@ -6,17 +6,18 @@ a report the monitor waits while the manager activates the other servo.
 
 *Which servo.* In `big_blue` each servo driver publishes its command with its own version, so the version of the datum
 shows which servo is driven. The monitor of the paper's Figure 3 has no such echo. It assumes that the first branch of
-the DEMUX drives, and, once the first servo was reported, the second branch. If the first servo is out of use for
-another reason the assumption is wrong, but harmless: the report names a device that is already down. The monitor of
-Figure 3 also does not know whether any servo is driven. A surface stands still, too, while its driver is silent or not
-authorized, until another driver takes over. So this monitor waits for longer than a reconfiguration takes before it
-reports a servo.
+the DEMUX drives, and that the second branch drives after the first servo was reported. If the first servo is out of use
+for another reason, the assumption is wrong, but harmless: the report names a device that is already down.
+
+The monitor of Figure 3 also has no input that shows whether any servo is driven. A surface stands still, too, while its
+driver is silent or not authorized, until another driver takes over. So this monitor waits for longer than a
+reconfiguration takes before it reports a servo.
 
 *Servo or sensor.* The second servo is reported only if the surface has followed its commands for a while since the
-first one was reported. If not, the sensor is reported: two servos hardly fail within a short time, but one stuck
-potentiometer makes both look wrong, and reporting both would leave the aircraft without an elevator because of a
-sensor. If a reported device is still in use and fails again, the same device is reported again: the operator may have
-cleared it.
+report of the first servo. If not, the sensor is reported: two servos hardly fail within a short time, but one stuck
+potentiometer makes both servos look wrong. A report of both servos would leave the aircraft without an elevator because
+of a sensor. If a reported device is still in use and fails again, the same device is reported again, since the operator
+may have cleared it.
 
 Not detected: a surface that is stuck at its commanded position, until the next command.
 
@@ -39,7 +40,7 @@ _DELAY_NS = 500_000_000
 _DELAY_WITHOUT_ECHO_NS = 1_500_000_000  # detection, planning, T_lease, and the way back of the surface
 _LOOKS = 5  # comparisons: command and angle are of different moments, so one difference proves nothing
 _TIME_TO_SWITCH_NS = 3_000_000_000
-_FOLLOWING_NS = 3_000_000_000  # longer than a swinging command agrees with a stuck surface in passing
+_FOLLOWING_NS = 3_000_000_000  # a command that swings past a stuck surface agrees with it for a shorter time
 _LAG_S = 0.1
 _DETAIL_PER_DEG = 10
 _DETAIL_MAX = 0xFFFF
@@ -111,7 +112,7 @@ class SurfaceMonitor(Module):
 
 
 class ElevatorMonitor(SurfaceMonitor):
-    """The monitor that knows which servo is driven: the version of the published command is the servo's number."""
+    """The monitor of `big_blue`: the version of the published command is the number of the driven servo."""
 
     command = "elevator_servo_command"
     health = "servo_health"
@@ -122,12 +123,12 @@ class ElevatorMonitor(SurfaceMonitor):
 
 
 class ServoMonitor(SurfaceMonitor):
-    """The monitor of the paper's Figure 3: it takes servo 1 as the driven one, and servo 2 once 1 was reported."""
+    """The monitor of the paper's Figure 3: servo 1 counts as driven, and after its report servo 2."""
 
     command = "elevator_demand"
     health = "servo_failure"
     delay_ns = _DELAY_WITHOUT_ECHO_NS
 
     def working_servo(self, inputs: Inputs) -> int:  # noqa: ARG002 (its inputs do not say)
-        """Give 1, or 2 once the first servo was reported."""
+        """Give the number of the servo that counts as driven: 1, and after the report of servo 1, 2."""
         return 2 if 1 in self._accused else 1

@@ -1,8 +1,9 @@
 """Outputs of the flight's data: telemetry for the radio, the display on the ground, the recorder on board.
 
 Telemetry repeats its present inputs at the rate of its mode and omits the missing ones, so that a value that is missing
-on board is missing on the ground, too. A byte of the status is 255 where its value is missing. Display and recorder
-write one line of text per period: `name=value` for each present input, in a fixed order. A restart loses nothing.
+on board is missing on the ground, too. The status always has four bytes; a byte is 255 if its value is missing. Display
+and recorder write one line of text per period: `name=value` for each present input, in a fixed order. A restart loses
+nothing.
 """
 
 from collections.abc import Mapping
@@ -69,7 +70,7 @@ class LineWriter(Module):
         return {}
 
     def more_words(self, inputs: Inputs) -> list[str]:  # noqa: ARG002 (subclasses may have some)
-        """Give further words of the line, for inputs that are not single numbers; a subclass may have some."""
+        """Give further words of the line, for inputs that are not single numbers: none, unless a subclass has some."""
         return []
 
 

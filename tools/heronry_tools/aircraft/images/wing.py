@@ -1,12 +1,12 @@
 """The inflatable wings: the control that inflates them, and the monitor that watches them until their skin is hard.
 
-The control decides when the valve is open, the monitor in which state the wings are. The two depend on each other. The
-control stops when the monitor publishes that the wings are cured or leak, and does not start again. The monitor
-distinguishes folded wings from filling ones by the valve. (For that loop the spec gives `wing_state` an initial value.)
-A leak is a loss of pressure in wings that were firm.
+The control decides when the valve is open, the monitor in which state the wings are. Each reads the output of the
+other, so the spec gives `wing_state` an initial value. The control stops when the monitor publishes that the wings are
+cured or leak, and does not start again. The monitor distinguishes folded wings from filling ones by the valve. A leak
+is a loss of pressure in wings that were firm.
 
-A restart loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose again. So the valve is
-controlled longer than necessary, which does no harm.
+A restart of the monitor loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose again.
+So the valve is controlled longer than necessary, which does no harm.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ _FIRM_HPA = 430.0
 _LEAKING_HPA = 250.0
 _OPEN_BELOW_HPA, _SHUT_ABOVE_HPA = 470.0, 500.0
 _LOWEST_INFLATION_M = 15_000.0
-_ALTITUDE_LOST_NS = 60 * _NS_PER_S  # longer than a reconfiguration or a start: then the altitude is no longer measured
+_ALTITUDE_LOST_NS = 60 * _NS_PER_S  # how long the altitude must be missing; a reconfiguration or a start takes less
 # Shortened like the plant's flight; real resin needs minutes of sun at altitude.
 _CURE_DOSE_J_PER_M2 = 600.0
 
@@ -59,7 +59,7 @@ class InflationControl(Module):
         state, altitude_m = whole(inputs, "wing_state"), number(inputs, "altitude")
         if state in {WingState.CURED, WingState.LEAKING}:
             return True
-        # Folded wings stay folded near the ground, and until the altitude has been missing for long enough.
+        # Folded wings stay folded near the ground. Without an altitude they stay folded for `_ALTITUDE_LOST_NS`.
         # Wings that have begun to fill are filled, at any altitude.
         if altitude_m is None:
             low = self.ctx.now_ns - self._altitude_heard_ns < _ALTITUDE_LOST_NS
@@ -70,7 +70,7 @@ class InflationControl(Module):
 
 
 class WingMonitor(Module):
-    """`wing_state` from the pressure, and in mode `cure` from the ultraviolet dose while the wings are firm."""
+    """Publishes `wing_state`: from the pressure, and in mode `cure` also from the dose of light on firm wings."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

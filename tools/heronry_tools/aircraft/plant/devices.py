@@ -1,14 +1,14 @@
 """The device table of the two shipped specs: what each sensor measures, and what each actuator moves.
 
 An actuator moves a *mechanism*, for example a surface or the gas in the wings (mechanism.py). The aircraft reacts to
-its surfaces. Pitch and roll are those of the scripted flight (flight.py) plus a share of the elevator's and the
-rudder's angle. The share falls with the airspeed, and the airframe adds a lag. On the balloon's line there is hardly
-any flow, so the surfaces have no effect.
+its surfaces: pitch and roll are those of the scripted flight (flight.py) plus a share of the elevator's and the
+rudder's angle. The share grows with the square of the airspeed, and the airframe adds a lag. On the balloon's line
+there is hardly any flow, so the surfaces have no effect.
 
 A sensor's reading is the value that the real device gives to its driver, in its own units: an inertial unit and a GPS
 receiver give integers, a pressure transducer hectopascals. Noise and bias are as large as those of such devices.
 
-A device that is not in the table works all the same: a sensor reads 0.0, an actuator keeps its last command.
+A device that is not in the table can be used, too: a sensor reads 0.0, an actuator keeps its last command.
 """
 
 import math
@@ -65,7 +65,7 @@ class Motion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """All on which the reading of a sensor depends.
+    """Everything on which the reading of a sensor depends.
 
     device: the name of the sensor.
     time_ns: the time since take-off.

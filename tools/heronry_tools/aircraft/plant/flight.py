@@ -1,9 +1,9 @@
 """The scripted flight of the plant: climb under a balloon, inflation of the wings, release, glide home, landing.
 
-The position of the aircraft, and its motion in turbulence, depend only on the time since take-off. So any number of
-processes with one origin agree, and a restarted process agrees with the others at once. The price is that no actuator
-changes the path. Surfaces do add to the attitude given here (devices.py): the loops of the aircraft are closed in
-attitude, but open in position.
+The position of the aircraft, and its motion in turbulence, depend only on the time since take-off. So all processes
+with the same time of take-off agree, and a restarted process agrees with the others at once. The price is that no
+actuator changes the path. But the surfaces add to the attitude of the script (devices.py). So the control loops of the
+aircraft are closed in attitude, and open in position.
 
 Time is compressed, space is not: two hours of flight take four minutes, with vertical speeds far beyond those of a
 glider. The sensors are consistent all the same: pressure with altitude, angular rates with the change of attitude,
@@ -88,14 +88,14 @@ _PITCH_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 3.0), (RELEASE_S, 3.0), (110.0, 5.0)
 _ROLL_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 5.0), (RELEASE_S, 4.0), (110.0, 12.0), (225.0, 12.0), (232.0, 0.0))
 _PITCH_SWAY_RAD_PER_S = math.tau / 7.0
 _ROLL_SWAY_RAD_PER_S = math.tau / 11.0
-# The expected movement of the valve, for a plant that has not seen the valve move: so the wings in a process restarted
-# in flight are as full as those in the other processes.
+# The pressure in the wings that a plant assumes until it hears that the valve moves. So the wings in a process that is
+# restarted in flight are as full as in the other processes.
 _WING_PRESSURE_HPA = _Curve((70.0, 0.0), (80.0, 500.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The aircraft at one time, with its surfaces at neutral; each value is computed when it is first read.
+    """The aircraft at one time, with its surfaces at neutral; each value is computed when it is read.
 
     Angles in degrees: pitch nose up, roll to the right, track clockwise from north.
     """
@@ -129,22 +129,22 @@ class Moment:
 
     @property
     def pitch_deg(self) -> float:
-        """Pitch."""
+        """Pitch angle, nose up positive."""
         return _pitch_deg(self.time_s)
 
     @property
     def roll_deg(self) -> float:
-        """Roll."""
+        """Roll angle, to the right positive."""
         return _roll_deg(self.time_s)
 
     @property
     def pitch_rate_deg_per_s(self) -> float:
-        """Rate of pitch."""
+        """Rate of the pitch angle."""
         return (_pitch_deg(self.time_s + _STEP_S) - _pitch_deg(self.time_s - _STEP_S)) / (2.0 * _STEP_S)
 
     @property
     def roll_rate_deg_per_s(self) -> float:
-        """Rate of roll."""
+        """Rate of the roll angle."""
         return (_roll_deg(self.time_s + _STEP_S) - _roll_deg(self.time_s - _STEP_S)) / (2.0 * _STEP_S)
 
 

@@ -1,7 +1,7 @@
 """The interface to a plant, which the simulator and the drivers of devices use.
 
-Behind it is the scripted plant (world.py), or one with a flight dynamics model. A plant is read and moved by the names
-of its devices. The simulator calls it with times that never decrease.
+The scripted plant (world.py) has this interface, and so have the plants with a flight dynamics model
+(`heronry_tools.fly`). Devices are read and moved by their names. The times of the simulator's calls never decrease.
 """
 
 from collections.abc import Callable, Iterable
@@ -29,7 +29,7 @@ class PlantOfDevices(Protocol):
         """Give the actuators on other PEs whose echoes a plant with these sensors needs."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail: silent, stuck at its present reading, wrong by `offset`, or (a servo) free to move."""
+        """Make a device fail: dead (silent), stuck at its present reading, wrong by `offset`, or loose (a servo)."""
 
     def heal(self, device: str) -> None:
         """End a device's failure; no effect on a healthy device."""

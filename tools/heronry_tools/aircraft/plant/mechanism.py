@@ -1,9 +1,11 @@
 """The mechanism that actuators move: one value with inertia, moved by the last command of an actuator.
 
 A *push* is a command to the mechanism. Two servos on one surface share one mechanism, and the servo that pushed last
-holds it. The clutch of a failed servo slips, and the surface stays where it is until the other servo pushes it. The
-state is the position at the last push, and the target of that push. Before its first push a mechanism is at its initial
-position. So in a restarted process it has the right position a few time constants after the first push.
+holds it. The clutch of a failed servo slips, and the surface stays where it is until the other servo pushes it.
+
+The state is the position at the last push, and the target and time of this push. Before its first push a mechanism is
+at the position `resting`, which the caller gives. In a restarted process this may be wrong; the position is right a few
+time constants after the first push.
 """
 
 import math

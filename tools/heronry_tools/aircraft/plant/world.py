@@ -3,8 +3,9 @@
 Most of the world is a script that depends only on the time since the origin (flight.py). A few mechanisms depend on
 actuators: the surfaces, the airframe that follows them, the gas in the wings.
 
-Each process has one `Plant`. The plants share only the origin, on one monotonic clock. A plant gets the commands to
-actuators of its own PE by `write`. It gets those to actuators of other PEs by `heard`, from output echoes on the bus:
+Each process has one `Plant`. The plants share only the origin, on one monotonic clock. A plant gets the commands to the
+actuators of its own PE by `write`. It gets the commands to the actuators of other PEs by `heard`, from output echoes on
+the bus:
 
 - if an echo is lost or late, the mechanism lags in this plant until the next echo, which follows in the next period;
 - if an echo arrives twice, it moves the mechanism to the same position, so nothing changes;
@@ -87,7 +88,7 @@ class Plant:
         """Do nothing: without a command an actuator of this plant stays where it is."""
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Move an actuator of this PE or of another, as an output echo shows; no effect on one that has failed here."""
+        """Move an actuator as an output echo shows; no effect if it is dead, stuck or loose in this plant."""
         fault = self._faults.get(device)
         if fault is None or fault.how == "bias":
             self._move(device, value, now_ns)
@@ -105,7 +106,8 @@ class Plant:
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
         """Make a device fail: silent, stuck at its present reading, or wrong by `offset` (in the device's own unit).
 
-        A dead or stuck actuator no longer moves anything; a biased one moves to a wrong position.
+        A dead, stuck or loose actuator no longer moves anything; one with a bias moves to a wrong position. A loose
+        sensor behaves like a stuck one.
         """
         self._faults[device] = _Fault(how, self.read(device, now_ns), offset)
 

@@ -1,7 +1,8 @@
 """The modules of the EAV and of its rover: the images that `dg_specs/flights/eav.dg.yaml` names.
 
-They use nothing but `heronry_agent.module` and each other, so a PE runs them without JSBSim. The agent finds
-`CATALOGUE` by an entry point (`heronry.images` in pyproject.toml), and imports only the images that it runs.
+The modules import only `heronry_agent.module`, `heronry_agent.parts` and each other, so a PE runs them without JSBSim.
+The agent finds `CATALOGUE` by an entry point (`heronry.images` in pyproject.toml), and imports only the images that it
+runs.
 """
 
 from collections.abc import Mapping

@@ -1,13 +1,13 @@
 """The inner control loops of the EAV: from the commands of the flight management to commands for surfaces and throttle.
 
-Each class is one component of the paper's Figure 13. The gains are the low ones of docs/flights.md, which tolerate 150
-ms from sensor to servo. Angles are in degrees. Pitch up, roll to the right and course clockwise are positive. An
-elevator that goes down (positive) lowers the nose; a positive aileron rolls to the right; a positive rudder yaws to the
-left.
+Each class is one component of Figure 13 of the paper by Ippolito et al. (docs/flights.md). The gains are low, so that
+the loops tolerate 150 ms from sensor to servo. Angles are in degrees. Pitch up, roll to the right and course clockwise
+are positive. An elevator that goes down (positive) lowers the nose; a positive aileron rolls to the right; a positive
+rudder yaws to the left.
 
 The docstring of a class says what its loop does without an optional input. Without a required input, the loop publishes
-nothing, and the servo stays where it is. A restart loses the integrals, so the loop needs about a second to find the
-trim again.
+nothing, and the servo stays where it is. A restart loses the integral of a loop; the loop then needs about a second to
+find the trim again.
 """
 
 import math
@@ -42,7 +42,7 @@ class _Loop(Module):
         self._period_s = ctx.period_ns / NS_PER_S
 
     def mode_changed(self) -> bool:
-        """Keep the trim."""
+        """Keep the integral, which holds the trim, through a change of the mode."""
         return True
 
     def _learn(self, error: float, gain: float, limit: float) -> float:
@@ -51,7 +51,7 @@ class _Loop(Module):
 
 
 class VerticalSpeedControl(_Loop):
-    """Computes the pitch command from the vertical speed: trimmed angle of attack, path angle, feedback."""
+    """Computes the pitch command: the sum of trimmed angle of attack, commanded path angle and speed feedback."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the pitch command; without a measured airspeed, assume the reference airspeed."""
@@ -119,7 +119,10 @@ class YawDamper(Module):
 
 
 class AirspeedControl(_Loop):
-    """Computes the throttle command from the airspeed; an airspeed command of 0 closes the throttle."""
+    """Computes the throttle command from the airspeed; an airspeed command of 0 closes the throttle.
+
+    Without an airspeed command, the loop holds the reference airspeed.
+    """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the throttle command."""

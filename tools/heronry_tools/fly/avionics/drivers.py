@@ -1,10 +1,10 @@
 """Modules that read the sensors and command the actuators of the EAV and its rover.
 
-They convert the whole numbers of a device to data in SI units and degrees. If a sensor does not answer, its module
-publishes no datum. If a servo's module gets no command, it repeats the last one; before the first command it sends
-nothing. The camera's module also reports the camera as failed after `BLIND_NS` without a new image.
+The modules convert the whole numbers of a device to data in SI units and degrees. If a sensor does not answer, its
+module publishes no datum. If the module of a servo gets no demand, it repeats its last command; before the first demand
+it sends nothing. The camera's module also reports the camera as failed after `BLIND_NS` without a new image.
 
-A restart loses nothing, except that the camera's module publishes the newest image once more.
+A restart loses the last command of a servo. The camera's module publishes the newest image once more.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ class InertialUnit(Module):
 
 
 class Pitot(Module):
-    """Airspeed (m/s)."""
+    """Publishes the airspeed (m/s)."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
         """Publish the airspeed."""
@@ -75,7 +75,7 @@ class CameraImages(Module):
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._last_ns: int | None = None  # exposure of the last image
-        self._seen_ns = ctx.now_ns  # when there was a new image, or the start
+        self._seen_ns = ctx.now_ns  # time of the last new image, or of the start
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
         """Publish each new image once."""
@@ -102,7 +102,7 @@ class HeadEncoder(Module):
 
 
 class SurfaceSensor(Module):
-    """Publishes the position of a control surface without conversion: its sensor gives the unit of the datum."""
+    """Publishes the position of a control surface; the sensor measures in the unit of the datum."""
 
     names: ClassVar[str]
 
@@ -113,19 +113,19 @@ class SurfaceSensor(Module):
 
 
 class ElevatorSensor(SurfaceSensor):
-    """The elevator's angle."""
+    """Publishes the angle of the elevator (deg, positive down)."""
 
     names = "elevator_angle"
 
 
 class AileronSensor(SurfaceSensor):
-    """The aileron's angle."""
+    """Publishes the angle of the aileron (deg, positive for a roll to the right)."""
 
     names = "aileron_angle"
 
 
 class RudderSensor(SurfaceSensor):
-    """The rudder's angle."""
+    """Publishes the angle of the rudder (deg, positive for a yaw to the left)."""
 
     names = "rudder_angle"
 
@@ -146,7 +146,7 @@ class _Servo(Module):
         self._command: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Command the servo to what its inputs demand; without a demand, repeat the last command."""
+        """Command the servo to the demanded position; without a demand, repeat the last command."""
         demand = number(inputs, self.demand)
         if demand is not None:
             self._command = held(demand, self.limit)
@@ -184,7 +184,7 @@ class PanTilt(Module):
     """Drives the rover's head in the commanded direction."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Command the head to the direction that its inputs demand; without a demand, command nothing."""
+        """Command the head to the demanded direction; without a demand, command nothing."""
         datum = inputs.get("head_demand")
         if datum is not None and isinstance(datum.value, tuple):
             self.ctx.write(datum.value)

@@ -1,4 +1,4 @@
-"""The flight management system: the stages of a landing, after the paper's Figures 11 and 12.
+"""The flight management system: the stages of a landing, after Figures 11 and 12 of the paper by Ippolito et al.
 
     approach ──► glide slope ──► flare transition ──► flare ──► (on the ground)
         any of them ──► go-around (climb straight ahead, then level)
@@ -9,15 +9,16 @@
 - *flare transition*, below `TRANSITION_M`: the sink rate changes steadily to that of the flare.
 - *flare*, below `FLARE_M`: throttle closed, a constant sink rate.
 
-The mode of the module tells what position the plan could supply, and the module decides accordingly:
+The plan selects the mode of the module by the quality of the position that it can supply. The mode decides:
 
 - *precise*: the position is good enough to land.
-- *forced*: the position is not good enough, but there is no better one; the aircraft lands with it.
-- *waiting*: the position is not good enough. On approach the aircraft stays level until that changes, or until the
-  landing point is too far. On the glide slope it goes around, but below `DECISION_M` it always lands.
+- *forced*: the position is not good enough, but the aircraft must land, so it uses this position.
+- *waiting*: the position is not good enough. On approach the aircraft stays level until the position is good enough,
+  or until the landing point is too far. On the glide slope the aircraft goes around, but below `DECISION_M` it always
+  lands.
 
-The module does not know which sensor its position comes from. A restart loses the stage. The restarted module finds its
-stage again from height and position; if it starts below the decision height, it lands.
+No input tells the module from which sensor its position comes. A restart loses the stage. The restarted module finds
+its stage again from height and position; if it starts below the decision height, it lands.
 """
 
 import math
@@ -40,8 +41,8 @@ _FLARE_M_PER_S = -0.5
 _CLIMB_M_PER_S = 2.0
 _RAD_PER_M = 0.016  # course by distance from the centre line
 _COURSE_LIMIT_DEG = 20.0
-_FLIES_M_PER_S = 5.0  # a slower one stands, or is held
-_LONGEST_M = 110.0  # an estimated landing point beyond this is too far to be mended below the decision height
+_FLIES_M_PER_S = 5.0  # below this ground speed the aircraft does not fly: no headwind is computed
+_LONGEST_M = 110.0  # x of the landing point beyond which the aircraft goes around, on approach or below `DECISION_M`
 
 
 class Stage(IntEnum):
@@ -60,7 +61,7 @@ _LEVEL = (Stage.START, Stage.APPROACH)
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the flight management knows in one step.
+    """The inputs of the flight management in one step.
 
     x_m, y_m, height_m: position in the runway's frame
     ground_speed_m_per_s: speed over ground
@@ -148,7 +149,7 @@ class FlightManagementSystem(Module):
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self.management = FlightManagement()
-        self.known: Situation | None = None  # in the last step; None: something was missing
+        self.known: Situation | None = None  # in the last step; None if position or velocity was missing
         self._mode = ctx.mode
 
     def mode_changed(self) -> bool:
@@ -157,7 +158,10 @@ class FlightManagementSystem(Module):
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the commands; without position or velocity publish nothing, so the last commands stay in force."""
+        """Publish the commands; nothing without position or velocity.
+
+        The control loops then use the last commands, until these are too old.
+        """
         x, y, height = (number(inputs, name) for name in ("position_x", "position_y", "height"))
         north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
         self.known = None

@@ -1,13 +1,14 @@
 """Modules that estimate the position of the aircraft, from a receiver alone or with the rover's images.
 
-Positions are in the runway's frame; height is that of the wheels above the runway. The version of the published
-position tells its accuracy: version 1 is good enough to land, versions 2 and 3 are not. Only the differential receiver
-and the filter, as long as it gets images, give version 1.
+Positions are in the runway's frame; height is that of the wheels above the runway. In the spec, the version of a
+position tells its accuracy. Two versions are good enough to land: 1 from the differential receiver, and 2 from the
+filter while it gets images. Two are not: 3 from the filter without images, and 4 from the receiver without corrections.
 
-Without velocity these modules publish nothing, since a receiver's position comes at only 10 Hz and cannot steer. A
-restart of a receiver's estimator loses nothing. A restart of the tracking filter loses what it has learnt from images:
-it begins again at the receiver's position, or without a receiver where an image meets the nominal approach, and needs
-some seconds of images. A change of the mode loses nothing.
+Without velocity these modules publish nothing: a receiver gives only 10 positions a second, too few to steer by.
+
+A restart of a receiver's estimator loses nothing. A restart of the tracking filter loses what the filter has learnt
+from images. The filter begins again at the receiver's position. Without a receiver it begins where the line of sight of
+an image meets the nominal approach. It then needs some seconds of images. A change of the mode loses nothing.
 """
 
 from collections.abc import Mapping
@@ -18,10 +19,11 @@ from heronry_agent.parts.reading import number, numbers
 from heronry_tools.fly.avionics.tracking_filter import H, TrackingFilter, X, Y
 
 NS_PER_S = 1_000_000_000
-CAMERA_M = (100.0, 12.0, 0.3)  # where the rover stands: x, y, height of the camera less that of the aircraft's centre
+# x, y, height of the camera (m). The height of the aircraft's centre above its wheels is subtracted from the height.
+CAMERA_M = (100.0, 12.0, 0.3)
 _SINKS_M_PER_S = 0.5  # an aircraft that sinks less is on the level part of the approach
-_WAITS_NS = 300_000_000  # for the receiver, before a filter begins by an image alone
-_STEEPEST_RAD = 0.12  # of an aircraft on approach; an image that shows it higher is a false one
+_WAITS_NS = 300_000_000  # how long to wait for the receiver before the filter begins by an image alone
+_STEEPEST_RAD = 0.12  # largest elevation of an aircraft on approach; an image with a larger elevation is wrong
 _SETTLES_S = 1.0
 _APART_NS = 20_000_000  # angles and age of one image arrive within this time
 _MRAD_TENTHS = 10_000.0
@@ -72,19 +74,19 @@ def _age_s(inputs: Inputs, receiver: str) -> float:
 
 
 class DifferentialPosition(_ReceiverPosition):
-    """Position from the receiver with corrections: good enough to land."""
+    """Publishes the position by the receiver with corrections: good enough to land."""
 
     receiver = "differential"
 
 
 class SatellitePosition(_ReceiverPosition):
-    """Position from the receiver without corrections: not good enough to land."""
+    """Publishes the position by the receiver without corrections: not good enough to land."""
 
     receiver = "gps"
 
 
 class TrackedPosition(Module):
-    """Position from the tracking filter; in mode `coasting` the filter gets no new images."""
+    """Publishes the position by the tracking filter; in mode `coasting` the filter gets no new images."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -117,7 +119,10 @@ class TrackedPosition(Module):
     def _begun(
         self, inputs: Inputs, fix: tuple[float, float, float] | None, moving: tuple[float, float, float]
     ) -> TrackingFilter | None:
-        """Begin at the receiver's position; without a receiver by an image, None before there is one."""
+        """Return a filter that begins at the receiver's position, or without a receiver on an image's line of sight.
+
+        Return None if there is neither, or if the filter still waits for the receiver.
+        """
         now_ns, angles = self.ctx.now_ns, numbers(inputs, "image_angles", 2)
         if fix is not None:
             return TrackingFilter(CAMERA_M, fix, now_ns)

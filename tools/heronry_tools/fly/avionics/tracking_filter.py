@@ -1,16 +1,17 @@
-"""Where the aircraft is, from a camera beside the runway and the aircraft's velocity: an extended Kalman filter.
+"""Estimates the position of the aircraft from its velocity and a camera beside the runway: an extended Kalman filter.
 
 The filter has eight states: the position x, y, h in the runway's frame (m), the bias of the receiver's position in x,
 y, h (m), and the bias of the camera's azimuth and elevation (rad). The measured velocity carries the position forward;
-its error is the process noise of the position. The biases are constant.
+the error of the velocity is the process noise of the position. The biases of the receiver may change slowly; those of
+the camera are constant.
 
-The filter copes with three faults of real images:
+The filter copes with three problems of real images:
 
-- *Images are late.* An image shows the position at its exposure. The filter remembers the way flown since then, and
-  compares the image with the present position less that way.
+- *Images are late.* An image shows the position at its exposure. The filter remembers how far the aircraft has flown
+  since the exposure. It compares the image with the present position less this distance.
 - *Some images are wrong.* The filter refuses an angle that is further than `GATE_SIGMA` from the expected one.
 - *The filter may be wrong itself.* When `REFUSALS` angles of one axis in a row have been refused, the filter makes its
-  position uncertain again. Otherwise one early outlier would lock out all later images.
+  position uncertain again. Without this rule, one early outlier would lock out all later images.
 
 Measurements are scalars and are used one after the other, so no matrix is inverted.
 
@@ -36,11 +37,12 @@ _RECEIVER_WANDERS_M2_PER_S = 0.15**2
 _CAMERA_BIAS_RAD = (0.003, 0.002)
 _START_M2 = 10.0**2
 _KEPT_NS = 1_500_000_000
-_NEAREST_M = 5.0  # nearer to the camera than this an angle says nothing
+_NEAREST_M = 5.0  # a shorter horizontal distance from the camera counts as this one
 _SLOPE, _AIM_M, _LEVEL_M = math.tan(math.radians(5.0)), -40.0, 45.0  # the nominal approach
-_LEVEL_FROM_RAD = 0.055  # elevation of an aircraft that may still be on the level part
+_LEVEL_FROM_RAD = 0.055  # from this elevation on, the aircraft may still be on the level part
 _SLOPE_LEAST = 0.018  # least difference between the slope and the line of sight
-_RANGE_SHARE, _RANGE_M, _BESIDE_M, _HEIGHT_M = 0.2, 5.0, 3.0, 0.5  # how far an aircraft is from the nominal approach
+# Standard deviations of an aircraft from the nominal approach: of the range (share and m), sideways, in height.
+_RANGE_SHARE, _RANGE_M, _BESIDE_M, _HEIGHT_M = 0.2, 5.0, 3.0, 0.5
 
 Camera = tuple[float, float, float]
 
@@ -64,10 +66,13 @@ class TrackingFilter:
 
     @classmethod
     def by_sight(cls, camera_m: Camera, elevation_rad: float, now_ns: int, *, sinks: bool) -> "TrackingFilter":
-        """Begin without a receiver, where the line of sight meets the nominal approach; uncertain along this line.
+        """Begin without a receiver, where the line of sight meets the nominal approach.
 
-        sinks: the aircraft is on the slope of the approach; on the level part before, it may have the same elevation.
-        Near the ground even a wrong range gives a good height, as the height is the range times the elevation.
+        The position is uncertain along this line. Near the ground even a wrong range gives a good height, since the
+        height is the range times the elevation.
+
+        sinks: whether the aircraft sinks, so that it is on the slope of the approach; before the slope, on the level
+        part, the aircraft may be seen at the same elevation
         """
         rise = math.tan(elevation_rad)
         if sinks or elevation_rad < _LEVEL_FROM_RAD:

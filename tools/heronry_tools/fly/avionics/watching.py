@@ -6,8 +6,8 @@
   nothing in its first window, since sensors that start at different times do not agree at once.
 - `SurfaceMonitor` compares the position of a surface with its command, at the speed at which the servo can move. It
   reports the servo that is driven at the time; the version of the command tells which one that is.
-- `TrackingHead` points the camera at the aircraft that the camera sees. The loop closes on the rover itself. After a
-  second without an image, the head turns back to the approach.
+- `TrackingHead` points the camera at the aircraft that the camera sees. This control loop runs on the rover alone.
+  After a second without an image, the head turns back to the approach.
 """
 
 from collections import deque
@@ -23,13 +23,13 @@ WINDOW_S = 1.0
 MOST_M = 1.5
 IN_A_ROW = 3
 APART_FOR_S = 0.15
-_LAG_PERIODS = 6  # between a command and the sight of its angle
+_LAG_PERIODS = 6  # most periods between a command and the reading that shows its effect
 _APPROACH_TENTH_MRAD = (0, 800)
 _FORGETS_NS = 1_000_000_000
 
 
 class AccuracyMonitor(Module):
-    """Reports the differential receiver when its position no longer moves as the velocity says."""
+    """Reports the differential receiver when its position no longer moves with the measured velocity."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -40,7 +40,7 @@ class AccuracyMonitor(Module):
         self._looks_until_ns = ctx.now_ns + round(WINDOW_S * NS_PER_S)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare, and report."""
+        """Compare a new position with the expected one, and report the receiver if it is wrong; publish nothing."""
         moving, now_ns = velocity(inputs), self.ctx.now_ns
         fix = [number(inputs, f"differential_{axis}") for axis in ("x", "y", "height")]
         if moving is None:
@@ -66,7 +66,7 @@ class AccuracyMonitor(Module):
 
 
 class SurfaceMonitor(Module):
-    """Reports the servo of a surface that does not follow its commands."""
+    """Reports the driven servo of a surface when the surface does not follow the commands."""
 
     surface: ClassVar[str]
     position: ClassVar[str] = "angle"
@@ -76,7 +76,7 @@ class SurfaceMonitor(Module):
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._version = 0  # of the servo that is watched
-        self._expected: deque[float] = deque(maxlen=_LAG_PERIODS)  # where a healthy servo stood lately
+        self._expected: deque[float] = deque(maxlen=_LAG_PERIODS)  # positions of a healthy servo, newest last
         self._apart_s = 0.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
@@ -99,25 +99,25 @@ class SurfaceMonitor(Module):
 
 
 class ElevatorMonitor(SurfaceMonitor):
-    """Watches the elevator."""
+    """Watches the servos of the elevator."""
 
     surface = "elevator"
 
 
 class AileronMonitor(SurfaceMonitor):
-    """Watches the aileron."""
+    """Watches the servos of the aileron."""
 
     surface = "aileron"
 
 
 class RudderMonitor(SurfaceMonitor):
-    """Watches the rudder."""
+    """Watches the servos of the rudder."""
 
     surface = "rudder"
 
 
 class ThrottleMonitor(SurfaceMonitor):
-    """Watches the throttle."""
+    """Watches the servos of the throttle."""
 
     surface, position, apart, rate_per_s = "throttle", "position", 0.1, 2.0
 
@@ -130,7 +130,10 @@ class TrackingHead(Module):
         self._seen_ns: int | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the demand."""
+        """Publish the demanded direction (0.1 mrad): that of a new image, or of the approach; see the head of the file.
+
+        For a second after the last image, publish nothing.
+        """
         angles = numbers(inputs, "image_angles", 2)
         if angles is not None:
             self._seen_ns = self.ctx.now_ns

@@ -6,15 +6,16 @@ The devices are those of the shipped spec `big_blue`. Their readings and errors 
 Balloon. The gas lifts 12 N more than the weight, at any height. The bag grows as the air thins, so its drag falls with
 the third root of the density: the aircraft rises at 5 m/s near the ground, and at 7 m/s at 20 km. The line pulls above
 the centre of gravity. A burn wire cuts the line for good. A charge opens the parachute for good, and folds the wings.
-Wings with less than the pressure of firm wings carry only that share of their forces, until light has cured their skin.
+Wings whose pressure is less than 430 hPa carry only the share pressure / 430 hPa of their full forces, until light has
+cured their skin.
 
-Time. On the line the surfaces have no effect, so nothing is lost if this hour passes faster than the avionics' clock.
-The plant makes `pace` steps there for each step of the avionics. It keeps to the avionics' clock near the ground, above
-the lowest height at which the line may be cut, and while the valve inflates the wings. All angular rates are measured
-by the avionics' clock.
+Time. While the aircraft hangs on the line, its surfaces have no effect. So nothing is lost if this hour passes faster
+than the avionics' clock: the plant makes `pace` steps for each step of the avionics. The plant keeps to the avionics'
+clock in three cases: near the ground, near and above the lowest height at which the line may be cut, and while the
+valve inflates the wings. Angular rates are given per second of the avionics' clock.
 
-Inertial units. The gyros of this aircraft give the rates of the pitch and roll angles; its accelerometers are corrected
-with the airspeed for the acceleration of the path. So the unit does not take a turn for level flight.
+Inertial units. The gyros of this aircraft give the rates of the pitch and roll angles. The acceleration of the path is
+removed from the readings of the accelerometers, by the airspeed. So the unit does not mistake a turn for level flight.
 """
 
 import math
@@ -47,8 +48,8 @@ _WEIGHT_N = 5.5 * 9.80665
 _FREE_LIFT_N = 12.0
 _BAG_DRAG = 0.48  # N per (m/s)^2 at sea level: 5 m/s with the free lift
 _FIRM_HPA = 430.0
-_CURES_S = 12.0  # under pressure in the light; shortened like the dose that the avionics wait for
-_LEAST_WINGS = 0.06  # of folded wings
+_CURES_S = 12.0  # time under pressure until light has cured the skin; shortened, like the dose in the avionics
+_LEAST_WINGS = 0.06  # share of their full forces that folded wings carry
 _CHUTE_OPENS_S = 1.0
 _QUICK_ABOVE_M, _QUICK_BELOW_M = 50.0, 19_300.0  # heights above the field between which time may pass faster
 _NEAR_GROUND_FT = 6.0
@@ -79,7 +80,7 @@ _STARTS: dict[Start, _StartingPoint] = {
 class Motion:
     """State of the aircraft from which sensors make their readings.
 
-    The fields are named as in the scripted `Moment`.
+    The fields have the names of those of `Moment` (`heronry_tools.aircraft.plant.flight`).
     """
 
     time_s: float
@@ -199,9 +200,9 @@ class BigBluePlant:
 
     @property
     def world_s(self) -> float:
-        """Return the time since the start in the plant, in s.
+        """Return the plant's time since the start, in s.
 
-        On the line it passes faster there than on the avionics' clock.
+        While the aircraft hangs on the line, this time passes faster than the avionics' clock.
         """
         return self._steps / STEPS_PER_S
 
@@ -259,7 +260,7 @@ class BigBluePlant:
         dt_s = 1.0 / STEPS_PER_S
         servos.step(dt_s)
         fdm["fcs/elevator-cmd-norm"] = servos.surfaces["elevator"].position / _STOP_DEG
-        fdm["fcs/rudder-cmd-norm"] = -servos.surfaces["rudder"].position / _STOP_DEG  # JSBSim's yaws left
+        fdm["fcs/rudder-cmd-norm"] = -servos.surfaces["rudder"].position / _STOP_DEG  # positive in JSBSim: yaws left
         if self._air is not None:
             self._air.step(model, fdm["position/h-agl-ft"] * M_PER_FT)
         if self._chute_fired and self.chute < 1.0:
@@ -327,7 +328,7 @@ class BigBluePlant:
         if device == "gps":
             time_ns -= time_ns % GPS_PERIOD_NS
         if device in ("command_receiver", "console"):
-            return (0, 0)  # nobody on the ground gives a command
+            return (0, 0)  # the ground gives no command
         return reading(Surroundings(device, time_ns, self._moved(), self._position, _still, self._seed))
 
     def _position(self, mechanism: str) -> float:

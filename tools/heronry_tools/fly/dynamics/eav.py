@@ -40,19 +40,19 @@ _SURFACE_DEG_PER_S = 300.0
 _THROTTLE_PER_S = 2.0
 _HEAD_RAD_PER_S = 1.5
 _HEAD_START_RAD = (0.0, 0.08)
-_FULL_TRIM = 1  # JSBSim's name for all axes
+_FULL_TRIM = 1  # JSBSim's number for a trim of all axes
 _INERTIAL_EVERY = 3  # steps of the model between two samples: 40 Hz
-_POSITION_EVERY = 12  # 10 Hz
+_POSITION_EVERY = 12  # steps of the model between two positions of a receiver: 10 Hz
 _FAST_S, _SLOW_S = _INERTIAL_EVERY / STEPS_PER_S, _POSITION_EVERY / STEPS_PER_S
 _CONTACTS = {
-    name: f"{kind}/unit[{index}]/WOW"  # JSBSim counts wheels and structure through
+    name: f"{kind}/unit[{index}]/WOW"  # JSBSim numbers wheels and structure in one sequence
     for index, (kind, name) in enumerate(
         [("gear", name) for name in ("nose_wheel", "left_wheel", "right_wheel")]
         + [("contact", name) for name in ("propeller", "tail", "left_tip", "right_tip")]
     )
 }
 _INERTIAL = (
-    # property of JSBSim, factor to the unit of the reading, white noise, bias in that unit
+    # Property of JSBSim, factor to the unit of the reading; standard deviations, in this unit, of white noise and bias.
     ("velocities/p-rad_sec", math.degrees(1000.0), 200.0, 50.0),
     ("velocities/q-rad_sec", math.degrees(1000.0), 200.0, 50.0),
     ("velocities/r-rad_sec", math.degrees(1000.0), 200.0, 50.0),
@@ -87,7 +87,7 @@ class EavPlant:
         """Place the aircraft in trimmed flight on final approach.
 
         start_m: x, y and height
-        corrections_lost_s: from when on the differential receiver is inaccurate; None if it stays accurate
+        corrections_lost_s: time of the flight from which the differential receiver is inaccurate; None: it never is
         height_bias_m: a constant error of the differential receiver's height, in addition to its usual errors
         perfect: whether all sensors but the camera have no errors
         held: whether the aircraft is held at its start until `release`; its sensors and servos work meanwhile

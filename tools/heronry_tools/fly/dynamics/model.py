@@ -1,12 +1,12 @@
 """Loads an aircraft into JSBSim without its banner, and converts the units of JSBSim.
 
-JSBSim prints a banner, unless `JSBSIM_DEBUG` is 0 in the environment before its first object is made. JSBSim accepts
-misspelt properties without a message, so `Model.put` checks that a property exists before it is written.
+JSBSim prints a banner, unless `JSBSIM_DEBUG` is 0 in the environment before the first object of JSBSim is made. JSBSim
+accepts misspelt properties without a message, so `Model.put` checks that a property exists before it is written.
 
-The force of a wheel in JSBSim is that of its spring over the squared cosine of the tilt. So it has no limit for an
-aircraft that lies on its side: in one step such an aircraft would be thrown away with thousands of metres per second,
-and soon all its state would be NaN. So the wheels carry nothing beyond a tilt of 60 degrees, and the aircraft lies on
-its structure. For this, all wheels and skids in an aircraft file must be `retractable`.
+In JSBSim, the force of a wheel is the force of its spring, divided by the squared cosine of the tilt. This force has no
+limit for an aircraft that lies on its side: in one step the aircraft would get a speed of thousands of metres per
+second, and soon all its state would be NaN. Therefore `Model.step` retracts the wheels beyond a tilt of 60 degrees, and
+the aircraft lies on its structure. For this, all wheels and skids in an aircraft file must be `retractable`.
 """
 
 import math
@@ -22,8 +22,8 @@ _MODELS = Path(__file__).parent / "models"
 # WGS 84 at the equator, where the runway lies: metres per radian of latitude and of longitude
 _M_PER_RAD_NORTH = 6_335_439.3
 _M_PER_RAD_EAST = 6_378_137.0
-_LEAST_COSINE = 0.5  # of the tilt at which wheels still carry
-_FASTEST_M_PER_S = 1_000.0  # of a model that has not diverged
+_LEAST_COSINE = 0.5  # least cosine of the tilt at which the wheels carry
+_FASTEST_M_PER_S = 1_000.0  # a model that is faster has diverged
 
 
 class Air(Protocol):
@@ -69,7 +69,7 @@ class Model:
 
     def put(self, name: str, value: float) -> None:
         """Set a property of JSBSim; raises KeyError if JSBSim does not have it."""
-        self.fdm[name]  # JSBSim would create it
+        self.fdm[name]  # raises KeyError; the next line alone would create the property
         self.fdm[name] = value
 
     def start(self, *, north_m: float, east_m: float, up_m: float, airspeed_m_per_s: float, heading_deg: float) -> None:
@@ -92,7 +92,7 @@ class Model:
     def step(self) -> None:
         """Advance JSBSim by one step.
 
-        Raises UserError if the model has diverged, then in each later step too.
+        Raises UserError if the model has diverged; from then on each step raises it.
         """
         fdm = self.fdm
         is_upright = math.cos(fdm["attitude/phi-rad"]) * math.cos(fdm["attitude/theta-rad"]) > _LEAST_COSINE
@@ -100,7 +100,7 @@ class Model:
             self._wheels_carry = is_upright
             fdm["gear/gear-pos-norm"] = 1.0 if is_upright else 0.0
         fdm.run()
-        if self._has_diverged or not fdm["velocities/vt-fps"] * M_PER_FT < _FASTEST_M_PER_S:  # nor is NaN
+        if self._has_diverged or not fdm["velocities/vt-fps"] * M_PER_FT < _FASTEST_M_PER_S:  # true for NaN, too
             self._has_diverged = True
             raise UserError(
                 f"the flight model of '{self._aircraft}' has diverged (seed {self._seed}, after "

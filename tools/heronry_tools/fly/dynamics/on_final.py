@@ -12,9 +12,11 @@ from heronry_tools.fly.record import Recorder
 
 
 def eav_on_final(mission: Mission, recorder: Recorder, probe: LatencyProbe | None, *, held: bool = False) -> EavPlant:
-    """Return the plant of a mission; `recorder` gets its state near the ground, `probe` steps its pitch rate.
+    """Return the plant of a mission.
 
-    held: whether the aircraft is held at its start until `EavPlant.release`.
+    recorder: gets the state of the aircraft after each step near the ground
+    probe: adds steps to the measured pitch rate; None if the mission measures no latencies
+    held: whether the aircraft is held at its start until `EavPlant.release`
     """
     if probe is not None:
         return EavPlant(mission.seed, perfect=True, held=held, watch=recorder.watch, probe=probe)

@@ -16,7 +16,7 @@ from heronry_tools.fly.live.shared_readings import Reader
 
 FOLDER = "HERONRY_FLIGHT"
 READINGS, COMMANDS = "readings", "commands"
-_OLDEST_NS = 500_000_000  # readings of a plant process that is gone are none
+_OLDEST_NS = 500_000_000  # an older reading is not used: the plant process has stopped
 
 
 class FlightDevice:
@@ -37,7 +37,7 @@ class FlightDevice:
         return Reading(value, snapshot.time_ns, value is not None)
 
     def command(self, value: Value, now_ns: int) -> Value | None:  # noqa: ARG002 - the plant process has a clock
-        """Send a command and return it; None if the actuator accepts none or it could not be sent."""
+        """Send a command and return it; None if the actuator accepts no command or the command could not be sent."""
         if self._name in self._driver.reader.newest().refusing or not self._driver.send(self._name, value):
             return None
         return value
@@ -60,7 +60,7 @@ class FlightDriver:
         self._socket.connect(str(folder / COMMANDS))
 
     def open(self, name: str) -> FlightDevice:
-        """Give a device."""
+        """Give the sensor or actuator of this name."""
         return FlightDevice(self, name)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:  # noqa: ARG002
@@ -68,7 +68,7 @@ class FlightDriver:
         return frozenset()
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Ignore an echo."""
+        """Ignore an output echo: the plant process itself gets every command."""
 
     def send(self, device: str, value: Value) -> bool:
         """Send a command; return False if it could not be sent at once."""

@@ -1,7 +1,7 @@
 """One landing in real time: processes for the plant, for a manager and for an agent per PE, on software buses.
 
-The aircraft is held in place until the first configuration runs and its servos are driven. Faults are injected at a
-time of the flight, or below a height. A fault of a PE kills its process; a fault of a device happens in the plant
+The aircraft is held in place until the first configuration runs and all its surfaces are driven. Faults are injected at
+a time of the flight, or below a height. A fault of a PE kills its process; a fault of a device happens in the plant
 process; a fault of a bus happens in its hub. All processes end with the flight, however the flight ends (`Fleet`).
 """
 
@@ -38,7 +38,7 @@ def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | 
     """Fly a mission, and return the last JSON message of the plant process, with the places of the last plan.
 
     record_file: where the plant process writes the record of the flight, as JSON
-    Raises UserError if a process ends early.
+    Raises UserError if the mission has a fault that cannot be injected, or if a process fails or ends early.
     """
     unfit = [str(blow) for blow in mission.blows if blow.element.startswith("bus:")]
     if unfit:
@@ -72,7 +72,7 @@ def _deed(act: Fault) -> Deed:
 
 
 class _Plant:
-    """The plant process."""
+    """Starts the plant process, exchanges messages with it, and ends it."""
 
     def __init__(self, folder: Path, mission: Mission, record_file: Path | None) -> None:
         form = {
@@ -117,7 +117,7 @@ class _Plant:
         return self._reader.newest().height_m
 
     def fail(self, device: str, how: str) -> None:
-        """Make a device fail."""
+        """Make a device of the plant fail; `how` is a `Failure`."""
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps({"fail": device, "how": how}).encode() + b"\n")
         self._process.stdin.flush()
@@ -158,7 +158,7 @@ class _Flight:
                     self._places = place_labels(event["plan"])
             problem = self._fleet.ended()
             if problem is None and self._released_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
-                problem = f"no servo was driven within {_LONGEST_START_S:.0f} s"
+                problem = f"not every control surface was driven within {_LONGEST_START_S:.0f} s of the start"
             if problem is not None:
                 raise UserError(problem)
             self._inject_due()

@@ -6,12 +6,12 @@ MISSION is a JSON object {"seed", "wind", "corrections_lost_s", "longest_s", "pr
 at its start until every surface has been driven for a second. In that time, which may be long on a busy computer, the
 agents load the code of their modules. Surfaces, head and camera work meanwhile, so no monitor finds a fault. Inertial
 units and pitots read level flight at reference speed, without speed over ground and without errors. With any other
-reading the control loops would integrate an error that they cannot mend, and the aircraft would begin with the elevator
-far from its trim.
+reading the control loops would integrate an error that they cannot reduce while the aircraft is held. The aircraft
+would then begin with the elevator far from its trim.
 
-Standard output gets two JSON lines: `{"released_ns"}` when the aircraft is released, and at the end one with the
-touchdown and with the delays of the process, or `{"problem"}`: why the flight could not go on. Standard input takes
-lines `{"fail": DEVICE, "how": HOW}`; when it is closed, the process ends.
+Standard output gets two JSON lines. The first is `{"released_ns": TIME}`, when the aircraft is released. The last one
+has the touchdown and the delays of the process; if the flight could not go on, it is `{"problem": REASON}` instead.
+Standard input takes lines `{"fail": DEVICE, "how": HOW}`; when standard input is closed, the process ends.
 """
 
 import json
@@ -164,7 +164,7 @@ def _say(what: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Run the process."""
+    """Fly the mission of the command line; a UserError is written to standard output as `problem`."""
     form = json.loads(sys.argv[2])
     mission = Mission(
         seed=form["seed"],

@@ -1,9 +1,9 @@
-"""Readings of all devices in a file that processes share: one writes it 120 times a second, the others read it.
+"""Readings of all devices in a file that processes share: one process writes it 120 times a second, the others read it.
 
 A reader must never wait for the writer (`heronry_agent.device`). So the file has several slots, and a number at its
 head that counts the writes. The writer fills the slot after the newest one, then increments the number. A reader copies
-the slot that the number points to. If the writer has come so far meanwhile that it may have overwritten this slot, the
-reader copies again.
+the slot that the number points to. Then it reads the number again. If the writer may have overwritten the slot
+meanwhile, the reader copies again.
 
 The file is complete before it gets its name, so a reader finds either all of it or no file.
 """
@@ -28,7 +28,7 @@ class Snapshot(NamedTuple):
     """The readings of all devices at one time."""
 
     time_ns: int  # on the monotonic clock of this computer
-    height_m: float
+    height_m: float  # of the wheels above the runway
     readings: Mapping[str, Value | None]
     refusing: frozenset[str]  # actuators that take no command
 

@@ -1,7 +1,7 @@
 """A panel in SVG: two axes with units, and the curves between them.
 
-The colours are those of Okabe and Ito, which people with the common kinds of colour blindness can tell apart; lines
-have different dashes too. Sizes are for a picture 1 000 px wide.
+People with the common kinds of colour blindness can tell the colours apart (most are those of Okabe and Ito). Lines
+have different dashes, too. Sizes are for a picture 1 000 px wide.
 """
 
 import math
@@ -34,7 +34,7 @@ _Row = TypeVar("_Row")
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Maps a range of values to a range of pixels; a range with equal ends is widened."""
+    """Maps a range of values to a range of pixels; `least` and `most` must differ."""
 
     least: float
     most: float
@@ -55,7 +55,10 @@ class Scale:
 
 
 def span(values: Iterable[Value], *, least: float = 0.0, margin: float = 0.05) -> tuple[float, float]:
-    """Return a range that contains all values with a margin, and is at least `least` wide."""
+    """Return a range that contains all finite values with a margin, and is at least `least` wide.
+
+    margin: on each side, as a share of the width.
+    """
     known = [value for value in values if value is not None and math.isfinite(value)]
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
     lacking = max(least - (high - low), 0.0) / 2.0
@@ -66,7 +69,7 @@ def span(values: Iterable[Value], *, least: float = 0.0, margin: float = 0.05) -
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A panel in a picture; `top` and `height` are in px, the labels name the units."""
+    """A panel in a picture: its two scales, and the names of its axes with their units."""
 
     across: Scale
     up: Scale
@@ -86,7 +89,7 @@ class Panel:
         return f'<polygon points="{" ".join(ahead + back[::-1])}" fill="{colour}" fill-opacity="0.22"/>'
 
     def points(self, xs: Sequence[float], ys: Sequence[float], colour: str, shape: str = "circle") -> Iterator[str]:
-        """Draw single points: circles, or crosses for landings that failed."""
+        """Draw single points: circles, or with any other `shape` crosses."""
         for x, y in zip(xs, ys, strict=True):
             across, up = self.across.px(x), self._held(y)
             if shape == "circle":
@@ -96,14 +99,18 @@ class Panel:
                 yield f'<path class="series" stroke="{colour}" d="{way}"/>'
 
     def box(self, x: tuple[float, float], y: tuple[float, float], fill: str, opacity: float = 1.0) -> str:
-        """Fill a rectangle."""
+        """Fill the rectangle between the values `x` and `y`, each from one edge to the other."""
         left, right = sorted(self.across.px(value) for value in x)
         top, bottom = sorted(self._held(value) for value in y)
         size = f'width="{right - left:.1f}" height="{bottom - top:.1f}"'
         return f'<rect x="{left:.1f}" y="{top:.1f}" {size} fill="{fill}" fill-opacity="{opacity}"/>'
 
     def frame(self, *, names_across: bool = True, ticks_up: int = 5) -> Iterator[str]:
-        """Draw the grid, the ticks with their numbers, and the names of the axes."""
+        """Draw the grid, the ticks with their numbers, and the names of the axes.
+
+        names_across: whether the horizontal axis gets numbers and a name
+        ticks_up: about how many ticks the vertical axis gets
+        """
         left, right = self.across.begin_px, self.across.end_px
         bottom, top = self.up.begin_px, self.up.end_px
         for value in self.across.ticks(10):
@@ -139,12 +146,17 @@ class Panel:
 def panel(
     across: tuple[float, float], up: tuple[float, float], labels: tuple[str, str], top: float, height: float
 ) -> Panel:
-    """Return a panel as wide as the picture."""
+    """Return a panel as wide as the picture.
+
+    across, up: ranges of values
+    labels: names of the horizontal and of the vertical axis
+    top, height: in px
+    """
     return Panel(Scale(*across, LEFT, WIDTH - RIGHT), Scale(*up, top + height, top), *labels)
 
 
 def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") -> str:
-    """Write text at a position in px."""
+    """Write text at a position in px; `kind` is a class of `STYLE`."""
     name = f' class="{kind}"' if kind else ""
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{name}>{escape(words)}</text>'
 

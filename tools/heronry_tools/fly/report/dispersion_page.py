@@ -28,12 +28,12 @@ from heronry_tools.fly.report.axes import (
 from heronry_tools.fly.report.flight_page import page
 
 _BIN_M = 0.5
-_FEWEST = 3  # flights of a bin that has a share
+_FEWEST = 3  # a bin with fewer flights is not drawn
 
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """What the report needs to know of one flight."""
+    """What the report shows of one flight."""
 
     seed: int
     touchdown: Touchdown | None

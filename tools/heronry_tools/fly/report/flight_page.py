@@ -1,8 +1,8 @@
-"""The report of one flight: its ground track, and panels over time for profile, speeds, errors, loads and places.
+"""The report of one flight: the ground track, and panels over time for height, speeds, errors, loads and places.
 
-The panel of places shows the PE of each module. Marks (faults, reconfigurations, touchdown) are numbered lines through
-all panels, and a table explains the numbers. Shaded strips at the top of the profile show modes or phases. A panel
-without data is left out.
+The panel of places shows the PE and mode of each module. Marks (faults, reconfigurations, touchdown) are numbered lines
+through all panels, and a table explains the numbers. In the panel of the height, shaded strips show the stages of the
+landing or the phases. A panel without data is left out.
 """
 
 import math
@@ -167,7 +167,11 @@ class _Series:
 
 @dataclass(frozen=True, slots=True)
 class _Chart:
-    """One panel over time: its lines, and a band around zero from low to high values."""
+    """One panel over time: its lines, and a band between low and high values.
+
+    least: least width of the range of values
+    height: in px
+    """
 
     label: str
     series: tuple[_Series, ...]
@@ -210,7 +214,7 @@ def _reach(chart: _Chart) -> tuple[float, float]:
     values = [value for series in chart.series for value in series.values]
     if chart.band is None:
         return span(values, least=chart.least)
-    # An error around zero: as far as the error goes, and so far that the usual band is seen as well.
+    # The range is symmetric around zero, contains the error and the median of the band, and ends at _LARGEST_ERROR_M.
     band = sorted(value for value in chart.band[1] if value is not None)
     usual = band[len(band) // 2] if band else 0.0
     far = max([chart.least / 2.0, 1.2 * usual, *(1.1 * abs(value) for value in values if value is not None)])
