@@ -1,11 +1,16 @@
-"""Every regular message on a bus, data and management, with its worst-case response time.
+"""Every regular message on a bus, with its identifier and its worst-case response time.
 
-The frames are those of semantics rule 9 (`response_times`), listed under their identifiers: all data, and the
-management frames with a higher priority than data. These management frames are LEASE and ALIVE of a manager, and the
-state of each PE on the bus. CANopen heartbeats, once a second, have a lower priority than data. Semantics rule 9 does
-not count them one by one: one 8-byte frame that has just started stands for all frames below the data. A response time
-counts from when a message is due at its source, so the response time of a datum on its second bus includes its response
-time on the first bus.
+The regular messages of a bus are, in the order of their priority:
+
+    management   LEASE and ALIVE of a manager, and the state of each PE on the bus
+    data         everything that modules publish on the bus
+    heartbeat    the CANopen heartbeats, once a second
+
+Response times of data are those of semantics rule 9 (`response_times`). This rule does not count heartbeats one by one:
+one 8-byte frame that has just started stands for all frames with a lower priority than data.
+
+A response time counts from the moment at which a message is due at its source. So the response time of a datum on its
+second bus includes the response time on its first bus.
 
 Messages that are not regular are not listed: PREPARE, SLICE, ACTIVATE, PING, EMCY and CONTROL use the bandwidth of the
 reserve, and output echoes have a lower priority than everything else.
@@ -135,9 +140,9 @@ def _datum(
 
 
 def _arrives(hop: Hop, responses: _Responses) -> int | None:
-    """Give the longest time in ns from source to this hop's bus; None where it is unbounded.
+    """Give the longest time in ns from the source to the end of the hop before this one; None if it is unbounded.
 
-    A wireless bus before this one adds nothing, as it is not analysed.
+    The time is 0 for the first hop, and for a hop after a wireless bus, since wireless buses are not analysed.
     """
     before = responses.get((hop.producer, hop.variable, hop.after)) if hop.after is not None else None
     return 0 if before is None else before.response_ns

@@ -24,7 +24,7 @@ class Running:
 
     pe: str
     mode: str
-    inputs: Mapping[str, Wire] = field(default_factory=dict)  # leaf path -> wire; without the leaves that are not wired
+    inputs: Mapping[str, Wire] = field(default_factory=dict)  # leaf path -> wire, for the leaves that are wired
 
 
 @dataclass(frozen=True, slots=True)

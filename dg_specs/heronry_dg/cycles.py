@@ -1,7 +1,7 @@
 """Finds cycles in a directed graph: the nodes that lie on a cycle, and a shortest cycle to show.
 
-A graph is a map from each node to the nodes that it points to. Nothing here is recursive, since a hostile spec may hold
-a chain as long as the file.
+A graph is a map from each node to the nodes that it points to. No function here is recursive, since a hostile spec may
+hold a chain of nodes that is as long as the file.
 """
 
 from collections import deque
@@ -14,7 +14,8 @@ N = TypeVar("N")
 def components(graph: Mapping[N, Collection[N]]) -> list[list[N]]:
     """Give the strongly connected components of a graph (Tarjan 1972).
 
-    A component comes after those to which its nodes point; its nodes are in the order of the graph.
+    A component comes after the components to which its nodes point. The nodes of a component are in the order of the
+    graph.
     """
     return _Tarjan(graph).found()
 

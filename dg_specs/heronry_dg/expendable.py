@@ -1,9 +1,11 @@
 """Which modules stop while no manager is heard: those that serve nothing critical (`without_manager: safe_mode`).
 
-A function is critical here if it has class A to D in any phase in which it is wanted. Other phases than the present one
-count because a later phase should find its functions running. A module of a configuration is *expendable* unless it is
-an output of a critical function, or a module that is not expendable reads from it. So the modules that keep running
-read nothing from the modules that stop, and their gates hold as before.
+A function is critical here if it has class A to D in any phase in which it is wanted. All phases count, and not only
+the present one, so that the functions of a later phase already run when that phase begins.
+
+A module of a configuration keeps running if it is an output of a critical function, or if a module that keeps running
+reads its data. All other modules are *expendable*. So the modules that keep running read nothing from the modules that
+stop, and their gates hold as before.
 """
 
 from heronry_dg.configuration import Configuration

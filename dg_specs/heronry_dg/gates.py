@@ -6,8 +6,8 @@ only names in a tree are those of variables. A leaf is addressed by its index pa
 
 A leaf holds iff it is wired. A gate holds iff the number of its inputs that hold lies between the two numbers of
 `bounds`; everything else about a gate follows from these numbers. So a new kind of gate needs a class, a case in
-`bounds` and in `words`, and a syntax (`expression_reader`, `check.json_schema`). A DEMUX is no node of the tree: the
-leaf of each of its branches carries the DEMUX's name.
+`bounds` and in `words`, and a syntax (`expression_reader`, `check.json_schema`). A DEMUX is no node of a tree. Instead,
+the expression of each branch has a leaf that carries the name of the DEMUX.
 
 Source: the paper, section 3.1 and Figure 2; the numbers (worth, accepted versions) are this project's.
 """
@@ -33,7 +33,7 @@ class Leaf:
         return self.best <= version <= self.worst
 
     def is_open_in(self, phase: str | None) -> bool:
-        """Tell whether the leaf may be wired in a phase (None: no phase is meant, so that every leaf is open)."""
+        """Tell whether the leaf may be wired in a phase; if the phase is None, `only_in` is ignored."""
         return self.only_in is None or phase is None or phase in self.only_in
 
     def closed(self) -> "Leaf":

@@ -1,8 +1,13 @@
 """Loads a spec: from bytes to a checked `model.Spec`, or to a `SpecError` with all findings.
 
-The stages: bytes -> tree with places (yaml_source) -> elements with exact fields (draft, schema, quantities) -> gates
-written out (expression_reader, gate_rules), and names and numbers checked against one another (reference_rules) -> the
-model -> the paths behind DEMUXes (demux_paths). This file builds the model, only if there are no findings that stop it.
+The stages, each with the files that do it:
+
+    yaml_source                      reads the bytes into a tree of values with their places in the file
+    draft, schema, quantities        read elements and their fields, in exact numbers
+    reference_rules                  checks names and numbers against one another
+    expression_reader, gate_rules    read gates, write named gates out, and check the gates
+    this file                        builds the model, but only if no finding stops the spec from being loaded
+    demux_paths                      checks the paths behind DEMUXes in the model
 """
 
 import gc
@@ -49,7 +54,7 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A spec, with the draft and the gates from which it was built; these two have the places in the file."""
+    """A spec, with the draft and the gates from which it was built; draft and gates have the places in the file."""
 
     draft: Draft
     gates: Gates
@@ -94,7 +99,7 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     root = yaml_source.read_tree(data, findings)
     draft = read_draft(root, findings) if root is not None else None
     if draft is None or not draft.readable:
-        return None  # without the section, every name in it would look unknown
+        return None  # if a section cannot be read, every name that it declares would look unknown
     check_references(draft, findings)
     gates = read_gates(draft, findings)
     if findings:
@@ -269,7 +274,7 @@ def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
 
 
 def _of(value: V | None) -> V:
-    """Give `value`, which only a spec with findings may lack; raises an internal error if it is None."""
+    """Return `value`; raises AssertionError for None, which can occur only in a spec with findings."""
     if value is None:
         raise AssertionError("a spec without findings lacks a value")
     return value

@@ -5,9 +5,13 @@ bit/s, times in nanoseconds. Shares (`max_load`, `reserve`) are exact fractions.
 and that order carries meaning: modes are listed best first, the first phase is the initial one, the first branch of a
 DEMUX (with `to`: the first end) is its primary, and ties in identifier allocation go to the earlier name.
 
-The loader ensures that in every `Spec` names are unique within their kind, every name that is used exists, the buses
-form a forest over the PEs, every wiring cycle passes through a variable with an `initial` value, gates have legal
-arities, and a DEMUX has at least two branches, and as many ends, of which each belongs to one branch (`demux_paths`).
+The loader ensures of every `Spec`:
+
+- Names are unique within their kind, and every name that is used exists.
+- The buses form a forest: between two PEs there is at most one route.
+- Every cycle of wires passes through a variable with an `initial` value.
+- Every gate has a legal number of inputs.
+- A DEMUX has at least two branches, and one end for each branch (`demux_paths`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -133,7 +137,7 @@ class Module:
 
 @dataclass(frozen=True, slots=True)
 class Demux:
-    """A gate that lets at most one of its branches, which are modules, run; a branch may begin a path of modules."""
+    """A gate of which at most one branch runs; a branch is a module, and may begin a path of modules."""
 
     name: str
     variable: str
@@ -142,15 +146,18 @@ class Demux:
 
     @property
     def ends(self) -> tuple[str, ...]:
-        """Modules of which one runs while the DEMUX serves a function: `to`, or else the branches.
+        """Modules of which one runs while the DEMUX serves a function, the preferred module first.
 
-        The preferred one first.
+        These are the modules of `to`; if `to` is empty, they are the branches.
         """
         return self.to or self.branches
 
     @property
     def exclusives(self) -> Mapping[str, tuple[str, ...]]:
-        """Give each set of modules of which at most one may run, under the name of the thing that they drive."""
+        """Give the branches under the name of the DEMUX, and the modules of `to`, if there are any, under `NAME.to`.
+
+        At most one module of each of these groups may run.
+        """
         things = {self.name: self.branches}
         return {**things, f"{self.name}.to": self.to} if self.to else things
 
@@ -187,7 +194,7 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """The rule of a phase: it is entered once `variable` has been beyond the threshold for `hold_ns`."""
+    """The rule of a phase: the phase is entered once `variable` has been beyond the threshold for `hold_ns`."""
 
     variable: str
     above: Fraction | None
@@ -248,7 +255,10 @@ class Spec:
     plants: Mapping[str, Plant] = field(default_factory=dict)
 
     def exclusive_things(self) -> dict[str, tuple[str, ...]]:
-        """Give, for each branch or end of a DEMUX, the names of the things that only one module at a time may drive."""
+        """Give for each module that is a branch or an end of a DEMUX the names of its groups in `Demux.exclusives`.
+
+        At most one module of a group may run.
+        """
         things: dict[str, tuple[str, ...]] = {}
         for demux in self.demuxes.values():
             for thing, modules in demux.exclusives.items():
@@ -263,8 +273,8 @@ class Spec:
     def in_phase(self, phase: str | None) -> "Spec":
         """Give the spec as a planner sees it in a phase.
 
-        An input that `only_in` restricts to other phases accepts nothing. Where there is no such input, the result is
-        the same object.
+        An input that `only_in` restricts to other phases accepts no version. If there is no such input, the result is
+        this object itself.
         """
         closed = {
             module.name: module.in_phase(phase)

@@ -1,9 +1,9 @@
 """Checks between the elements of a spec, except gates: names refer to something, and numbers fit one another.
 
-Each rule reads the draft and adds findings. A rule skips broken elements, which already have a finding; a reference to
-a broken element is correct, since the name exists.
+Each check reads the draft of the spec (`draft`) and adds findings. A check skips every element with a mistake in its
+fields, since that mistake already has a finding. A reference to such an element is correct, since its name exists.
 
-Source: docs/semantics.md, section 1; the identifier plan (node-IDs, standard identifiers) is heronry_wire's.
+Source: docs/semantics.md, section 1; heronry_wire defines the ranges of node-IDs and of standard identifiers.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -29,7 +29,7 @@ F = TypeVar("F", bound=Form)
 
 
 def check_references(draft: Draft, findings: Findings) -> None:
-    """Apply every rule of this file."""
+    """Check all elements of a draft against one another, and add a finding for each mistake."""
     assess = _ReferenceRules(draft, findings)
     assess.buses()
     assess.pes()
@@ -147,7 +147,10 @@ class _ReferenceRules:
                 )
 
     def modules(self) -> None:
-        """Check that devices, PEs and given variables exist, a device's PE is allowed, and versions are in range."""
+        """Check that everything exists that modules, their modes and DEMUXes name, except in gates.
+
+        A given version must be one of the variable's. If a module has a device, `runs_on` must allow the device's PE.
+        """
         for module in self._draft.modules.values():
             if module.form is not None:
                 self._module_place(module, module.form)
@@ -175,7 +178,7 @@ class _ReferenceRules:
                 self._phase_keys(function, field, by_phase)
 
     def phases(self) -> None:
-        """Check that phase rules watch a number in one direction, and that the phases to plan for exist."""
+        """Check that each phase rule compares one number with one threshold, and that the phases to plan for exist."""
         for phase, form in _whole(self._draft.phases):
             if phase.name == DEFAULT_PHASE:
                 sentence = f"a phase cannot be named '{phase.name}'"
@@ -288,7 +291,7 @@ class _Forest:
 
 
 def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
-    """Convert an `initial` of the file to its value in the model; raises TypeError for a value of no data type."""
+    """Convert an `initial` value of the file to the model; raises TypeError if no data type can carry the value."""
     match value:
         case bool() | dict():
             raise TypeError(f"no data type can carry {shown(value)}")

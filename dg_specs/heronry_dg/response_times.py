@@ -1,14 +1,14 @@
 """Computes how late a datum can arrive, by response-time analysis of every bus (semantics rule 9).
 
-The analysis itself is `heronry_wire.timing`; this file gives it the frames on each wired bus, by priority. First come
-the management frames: in each heartbeat period one 8-byte frame per PE of the bus (even of a PE that is down, since it
-may come back) and two frames of the manager. Then come the data by identifier. Last comes one 8-byte frame of lower
-priority that has just started.
+The analysis itself is `heronry_wire.timing`; its input is the list of frames on a wired bus, by priority. This file
+makes the list. First come the management frames: in each heartbeat period one 8-byte frame per PE of the bus (even of a
+PE that is down, since the PE may come back) and two frames of the manager. Then come the data by identifier. Last comes
+one 8-byte frame of lower priority that has just started.
 
-The delay of a datum on one bus is its jitter on the next, so a response time counts from the source. A wireless bus is
-not analysed and adds nothing. Data may cross two buses in both directions, so the analysis of all buses is repeated
-until no jitter changes. This ends, because only data with smaller identifiers delay a datum, and a datum has the same
-identifier on every bus.
+The delay of a datum on one bus is its jitter on the next bus, so a response time counts from the source. A wireless bus
+is not analysed and adds no delay. Some data may cross two buses in one direction, and other data in the other. So the
+analysis of all buses is repeated until no jitter changes. The repetition ends, because only data with smaller
+identifiers delay a datum, and a datum has the same identifier on every bus.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -186,7 +186,7 @@ def _period_ns(spec: Spec, hop: Hop) -> Fraction:
 def _deadline_ns(spec: Spec, hop: Hop) -> Fraction:
     """Deadline of a datum in ns, counted from when it is due.
 
-    The period of the datum where the spec gives no deadline.
+    If the spec gives no deadline, the result is the period of the datum.
     """
     given = spec.variables[hop.variable].deadline_ns
     return _period_ns(spec, hop) if given is None else Fraction(given)

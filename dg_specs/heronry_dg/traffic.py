@@ -5,8 +5,8 @@ PEs, once per bus, however many consumers there are (semantics rule 7). A `Hop` 
 Bandwidth is the worst-case number of bits of a frame times the rate, in thousandths of a bit/s, and exact.
 
 A source has the same identifier on every bus. The best producer of a variable has the variable's standard identifier.
-The other identifiers are allocated in the order of criticality: the best criticality of the functions that the producer
-could serve in any phase and in any mode.
+The other identifiers are allocated in the order of the producers' criticality. The criticality of a producer is the
+best one of all functions that it could serve, in any phase and in any mode.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -45,7 +45,7 @@ def source_mbit_per_s(spec: Spec, variable: str, mode: Mode) -> int:
 
 
 def hops(left: Survivors, configuration: Configuration) -> tuple[Hop, ...]:
-    """Give the hops of every source, in order of first use; a wire without a route has none."""
+    """Give the hops of every source, in order of first use; a wire without a route gives no hops."""
     found: dict[Hop, None] = {}
     for consumer, _, wire in configuration.wires():
         producer = configuration.modules.get(wire.producer)
@@ -108,7 +108,7 @@ def criticality_ranks(spec: Spec) -> dict[str, int]:
 def best_rank(spec: Spec, function: Function) -> int:
     """Best criticality, 0 (A) to 4 (E), of a function over the phases in which it is wanted.
 
-    4 if it is wanted in none.
+    4 if the function is wanted in no phase.
     """
     phases: Sequence[str | None] = tuple(spec.phases) or (None,)
     wanted = [phase for phase in phases if function.priority_in(phase) > 0]

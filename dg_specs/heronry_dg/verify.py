@@ -87,7 +87,7 @@ def verify(spec: Spec, now: Situation, configuration: Configuration) -> list[Vio
 
 
 def _known(spec: Spec, configuration: Configuration) -> Configuration:
-    """Keep the modules and inputs that the spec has, in the spec's order."""
+    """Keep the modules whose name and mode the spec has, with all their inputs, in the spec's order."""
     kept = {}
     for name, module in spec.modules.items():
         running = configuration.modules.get(name)
@@ -193,7 +193,7 @@ def _wires(case: _Case) -> Iterator[Violation]:
 
 
 def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[tuple[str, str]]:
-    """Check one wire; gives (rule, sentence) for its first mistake, None if it has no mistake."""
+    """Check one wire; yields (rule, sentence) for its first mistake, and nothing for a correct wire."""
     if wire.producer not in known.modules:
         yield "2.producer", f"it is wired to {wire.producer}, which does not run"
         return
@@ -278,7 +278,7 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
                 "4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one of them may"
             )
         ended = [end for end in demux.to if end in case.known.modules]
-        if len(ended) > 1 and len(running) < 2:  # else it is a consequence
+        if len(ended) > 1 and len(running) < 2:  # two ends that run are a consequence of two branches that run
             yield Violation(
                 "4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one of these ends may"
             )
