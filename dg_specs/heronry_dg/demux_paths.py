@@ -2,14 +2,16 @@
 
 A branch of a DEMUX may be the first of several modules on the way to an actuator. Then the DEMUX names in `to` the
 modules at which its paths end, and a function is served only when such an end runs. This file decides which modules
-*belong* to a branch (docs/semantics.md, section 2): modules that can run, but cannot run without the branch. What can
-run is computed for a spec with all elements up and unlimited resources. It is the greatest set of (module, mode) in
-which each module has a PE, and the set can meet the needs of each mode. Feedback counts as a supply.
+*belong* to a branch (docs/semantics.md, section 2): modules that can run, but cannot run without the branch.
+
+The set of what can run is computed for a spec with all elements up and unlimited resources. It is the greatest set of
+(module, mode) in which each module has a PE, and modes of the set can meet the needs of each mode. Modules that feed
+one another in a cycle are in the set.
 
 The search removes modes one by one. After each removal it checks again only the readers of data that no remaining mode
 gives. So each branch takes a few passes over the spec at most.
 
-Not known here: whether a path fits its PEs and buses. The planner knows that.
+This file does not check whether a path fits the PEs and buses; the planner does.
 """
 
 from collections import Counter

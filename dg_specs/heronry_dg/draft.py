@@ -29,13 +29,13 @@ _NAME: Final = re.compile(NAME_PATTERN)
 _SECTIONS: Final = tuple(name for name in field_names(schema.SpecForm) if name not in field_names(schema.HeaderForm))
 _MODE_FIELDS: Final = field_names(schema.ModeForm)
 
-_OTHER_KINDS: Final = (  # fields that tell a kind of file, what it is, and what to do
+_OTHER_KINDS: Final = (  # kinds of files that are no spec: fields by which one is recognized, a sentence, a hint
     (
         frozenset(("objective", "modules", "functions")),
         "it is a plan, as 'heronry plan --json' writes it",
         "name the *.dg.yaml, or check the plan with: heronry verify SPEC PLAN.json",
     ),
-    (frozenset(("spec_digest", "node_id")), "it is the table of a PE", "name the *.dg.yaml of which it was compiled"),
+    (frozenset(("spec_digest", "node_id")), "it is the table of a PE", "name the *.dg.yaml from which it was compiled"),
     (
         frozenset(("pcs",)),
         "it is a component graph",
@@ -324,7 +324,7 @@ class _FormFindings:
 
 
 def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
-    """Give the known fields of which some of these names seem to be misspellings."""
+    """Give the known fields that the author seems to have meant by some of these names."""
     return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 

@@ -1,13 +1,18 @@
 """Reads gate expressions: from the tree of the file to `gates.Expression`, with all named gates written out.
 
-A `Reading` is an expression together with facts that the gates around it need: the place of each leaf (for a leaf of a
-named gate: the place where that gate is named), whether the expression holds with nothing wired, its DEMUXes and its
-depth. A named gate is read before the gates that name it, so a name always refers to a gate that has been read. Where
-no such order exists, names form a cycle, which is reported. Leaves below an OR or a XOR have another default worth. So
-each named gate is read once per default worth, and all expressions that name the gate share the result. Gates that
-would unfold into too many inputs are refused: the inputs are counted before anything is unfolded.
+A `Reading` is an expression with facts that the gates around it need: the place of each leaf in the file, whether the
+expression holds with nothing wired, its DEMUXes and its depth. A leaf of a named gate has the place where that gate is
+named.
 
-The reading of a part with a mistake is None; the parts around it are still read, to find their mistakes too.
+Each named gate is read before the gates that name it. If no such order exists, the gates name one another in a cycle,
+which is reported. Each named gate is read twice, since its leaves have another default worth below an OR or a XOR. All
+expressions that name the gate share the two readings.
+
+Gates with too many inputs are refused. The inputs are counted before named gates are written out, so that a small file
+cannot take much memory.
+
+If a part of an expression has a mistake, its reading is None. The parts around it are still read, to find their
+mistakes, too.
 """
 
 import re
@@ -347,7 +352,10 @@ def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
 
 
 def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> tuple[int, ...]:
-    """Give the points of an input without `worth`; if it may choose between versions, a better version gets more."""
+    """Give the points of an input without `worth`, one number per accepted version, best version first.
+
+    The points are 0 if the input accepts one version and is below no OR or XOR; otherwise a better version gets more.
+    """
     if not below_choice and best == worst:
         return (0,)
     return tuple(versions - version + 1 for version in range(best, worst + 1))

@@ -16,10 +16,10 @@ from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType
 from heronry_wire.management import MOST_PRIORITY
 
-NAME_PATTERN: Final = "[A-Za-z][A-Za-z0-9_]{0,63}"  # a C and a DBC identifier; has no character of ELEMENT=40%
+NAME_PATTERN: Final = "[A-Za-z][A-Za-z0-9_]{0,63}"  # valid in C and DBC; without '=' and '%', as in pe:NAME=40%
 DEFAULT_PHASE: Final = "default"
-MOST_VERSIONS: Final = 15  # a nibble of the frame's service code
-MOST_RESTARTS: Final = 10  # the delay doubles each time
+MOST_VERSIONS: Final = 15  # a version takes four bits of the frame's service code
+MOST_RESTARTS: Final = 10  # the delay before a restart doubles each time
 MOST_POINTS: Final = 1_000_000  # of a priority, a value, a worth: sums of their products stay inside 64 bits
 
 
@@ -47,7 +47,7 @@ def _for_all_phases(value: object) -> object:
 
 def _with_default(by_phase: dict[str, Any]) -> dict[str, Any]:
     if DEFAULT_PHASE not in by_phase:
-        hint = f"add {DEFAULT_PHASE}: what counts in all other phases"
+        hint = f"add '{DEFAULT_PHASE}', with the value for all other phases"
         raise UnfitError(rules.NO_DEFAULT, f"gives no '{DEFAULT_PHASE}'", hint)
     return by_phase
 

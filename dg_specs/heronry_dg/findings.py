@@ -1,11 +1,11 @@
 """Findings: the mistakes in a spec, each with its place, and the error that carries all of them.
 
-The code that reads a spec does not stop at the first mistake. It adds a finding and goes on with the parts that it
-still understands, so that one run shows every independent mistake. Two conventions avoid follow-up findings: of the
-findings that stop a spec from being loaded, only the first at a place is kept; and code that meets a part known to be
-broken adds no finding.
+The code that reads a spec does not stop at the first mistake. It adds a finding and goes on with the parts that it can
+still read, so that one run shows every independent mistake. Two conventions avoid follow-up findings. Of the findings
+that stop a spec from being loaded, only the first at a place is kept. Code that meets a part with a finding adds no
+further finding about that part.
 
-rules/ lists everything that can be wrong, each with its code.
+The files in rules/ define every kind of mistake, with its code.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -57,7 +57,8 @@ class Finding:
 class SpecError(HeronryError, ValueError):
     """A spec cannot be loaded; `findings` says why, in the order of the file.
 
-    The text has one line per finding, for the first ones: a file that is no spec at all may have hundreds.
+    The text of the error has one line for each of the first findings, and the number of the others: a file that is no
+    spec may have hundreds.
     """
 
     def __init__(self, findings: Iterable[Finding]) -> None:
@@ -93,7 +94,10 @@ class Findings:
         self._found.setdefault(key, Finding(self._file, place, rule.code, rule.severity, sentence, hint))
 
     def unknown(self, rule: Rule, place: Place, kind: str, name: str, known: Collection[str]) -> None:
-        """Add a finding about an undeclared name, unless there already is one at its place."""
+        """Add a finding about an undeclared name, unless its place has a finding that stops the spec from being loaded.
+
+        kind: the kind of element expected there, such as `bus`. known: the names that could have been meant.
+        """
         closest, uses = self.closest(name, known), self.unknown_names.setdefault(name, [])
         if not any(one.place == place for one in uses):
             uses.append(Use(place, kind, closest))

@@ -1,9 +1,11 @@
 """Checks the gates of a whole spec: DEMUXes have branches, a vote counts a producer once, and cycles can start.
 
-Source: docs/semantics.md, section 2, and semantics rule 6. Wiring cycles are searched in the graph of all modes: an
-edge leads from mode A to mode B if A gives a variable without `initial` in a version that a leaf of B accepts. The
-search ignores that two modes of one module never run together: it refuses a cycle through both, although such a cycle
-can never be wired.
+A cycle of wires can start if it passes through a variable with an `initial` value. Cycles are searched in the graph of
+all modes. In this graph an edge leads from mode A to mode B if A gives a variable without `initial` in a version that a
+leaf of B accepts. The search does not consider that two modes of one module never run together. So a cycle through both
+modes is refused, although it can never be wired.
+
+Source: docs/semantics.md, section 2, and semantics rule 6.
 """
 
 from collections.abc import Mapping
@@ -76,7 +78,7 @@ class _GateRules:
             for module in modules:
                 self._check_modes_of_branch(self._draft.modules[module], demux)
         if not self._all_is_read():
-            return  # a broken module may be the missing branch
+            return  # a module with a mistake may be the missing branch
         for demux, modules in self.branches.items():
             if len(modules) < 2 and self._draft.demuxes[demux].form is not None:
                 found = f"only '{modules[0]}'" if modules else "no module"
@@ -110,7 +112,7 @@ class _GateRules:
                 self._refuse_cycle(cycle)
 
     def _check_votes(self, reading: Reading) -> None:
-        """Check that a mode names a DEMUX once at most, and that no two of its leaves accept one version."""
+        """Check that a mode names a DEMUX once at most, and that its leaves accept different versions of a variable."""
         demuxes: set[str] = set()
         accepted: set[_Datum] = set()
         for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):

@@ -8,8 +8,8 @@ are out of use, and a PE without a route to the manager's bus counts as down.
 take out of use.* Reasons why it is still legal: semantics rules 3 to 6 and 8 concern the configuration alone.
 Capacities do not change. The frames of the configuration take the same buses, so they need the same bandwidth and have
 the same response times. The buses and gateways on the routes need no check: both PEs at the ends of a route are in use,
-so both still have a route to the manager's bus. Together these two give a route between the ends. In a forest of buses
-there is only one route, so it is the same as before the faults.
+so both still have a route to the manager's bus. These two routes together give a route between both PEs. In a forest of
+buses there is only one route, so it is the route from before the faults.
 
 *More faults leave fewer configurations.* A configuration that is legal with some elements down is legal, and has the
 same value, with fewer elements down: the argument above holds in reverse. So if a plan is the best with the faults F,

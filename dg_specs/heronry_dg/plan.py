@@ -173,7 +173,7 @@ def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelRep
 
 
 def _reported(level: str, key: int) -> int:
-    """Convert an integer of `Objective.key` as reports show it: costs positive, bits per second rounded down."""
+    """Convert an integer of `Objective.key` to the value in a report: costs positive, bits per second rounded down."""
     quantity = -key if level in _COSTS else key
     return quantity // 1000 if level == "bus_bits_per_s" else quantity
 
@@ -291,7 +291,10 @@ def configuration_of(document: Json) -> Configuration:
 
 
 def read_running(text: str, spec: Spec) -> Placement:
-    """Read mode and PE of each module, which the spec must have; other keys are ignored."""
+    """Read mode and PE of each module of a plan; other keys are ignored.
+
+    Raises PlanError also for a module, mode or PE that the spec does not have.
+    """
     running = {
         name: (_field(fields, "mode", str, f"modules.{name}"), _field(fields, "pe", str, f"modules.{name}"))
         for name, fields in _modules(_document(text))

@@ -70,7 +70,7 @@ def period_ns(value: object) -> int:
 
 
 def memory_bytes(value: object) -> int:
-    """Convert a number of bytes, or a text such as `64KiB`, `2MiB` or `1GiB`, to bytes; raises UnfitError otherwise."""
+    """Convert a number of bytes, or a text such as `64KiB`, `2MiB` or `1GiB`, to bytes; raises UnfitError if unfit."""
     if not isinstance(value, str):
         return _whole(value, 1, LARGEST_MEMORY, "a byte")
     match = _MEMORY.fullmatch(value)

@@ -5,7 +5,8 @@ generated from these models. A model checks one element by itself; reference_rul
 something. Field names are those of the file. If the model has another unit than the file, the attribute has another
 name than the field (`rate_hz` becomes `rate_mhz`).
 
-Gate expressions are `Any` here: expression_reader.py reads them from the tree, because it must name places in them.
+Gate expressions are `Any` here: expression_reader.py reads them from the tree, because findings about a gate must name
+places inside the expression.
 """
 
 from dataclasses import fields
@@ -299,7 +300,7 @@ class FunctionForm(Form):
 
 
 class WhenForm(Form):
-    """The rule of a phase: it is entered when a variable has been beyond a threshold for some time."""
+    """The rule of a phase: the phase is entered when a variable has been beyond a threshold for some time."""
 
     variable: str = Field(description="Variable that the rule watches.", examples=["altitude"])
     above: Threshold = Field(default=None, description="Threshold that the variable must exceed.", examples=[17000])

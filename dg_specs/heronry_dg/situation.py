@@ -5,8 +5,8 @@ are numbered from 1). A *place* is an element, too: `module:autopilot@nav` is do
 PE, because the module's code is not there or the module has failed there. A module with two or more possible PEs has a
 place for each of them; `module:autopilot` stands for all these places together.
 
-A `Situation` is an input: faults, limits, phase, and priorities that differ from the spec's. `Survivors` is computed
-from it. The devices of a PE that is down are out of use, and so are routes over that PE. A PE without a route to the
+A `Situation` has the faults, limits, phase and changed priorities. `Survivors` has what a situation leaves of the
+system. The devices of a PE that is down are out of use, and so are routes over that PE. A PE without a route to the
 manager's bus cannot be commanded and counts as down. If the manager's own bus is down, nothing is left.
 
 A changed priority replaces the spec's priority in every phase in which the function is wanted. A changed priority of 0
@@ -27,7 +27,7 @@ from heronry_wire.spelling import close, meant
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
-_LIKENESS = 0.75  # of an element whose kind is misspelt: a name of another kind may be as like as 0.7
+_LIKENESS = 0.75  # least similarity of an element that is suggested; elements of a wrong kind reach 0.7
 _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re.ASCII)
 
 
@@ -42,7 +42,7 @@ class Situation:
     down: frozenset[str] = frozenset()
     limits: Mapping[str, Fraction] = field(default_factory=dict)  # "bus:radio" -> share of its capacity, 0..1
     phase: str | None = None
-    priorities: Mapping[str, int] = field(default_factory=dict)  # by function, where application or operator changed it
+    priorities: Mapping[str, int] = field(default_factory=dict)  # by function: priorities changed by module or operator
 
     def __hash__(self) -> int:
         return hash((self.down, frozenset(self.limits.items()), self.phase, frozenset(self.priorities.items())))
@@ -180,7 +180,7 @@ def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
 
 
 def _what_was_meant(spec: Spec, text: str) -> str:
-    """Give the element that a text with a missing or misspelt kind may mean; else say how to write an element."""
+    """Give a hint: the element that a text with a missing or misspelt kind may mean, or how an element is written."""
     known = elements(spec)
     alone = [element for element in known if element.partition(":")[2] == text]
     found = alone[0] if alone else close(text, known, _LIKENESS)
@@ -208,7 +208,7 @@ class Survivors:
         return self.hosts_among(module, hosts_when_all_is_up(self.spec, module))
 
     def hosts_among(self, module: Module, homes: tuple[str, ...]) -> tuple[str, ...]:
-        """Do what `hosts` does, for a module whose PEs with everything up are already computed."""
+        """Give the result of `hosts`; `homes` are the PEs of the module with everything up, computed before."""
         if module.name in self.failed_modules or (module.device is not None and module.device not in self.devices):
             return ()
         hosts = tuple(pe for pe in homes if pe in self.pe_cpu_millis)

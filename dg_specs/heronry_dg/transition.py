@@ -12,24 +12,26 @@ PE:
              are new on this PE
 
 BREAK only removes modules and frames, the other steps only add them. So a mixture of `before` and `broken` loads no bus
-more than the old configuration, and a mixture of `broken` and `after` no bus more than the new one. If all PEs break
-before any PE goes, no limit is exceeded; but that costs a round trip, in which modules that move do not run. Hence
-there are two kinds of transitions:
+more than the old configuration, and a mixture of `broken` and `after` loads no bus more than the new configuration. If
+all PEs execute BREAK before any PE executes GO, no limit is exceeded. But this order costs a round trip, in which
+modules that move do not run. Hence there are two kinds of transitions:
 
     one step     if no mixture of `before` and `after` exceeds the limit of a bus, and nothing exclusive moves
-    two steps    otherwise. The manager waits for the BREAK of as few PEs as possible: PEs that give up something
-                 exclusive, and PEs that make room on a bus whose limit would be exceeded, preferably PEs that are
-                 reached by wire, since a radio is slow. All other PEs change over when the command reaches them
+    two steps    in all other cases. The manager waits for the BREAK of as few PEs as possible: PEs that give up
+                 something exclusive, and PEs that make room on a bus whose limit would be exceeded, preferably PEs
+                 that are reached by wire, since a radio is slow. All other PEs change over when the command reaches
+                 them
 
 A PE that drove a DEMUX and has become silent adds a third step: the new branch (or end of `to`) is held until the
 old one has certainly stopped.
 
-The load of a mixture on a bus is bounded from above: each PE is in the state in which it loads the bus most, and each
-gateway forwards what it forwards in any of its states. The bound is exact unless gateways change over too. Semantics
-rule 9 is not checked for mixtures: a datum may be late during a transition, which lasts a few heartbeats at most.
+For the load of a mixture on a bus, an upper bound is computed. It assumes that each PE is in the state in which it
+loads the bus most, and that each gateway forwards what it forwards in any of its states. The bound is exact unless
+gateways change over, too. Semantics rule 9 is not checked for mixtures: a datum may be late during a transition, which
+lasts a few heartbeats at most.
 
 Critical functions do not change over in a step of their own, before the others. A step is a broadcast to all PEs, so
-such a step would need another epoch, and preparing an epoch takes longer than the round trip that it could save. A
+such a step would need another epoch. Preparing an epoch takes longer than the round trip that the step could save. A
 module that does not change is not interrupted.
 
 If the wires of the running modules are not known, everything that the modules give is assumed to be on every bus.
@@ -55,11 +57,11 @@ class Part:
     """What one PE does under a configuration: the modules that it runs, and the data that it sends and forwards."""
 
     modules: frozenset[tuple[str, str]] = frozenset()  # with their modes
-    sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # mbit/s on each of these buses
+    sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # 1/1000 bit/s on each; the buses
     forwards: frozenset[tuple[Source, str, str]] = frozenset()  # a source, its PE, the bus onto which it is forwarded
 
     def broken(self, after: "Part") -> "Part":
-        """What this PE still does after BREAK, on the way to `after`."""
+        """Give what this PE still does after BREAK, if `after` is its part of the new configuration."""
         kept = self.modules & after.modules
         running = {module for module, _ in kept}
         both = {
@@ -83,8 +85,8 @@ class Transition:
     """The steps from one configuration to another, and their effects."""
 
     steps: tuple[Step, ...]  # what ACTIVATE carries, in order; the last is always GO_ALL
-    wait_for: Mapping[str, tuple[str, ...]]  # PEs that must be BROKEN before any PE goes, and why
-    hold: tuple[str, ...]  # DEMUXes that wait for T_lease of a silent PE, between GO and GO_ALL
+    wait_for: Mapping[str, tuple[str, ...]]  # PEs that must report BROKEN before GO is sent, each with the reasons
+    hold: tuple[str, ...]  # DEMUXes that GO_ALL starts after T_lease of the silent PE that drove them
     interrupted: tuple[str, ...]  # functions served before and after, of which some module changes or stops
     peaks: Mapping[str, Peak]
 

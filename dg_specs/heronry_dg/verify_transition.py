@@ -1,12 +1,13 @@
 """The verifier of transitions: finds the rules that the steps from one configuration to another break.
 
 The verifier tries every combination of states that the PEs could have during the steps. If there are too many
-combinations, it takes each PE that is no gateway in its worst state for each bus. This is exact, since the loads of PEs
-add up. If there are still too many, it does the same for gateways, which is safe but not exact. The verifier makes no
-choice, and shares no code with `transition`.
+combinations, it takes each PE that is no gateway in its worst state for each bus. The result is still exact, since the
+loads of PEs add up. If there are still too many combinations, it does the same for gateways; then the result is safe
+but not exact. The verifier makes no choice, and shares no code with `transition`.
 
-    t.steps      the steps are not in the order of a manager: BREAK before GO before GO_ALL, and GO_ALL last
-    t.wait       the manager would wait for a PE that cannot answer, or there is a BREAK without a PE to wait for
+    t.steps      the steps are not in the required order: BREAK before GO before GO_ALL, and GO_ALL last
+    t.wait       the manager would wait for a PE that cannot answer; or there is a step BREAK without PEs to wait for,
+                 or there are PEs to wait for without a step BREAK
     t.cpu, t.ram, t.flash   the modules of a PE in one of its states exceed its capacity
     t.exclusive  a module, the branches of a DEMUX, or the ends of its `to`, could run on two PEs at once
     t.bus        the load of a bus could exceed its limit
@@ -49,7 +50,7 @@ class _Way:
     sends_now: "_Traffic"
     shall_send: "_Traffic"
     known: bool  # whether the wires of the running configuration are known
-    drives: Mapping[str, Sequence[tuple[str, str]]]  # module -> DEMUXes of which it is a branch or an end, and which
+    drives: Mapping[str, Sequence[tuple[str, str]]]  # module -> its DEMUXes, each with its part there: branch or end
 
     def modules(self, pe: str, state: str) -> dict[str, Mode]:
         """Modules that run on a PE in a state, with their modes."""
@@ -68,7 +69,10 @@ class _Way:
 
 @dataclass(frozen=True, slots=True)
 class _Traffic:
-    """The buses on which each PE publishes each source, and onto which each gateway forwards it."""
+    """The buses on which each PE publishes each source, and the buses onto which each gateway forwards the source.
+
+    publish: by PE, module and variable. forward: by gateway, and PE, module and variable of the source.
+    """
 
     publish: Mapping[tuple[str, str, str], frozenset[str]]
     forward: Mapping[tuple[str, str, str, str], frozenset[str]]
@@ -210,8 +214,8 @@ def _bus_budgets(case: _Way, stage: Mapping[str, Sequence[str]]) -> Iterator[Vio
 
 def _worst_loads(case: _Way, stage: Mapping[str, Sequence[str]]) -> dict[str, int]:
     if not case.known and not any(AFTER in states or HELD in states for states in stage.values()):
-        # In the first step PEs only stop modules, which cannot exceed a limit; with unknown wires nothing more is
-        # known.
+        # In the first step PEs only stop modules, so no load rises. If the wires are unknown, the loads before this
+        # step are unknown, too.
         return dict.fromkeys(case.left.bus_mbit_per_s, 0)
     choices = {pe: _different(case, pe, states) for pe, states in stage.items()}
     if prod(map(len, choices.values())) <= MOST_MIXTURES:

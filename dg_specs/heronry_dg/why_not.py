@@ -1,11 +1,12 @@
 """Explains in one sentence why a function is not served: the root cause, found without a solver.
 
 First, the file computes what could run with unlimited resources: the greatest set of (module, mode) in which each
-module has a PE to run on, and the set can meet the needs of each mode. The computation starts from all modes and
-removes impossible ones round by round, so feedback cycles, which support themselves, remain. If the set lacks the
-output of a function, the cause can be traced to a fault. If the set has the output, the function was left out for lack
-of resources, or in favour of something better. If the planner knows which of these two causes holds, it passes that as
-`alone`.
+module has a PE to run on, and modes of the set can meet the needs of each mode. The computation starts from all modes
+and removes impossible modes round by round. So modules that feed one another in a cycle remain in the set.
+
+If the set lacks the output of a function, the cause can be traced to a fault. If the set has the output, the function
+was left out for lack of resources, or in favour of other functions. A planner that has found out which of these two
+causes holds passes it as `alone`.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -49,9 +50,10 @@ class Feasible:
 
 
 class Feasibility:
-    """Computes what could run in situations of one phase with unlimited resources; their common part is done once.
+    """Computes what could run with unlimited resources, in any situations of one phase.
 
-    A round checks only the modes that read what the round before took away; all others hold as they did.
+    What these situations have in common is computed once. A round checks only the modes that read data of modes removed
+    in the round before; the needs of all other modes are met as before.
     """
 
     def __init__(self, spec: Spec, phase: str | None) -> None:
@@ -69,7 +71,7 @@ class Feasibility:
         self._never_met = [(module, mode) for module, mode in every if not intact.can_hold(mode.needs, 1)]
 
     def in_situation(self, now: Situation, left: Survivors | None = None) -> Feasible:
-        """Compute what could run in a situation of this phase; `left`: its survivors, where they are known."""
+        """Compute what could run in a situation of this phase; `left`: its survivors, if they are already computed."""
         left = survivors(self._whole, now) if left is None else left
         modules = self._spec.modules.values()
         homeless = [m for m in modules if not left.hosts_among(m, self._homes[m.name])]
@@ -88,13 +90,16 @@ class Feasibility:
         return found
 
     def _reading(self, fallen: list[tuple[Module, Mode]]) -> Iterator[tuple[Module, Mode]]:
-        """Give the modes that read a variable which one of the fallen modes gives."""
+        """Give the modes that read a variable which one of the modes `fallen` gives."""
         for variable in {variable for _, mode in fallen for variable in mode.gives}:
             yield from self._readers[variable]
 
 
 def feasible(spec: Spec, now: Situation, left: Survivors | None = None) -> Feasible:
-    """Compute what could run in a situation with unlimited resources; `left`: its survivors, where they are known."""
+    """Compute what could run in a situation with unlimited resources.
+
+    left: the survivors of the situation, if they are already computed.
+    """
     return Feasibility(spec, now.phase).in_situation(now, left)
 
 
@@ -193,7 +198,7 @@ def _homeless(found: Feasible, module: Module) -> str:
 
 def _place_cause(found: Feasible, module: Module, pe: str) -> str:
     if (module.name, pe) in found.left.failed_places:
-        return "is out for it"
+        return "cannot run it"
     return _pe_cause(found, pe)
 
 

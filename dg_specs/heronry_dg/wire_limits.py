@@ -1,4 +1,4 @@
-"""Finds what in a spec exceeds a limit of the wire (`heronry_wire.capacities`), before a PE refuses it in flight.
+"""Finds the parts of a spec that exceed a limit of the wire (`heronry_wire.capacities`), before a PE refuses a slice.
 
 All limits but one are counts. The exception is the length of a slice, which depends on the configuration; so an upper
 bound is computed. For each module that may run on the PE, the bound takes the most bytes that the module can add in any
@@ -30,7 +30,7 @@ _NODE_BYTES = 1  # a node-ID is below 128
 
 
 class WireLimitError(HeronryError):
-    """A spec has more of something than the wire can carry; the message says of what, and the number."""
+    """A spec exceeds a limit of the wire; the message names the first excess, with its number and the limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ class _SliceBounds:
         return found
 
     def _forwarded(self, pe: Pe) -> int:
-        """Count the sources that a PE may have to forward: written beyond one of its buses, read beyond another."""
+        """Count the sources that a PE may have to forward, from a producer beyond one bus to a reader beyond another."""
         if len(pe.buses) < 2:
             return 0
         return sum(

@@ -2,14 +2,14 @@
 
 Only plain YAML is accepted: maps, lists and scalars, in one document. Anchors, aliases, tags, merge keys, directives
 and duplicate keys are refused, because with them a file may have another meaning than it seems to have. Scalars that
-programs read differently are refused as well (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and code
-that reads the tree adds no finding about that part.
+YAML programs read in different ways are refused as well (plain_scalars.py). A refused value becomes `REFUSED` in the
+tree, and code that reads the tree adds no finding about this value.
 
 A spec may come from anywhere, so no tree is built before the file is known to be small. First the bytes are counted.
-Then the marks at which keys and items end are counted, which needs no parser. Then the parser's events are read one by
-one, and depth, number of nodes and repeated keys are checked at each event. So a file beyond a limit takes no more time
-than a file at the limit. Aliases are not followed, so a small file cannot unfold into a large tree. The limits leave
-room for 10 000 modules.
+Then the marks `:`, `,` and `- ` are counted, since almost every value has one before or behind it; this needs no
+parser. Then the parser's events are read one by one, and depth, number of nodes and repeated keys are checked at each
+event. So a file beyond a limit takes no more time than a file at the limit. Aliases are not followed, so a small file
+cannot become a large tree. The limits leave room for 10 000 modules.
 """
 
 import re
@@ -125,7 +125,7 @@ def plain(node: Node) -> object:
 
 
 def is_nothing(node: Node) -> bool:
-    """Tell whether a key was written without a value."""
+    """Tell whether a node is null: its key was written without a value, or with `null` or `~`."""
     return isinstance(node, Scalar) and node.value is None
 
 
@@ -164,7 +164,7 @@ def texts(node: Node) -> Iterator[str]:
 
 
 def has_refused(node: Node) -> bool:
-    """Tell whether some part of the tree was refused, and so has a finding."""
+    """Tell whether some value of the tree was refused, and so has a finding."""
     match node:
         case Scalar():
             return node.value is REFUSED

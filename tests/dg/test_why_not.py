@@ -136,12 +136,12 @@ def test_a_module_may_be_out_on_each_pe_for_another_reason() -> None:
     down = (*places, "module:elevator_control@tail_pe")
     assert reason("elevator", *down) == (
         "each of servo_driver_1 and servo_driver_2 needs elevator_demand from elevator_control, which cannot run "
-        "anywhere: sensor_pe is out for it, control_pe is out for it, tail_pe is out for it"
+        "anywhere: sensor_pe cannot run it, control_pe cannot run it, tail_pe cannot run it"
     )
     one_is_down = reason(
         "elevator", "module:elevator_control@control_pe", "module:elevator_control@tail_pe", "pe:sensor_pe"
     )
-    assert one_is_down.endswith("sensor_pe is down, control_pe is out for it, tail_pe is out for it")
+    assert one_is_down.endswith("sensor_pe is down, control_pe cannot run it, tail_pe cannot run it")
 
 
 def _round_by_round(spec: Spec, now: Situation) -> dict[tuple[str, str], int]:

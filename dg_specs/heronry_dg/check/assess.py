@@ -1,7 +1,7 @@
 """Checks the bytes of one spec file, and gives all findings about it.
 
 The loader runs first; the checks of the rule families run only on a spec that loads. A finding that stops a spec from
-being loaded is always reported, whatever the user selected, because nothing else is known about that spec.
+being loaded is always reported, even if the user has not selected its code, since no other check runs on that spec.
 """
 
 from collections.abc import Callable, Mapping
@@ -82,7 +82,7 @@ def _assess(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[
 
 
 def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
-    """Give the lines of a file that have one of these numbers; a line is not read if it is beyond the last of them."""
+    """Give the lines of a file that have one of these numbers; the file is read up to the last of these lines."""
     last = max(numbers, default=0)
     lines = enumerate(islice(lines_of(data), last), 1) if numbers else ()
     return {number: line for number, line in lines if number in numbers}

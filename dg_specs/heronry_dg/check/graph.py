@@ -1,10 +1,12 @@
 """DG23x and DG24x: parts of a spec that load, but have no effect or cannot have the effect that the author meant.
 
 The check needs no solver, and considers all modes together. Every finding is certain. A part without a finding may
-still be impossible for reasons of place and capacity; the families with a solver find those. Consequences of a mistake
-are not reported. If no module gives an input, there is one finding at that input, and none about the module that
-therefore never runs. Unused parts are reported only if all inputs can be wired. If a driver is missing, for example,
-its device is unused, and so are the other data of the module that needs the driver, since that module cannot run.
+still be impossible for reasons of place and capacity; the families with a solver find those reasons.
+
+Consequences of a mistake are not reported. If no module gives an input, there is one finding at that input, and none
+about the module that therefore never runs. Unused parts are reported only if all inputs can be wired. For example, if a
+driver is missing, its device is unused. The module that reads the driver's data then cannot run, so all other inputs of
+that module are unused, too.
 
 How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
 findings of it, and call the function in `check`.
@@ -263,7 +265,7 @@ class _Possible:
         return self._most(expression.inputs) >= fewest
 
     def _most(self, inputs: Sequence[Expression]) -> int:
-        """Give an upper bound of how many of these inputs hold at once.
+        """Give an upper bound of the number of these inputs that hold at once.
 
         A module gives only one version of a variable at a time.
         """

@@ -1,7 +1,7 @@
 """The JSON schema of a spec (draft 7), for editors: they complete fields, show what each means, and mark mistakes.
 
-It is generated from the forms of schema.py, with gate expressions, initial values and names added. It accepts
-everything that the loader accepts, including a key without a value; it does not check whether a name refers to
+The schema is generated from the forms of schema.py; gate expressions, initial values and names are added. It accepts
+everything that the loader accepts, including a key without a value. It does not check whether a name refers to
 something.
 """
 
@@ -121,7 +121,7 @@ def spec_schema() -> dict[str, Any]:
 
 
 def _complete_sections(sections: dict[str, Any]) -> None:
-    """Let the field that distinguishes the forms of an element choose between them."""
+    """Complete the sections; `modes` decides which form a module has, and `demux` which form a gate has."""
     sections["modules"]["additionalProperties"] = {
         "if": {"required": ["modes"], "properties": {"modes": {"not": {"type": "null"}}}},
         "then": {"$ref": "#/definitions/ModuleOfModesForm"},

@@ -120,7 +120,11 @@ def _uri(file: str) -> str:
 
 
 def junit_report(files: Sequence[Assessed]) -> str:
-    """Give one suite per file: a failed case per error, a passed case with text per warning, a passed case if clean."""
+    """Give the report of JUnit, with one suite per file.
+
+    A suite has a failed case for each error, and a passed case with a text for each warning; or, for a file without
+    findings, one passed case.
+    """
     suites = "".join(_suite(assessed) for assessed in files)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="heronry check">\n{suites}</testsuites>\n'
 

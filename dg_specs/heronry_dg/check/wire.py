@@ -2,9 +2,9 @@
 
 Bit rates of wired buses are compared with those of CiA 301.
 
-The check needs no solver. The plan decides which frames are sent, so for arbitration the check assumes every frame that
-some configuration could put on a bus, each at its fastest rate. On a bus behind a gateway, times count from the
-gateway.
+The check needs no solver. The plan decides later which frames are sent. So for arbitration the check assumes that every
+frame that some configuration could put on a bus is sent, at its fastest rate. On a bus behind a gateway, times count
+from the gateway.
 
 How a rule is added: define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in
 `check`.

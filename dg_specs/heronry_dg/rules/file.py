@@ -1,4 +1,4 @@
-"""DG0xx: the file. These rules say that it can be read, is plain YAML, and has valid instructions to `heronry check`.
+"""DG0xx: the file. It can be read, is plain YAML, and its comments have valid instructions to `heronry check`.
 
 yaml_source.py and plain_scalars.py check these rules while the file is read, and check/comments.py checks DG09x.
 How a rule is added is shown in rule.py.
@@ -54,7 +54,7 @@ SYNTAX = FAMILY.stop(
     "not-yaml",
     what="The file is not YAML.",
     why="A bracket, quote, comma or colon is missing, or lines are indented with tabs.",
-    fix="Look at the place shown, and at the begin of the part around it.",
+    fix="Look at the place shown, and at the beginning of the part around it.",
     bad="contingency: {faults: 1\n",
     good="contingency: {faults: 1}\n",
 )
@@ -71,7 +71,7 @@ TOO_DEEP = FAMILY.stop(
     "DG007",
     "too-deep",
     what="A part of the file is nested deeper than any spec needs.",
-    why="A hostile file could exhaust the program that reads it by its depth.",
+    why="A hostile file with enough levels could exhaust the memory of the program that reads it.",
     fix="Give a part of the expression a name under `gates:`, and use the name.",
     bad=f"contingency: {'[' * 64}{']' * 64}\n",
     good="contingency: {faults: 1}\n",

@@ -1,4 +1,4 @@
-"""DG2xx: the graph. These rules say that names refer to something, gates can hold, and declared elements are used.
+"""DG2xx: the graph. Names refer to something, gates can hold, and declared elements are used.
 
 expression_reader.py, gate_rules.py, reference_rules.py and demux_paths.py check the rules that stop a spec from being
 loaded; check/graph.py checks the others, from DG230 on, in a spec that loads. How a rule is added is shown in rule.py.
@@ -118,7 +118,7 @@ DEMUX_BRANCHES = FAMILY.stop(
 BRANCH_IN_PART = FAMILY.stop(
     "DG207",
     "branch-in-part",
-    what="One mode of a module names a DEMUX, and another mode of it does not.",
+    what="One mode of a module names a DEMUX, and another mode of the module does not.",
     why="Whether the module is the branch that runs would depend on its mode.",
     fix="Name the DEMUX in every mode of the module.",
     bad=_lamps("needs: light", "needs: light").replace(
@@ -267,7 +267,7 @@ BAD_OUTPUT = FAMILY.stop(
     "bad-output",
     what="The `output` of a function is a gate that is not a DEMUX, or a name that both a module and a DEMUX have.",
     why="A function is served when its output module runs, or one branch (with `to`: one end) of its DEMUX.",
-    fix="Name a module or a DEMUX, by a name that no other of them has.",
+    fix="Name a module or a DEMUX; if both have that name, rename one of them.",
     bad=f"gates: {{any_speed: speed}}\n{_display('any_speed')}functions: {{showing: {{output: any_speed}}}}\n",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}functions: {{showing: {{output: display}}}}\n",
 )
@@ -313,7 +313,8 @@ DEMUX_ENDS = FAMILY.stop(
     "demux-ends",
     what="`to` of a DEMUX does not name one end for each branch.",
     why="A function with this output is served when an end runs. An end belongs to a branch if it can run with "
-    "everything up, and cannot without that branch; of two ends of one branch, or an end of none, no DEMUX chooses.",
+    "everything up, but not without that branch. If two ends belonged to one branch, or an end to no branch, the "
+    "DEMUX would not decide which end runs.",
     fix="Name for each branch the module at which its path ends, often the driver of the actuator.",
     bad=_paths("to: [display, driver]"),
     good=_paths("to: [display, second_display]"),
@@ -334,7 +335,7 @@ UNPRODUCED = FAMILY.error(
     "DG230",
     "unproduced-variable",
     what="A module or a phase reads a variable that no module gives.",
-    why="The input will never be wired. If the input is optional, nobody would notice.",
+    why="The input will never be wired. If the input is optional, the module runs without it, and no message says so.",
     fix="Let a module give the variable, or remove the input.",
     bad="variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
     f"{_display('{and: [speed, {or: {k: 0, of: [height]}}]}')}",
@@ -355,9 +356,10 @@ UNGIVEN_VERSION = FAMILY.error(
 NEVER_HOLDS = FAMILY.error(
     "DG232",
     "never-holds",
-    what="The `needs` of a mode can never hold, although modules give everything that they read.",
+    what="The `needs` of a mode can never hold, although some module gives each variable that they name.",
     why="The inputs exclude each other. Either one module gives several of the versions, each in another mode, and "
-    "runs in one mode at a time; or the data come from another branch of the same DEMUX, of which one runs.",
+    "runs in one mode at a time; or the data come from another branch of the same DEMUX, which never runs beside this "
+    "one.",
     fix="Lower `k`, read one version, or let another module give what is missing.",
     bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
     f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
@@ -401,7 +403,7 @@ UNUSED_VARIABLE = FAMILY.echo(
     "DG240",
     "unused-variable",
     what="A variable is read by no module and watched by no phase.",
-    why="The variable is a leftover, or its reader names another one by mistake. It would never be sent.",
+    why="The variable is a leftover, or its reader names another variable by mistake. The variable is never sent.",
     fix="Remove the variable, or let a module read it.",
     bad="variables:\n  speed: {type: FLOAT}\n  spare: {type: FLOAT}\n",
     good="variables:\n  speed: {type: FLOAT}\n",

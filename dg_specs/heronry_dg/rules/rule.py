@@ -75,7 +75,10 @@ class Words(TypedDict):
 
 @dataclass(slots=True)
 class Family:
-    """Rules whose codes have the same prefix; `fast`: they need no solver. Each code is used once."""
+    """Rules whose codes have the same prefix, such as `DG2`; each code is used once.
+
+    fast: the rules are part of `heronry check --fast`: their check needs no solver, and runs no code of modules.
+    """
 
     prefix: str
     title: str

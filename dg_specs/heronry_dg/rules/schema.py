@@ -1,4 +1,4 @@
-"""DG1xx: one element by itself. These rules say that its fields exist, and that each has a value that fits.
+"""DG1xx: one element by itself. All its fields exist, and each has a value that fits.
 
 draft.py and quantities.py check the fields one by one, and reference_rules.py checks fields of one element that must
 fit each other. How a rule is added is shown in rule.py.
@@ -43,7 +43,7 @@ MISSING_FIELD = FAMILY.stop(
 WRONG_TYPE = FAMILY.stop(
     "DG104",
     "wrong-type",
-    what="A value is of the wrong kind: text for a number, a number for a list, half of a whole number.",
+    what="A value is of the wrong kind: text for a number, a number for a list, a fraction for a whole number.",
     why="Values are not converted: `'1'` is text, and 1.5 is not a number of channels.",
     fix="Write a value of the kind that the message names.",
     bad=pes(nav="node_id: 92, buses: can0"),
@@ -116,7 +116,8 @@ WRONG_UNIT = FAMILY.stop(
     "DG112",
     "wrong-unit",
     what="A number carries a unit or a per cent sign, or stands in quotes.",
-    why="The field's name gives the unit (`rate_hz`, `deadline_ms`), or the value is a share; a unit could differ.",
+    why="The field's name gives the unit (`rate_hz`, `deadline_ms`), or the value is a share; a unit beside the value "
+    "could contradict this.",
     fix="Write the number alone, in the field's unit: `rate_hz: 10`, `max_load: 0.8`.",
     bad="buses: {can0: {bitrate: 1000000, heartbeat_ms: 20ms}}\n",
     good="buses: {can0: {bitrate: 1000000, heartbeat_ms: 20}}\n",

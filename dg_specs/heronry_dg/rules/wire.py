@@ -102,7 +102,7 @@ STANDARD_UNIT = FAMILY.error(
     "DG502",
     "standard-unit",
     what="A variable with a standard identifier has another unit than CANaerospace gives that identifier.",
-    why=f"{_STANDARD}: a receiver that reads knots as metres per second is off by a factor of two, without a sign.",
+    why=f"{_STANDARD}: a receiver that reads knots as metres per second is off by a factor of two, without a warning.",
     fix="Let the producer convert, write the unit as the list does, or leave `identifier` out. Another spelling of the "
     "same unit is understood (V for volt, rpm for 1/min, mbar for hPa).",
     bad="variables:\n  speed: {type: FLOAT, unit: kt, identifier: 315}\n",
@@ -112,7 +112,8 @@ UNASSIGNED_IDENTIFIER = FAMILY.warning(
     "DG503",
     "unassigned-identifier",
     what="A variable has a standard identifier to which CANaerospace's default list gives no meaning.",
-    why="It is reserved, or free for a later edition of the list; a receiver that follows the list does not know it.",
+    why="The identifier is reserved, or free for a later edition of the list; a receiver that follows the list cannot "
+    "tell what the frame means.",
     fix="Leave `identifier` out: then a free one is allocated.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 1300}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
@@ -122,7 +123,7 @@ BYTE_2_IS_AN_INDEX = FAMILY.warning(
     "byte-2-is-an-index",
     what="A variable has one of the identifiers whose byte 2 is the number of a waypoint, a tire or a brake pad: "
     "1000 to 1035 and 1177 to 1184.",
-    why="This project's frames carry version and validity in byte 2. Others would read them as such a number.",
+    why="This project's frames carry version and validity in byte 2. Other receivers would read both as such a number.",
     fix="Leave `identifier` out: then no other reader takes version 1 for waypoint 1.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 1003}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
@@ -142,8 +143,9 @@ STARVED = FAMILY.warning(
     "outranked-on-the-bus",
     what="Less critical data can hold a datum of class A or B back for more than half of its deadline.",
     why="The smaller identifier wins the bus. Allocated identifiers follow criticality; standard ones come before "
-    "all of them, and follow CANaerospace's list. Counted are all data that could be sent before the datum, at their "
-    "fastest rates; reported is a datum that would arrive within half its deadline without the less critical data. "
+    "all of them, and follow CANaerospace's list. The check counts all data that could be sent before the datum, at "
+    "their fastest rates, and reports a datum that would be in time (within half its deadline) without the less "
+    "critical data. "
     "The other half of the deadline is a reserve for frames that are destroyed and sent again, and for unknowns.",
     fix="Leave the `identifier` of less critical variables out, lower their rates, or give the datum a standard one.",
     bad=_beside_chatter(
@@ -157,7 +159,7 @@ TOO_MANY = FAMILY.error(
     what="There are more devices, modules, modes or radios than a frame or an object of a PE can number.",
     why="Devices and modes have a byte in the echo of an output, so there are 256 devices, and 256 modes of a module. "
     "CANopen lists 254 modules of one PE, and numbers 4 096 modules of a system in its error history. 9 gateways can "
-    "report on radios. Beyond that, two elements would look the same, or nobody would hear of one.",
+    "report on radios. Beyond these numbers, two elements would look the same, or one element would never be reported.",
     fix="Merge elements, or let modules run on fewer PEs (`runs_on`).",
     bad=_radios(_MORE_RADIOS_THAN_THERE_ARE),
     good=_radios(_MORE_RADIOS_THAN_THERE_ARE - 1),
@@ -166,8 +168,8 @@ TOO_LONG_A_SLICE = FAMILY.error(
     "DG508",
     "slice-too-long",
     what="The part of a configuration that one PE is to run may need more bytes than SLICE carries, which is 1 275.",
-    why="The PE would refuse the configuration each time it is sent. Counted is the largest part that the PE's CPU and "
-    "RAM can hold: numbers of modules, modes, inputs, outputs and forwarded data, one or two bytes each.",
+    why="The PE would refuse the configuration each time it is sent. The check counts the largest part that the PE's "
+    "CPU and RAM can hold: numbers of modules, modes, inputs, outputs and forwarded data, one or two bytes each.",
     fix="Let fewer modules run on the PE (`runs_on`, another PE), merge small modules, or forward fewer data.",
     bad=_displays(_MORE_THAN_A_SLICE_HAS),
     good=_displays(_MORE_THAN_A_SLICE_HAS - 1),
