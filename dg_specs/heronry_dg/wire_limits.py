@@ -157,7 +157,7 @@ class _SliceBounds:
         return found
 
     def _forwarded(self, pe: Pe) -> int:
-        """Count the sources that a PE may have to forward, from a producer beyond one bus to a reader beyond another."""
+        """Count the sources that a PE may have to forward: the producer is beyond one bus, a reader beyond another."""
         if len(pe.buses) < 2:
             return 0
         return sum(

@@ -5,8 +5,7 @@ still be impossible for reasons of place and capacity; the families with a solve
 
 Consequences of a mistake are not reported. If no module gives an input, there is one finding at that input, and none
 about the module that therefore never runs. Unused parts are reported only if all inputs can be wired. For example, if a
-driver is missing, its device is unused. The module that reads the driver's data then cannot run, so all other inputs of
-that module are unused, too.
+driver is missing, the input that nothing gives is reported, and not the device that has no driver.
 
 How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
 findings of it, and call the function in `check`.

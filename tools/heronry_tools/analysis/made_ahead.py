@@ -7,11 +7,11 @@ processor architecture give the same plans, so tables and manager may be made on
 differ all the same, PREPARE has a digest that the PE does not hold; the PE answers that the contingency is not on
 board, and the manager sends the slice. So no PE runs another configuration than the manager commands.
 
-The plans are made when they are first needed. (A demo does not wait for them: it makes them in the background.) They
-are kept in the user's cache under the digests of the spec and of the planner, so that a manager that starts again in
-flight finds them. A lock ensures that only one process makes them. If that process is killed, the next one continues
-its work (`contingency.journal`). The file is written whole or not at all, and a damaged file is made anew. If the plans
-cannot be made or kept, a message says so, and the system flies without them.
+The plans are made when they are first needed. (A demo does not wait for them: it makes them in the background.) The
+plans are kept in a file of the user's cache, under the digests of the spec and of the planner. So a manager that starts
+again in flight finds them. A lock ensures that only one process makes the plans. If that process is killed, the next
+process continues its work (`contingency.journal`). The file is written whole or not at all, and a damaged file is made
+anew. If the plans cannot be made or kept, a message says so, and the system flies without them.
 """
 
 import argparse
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 SINGLE_FAULTS_KEPT: Final = "the plans for every single fault, made once and kept in the user's cache"
 _FAULTS: Final = 1
-_QUESTIONS_FOR_A_CREW: Final = 100  # fewer are planned before worker processes have started
+_QUESTIONS_FOR_A_CREW: Final = 100  # fewer plans are made sooner than worker processes start
 
 
 class Ahead(Enum):
@@ -52,7 +52,10 @@ CARRIED = "a PE has as many on board as fit; give the manager the same plans"
 
 
 def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, default: str = SINGLE_FAULTS_KEPT) -> None:
-    """Add --contingencies; `what` says in its help what the plans are for, `default` which plans are the default."""
+    """Add the option --contingencies.
+
+    what: the purpose of the plans, for the help text. default: the plans that are used without the option, likewise.
+    """
     parser.add_argument(
         "--contingencies",
         type=_source,
@@ -83,12 +86,12 @@ def contingencies_of(
 
 
 def kept_contingencies(spec: "Spec") -> "Contingencies | None":
-    """Give the plans for every single fault that are in the cache; None if this solver and planner made none."""
+    """Give the plans for every single fault from the cache; None if it has none of this spec, solver and planner."""
     return _kept(spec, _kept_in(spec))
 
 
 def can_plan_ahead() -> bool:
-    """Tell whether there is a solver; if not, a message on stderr says so."""
+    """Tell whether the solver is installed; if not, print a message on stderr."""
     if _solver() is None:
         _say('nothing is planned ahead without ortools; add it with: pip install "heronry[manager]"')
         return False
@@ -96,7 +99,7 @@ def can_plan_ahead() -> bool:
 
 
 def questions(spec: "Spec") -> int:
-    """Give the number of plans for every single fault."""
+    """Give the number of plans for every single fault in all phases, without the plans for places."""
     scope = _scope(spec)
     return scope.set_count() * len(scope.phases)
 

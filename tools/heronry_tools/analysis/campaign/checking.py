@@ -1,4 +1,4 @@
-"""Verification of a contingency file: every plan is verified, and its worth is computed again."""
+"""Verification of a contingency file: every plan is verified, and its objective is computed again."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, as_completed

@@ -1,8 +1,8 @@
 """The workers that make the plans of a campaign: this process, worker processes of it, or a Dask cluster.
 
-A *question* asks for the plan of one fault set, and a *task* has some questions about one spec. `solved` answers a
-task. It is a plain function of picklable things, so that any `concurrent.futures.Executor` can run it, also that of a
-cluster. The process that makes a plan also verifies it.
+A *question* asks for the plan of one fault set, and a *task* has some questions about one phase of a spec. The function
+`solved` answers a task. Its argument and its result can be pickled, so any `concurrent.futures.Executor` can run it,
+also the executor of a cluster. The process that makes a plan also verifies the plan.
 
 Worker processes start and end as in `heronry_tools.console.processes`.
 """
@@ -100,7 +100,11 @@ def _questions(task: Task) -> Iterator[Question]:
 
 @contextmanager
 def crew(jobs: int, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Yield an executor: None for one job (this process), else `jobs` processes, or the Dask cluster at an address."""
+    """Yield the executor that makes plans; None with one job: then this process makes them.
+
+    jobs: the number of worker processes. scheduler: the address of a Dask cluster that makes the plans instead. Raises
+    UserError if the cluster does not answer or has no workers.
+    """
     if scheduler is not None:
         with _cluster(scheduler) as executor:
             yield executor

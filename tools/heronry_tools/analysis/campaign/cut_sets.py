@@ -1,20 +1,20 @@
 """The smallest sets of faults that lose a function.
 
 A function is *lost* when no legal configuration of the remaining elements serves it, even if every other function is
-given up. A *cut set* is a smallest set of faults that loses it. More faults leave fewer configurations
-(`heronry_dg.losses`). So every set that contains a cut set loses the function, too, and the cut sets describe all of
-them. A loss depends neither on the phase nor on the other functions that are wanted: a configuration that serves a
-function beside others can serve it alone.
+given up. A *cut set* is a smallest set of faults that loses the function. More faults leave fewer configurations
+(`heronry_dg.losses`). So every set that contains a cut set loses the function, too, and the cut sets describe all sets
+that do. A loss does not depend on the other functions that are wanted: a configuration that serves a function beside
+others can serve it alone. There are two kinds of cut sets:
 
-    logical     the graph cannot serve the function: even with unlimited CPU, memory, bandwidth and time, and without
+    logical     the graph cannot serve the function, even with unlimited CPU, memory, bandwidth and time, and without
                 placement rules
     resources   the remaining PEs and buses cannot carry what the function needs
 
-Every logical cut set also loses the function with real resources, but there a smaller set may do so, too.
+Every logical cut set also loses the function with real resources. With these, a smaller set may be enough.
 
-The best plan of a phase may also *give up* a function that could be served, for a more important one. That is not a
-loss as defined above: a further fault may make the more important function impossible, and then the first one is served
-again. So the sets that contain such a set do not all give the function up. `given_up` looks at the best plan of every
+The best plan of a phase may also *give up* a function that could be served, for a more important function. That is no
+loss as defined above: a further fault may make the more important function impossible, and then the given-up function
+is served again. So a larger fault set need not give the function up, and `given_up` looks at the best plan of every
 fault set (a sweep).
 """
 

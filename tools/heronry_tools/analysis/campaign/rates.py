@@ -1,17 +1,18 @@
-"""The likelihood of a loss within one hour, from `rate_per_h`: a proven lower bound, and an upper one where possible.
+"""The likelihood that a function is lost within one hour, from the failure rates of a spec: a lower and an upper bound.
 
 Elements fail independently. An element with rate r fails within the hour with the probability 1 - exp(-r), which is at
-most r. A function is lost when all elements of some set fail; only sets up to the scope's number of faults (its
-*order*) are known. The likelihood is
+most r. A function is lost when all elements of one of several fault sets fail. Only sets up to a number of faults, the
+*order* of the scope, are known. The probability of a set is the probability that all its elements fail.
 
-    at least   the greater of two values: the sum over the sets, less the sum over all pairs of them (Bonferroni); or
-               the probability of the likeliest set. Sets with an element without a rate are left out. Some sets only
-               make the best plan give the function up: for them it is assumed that a further fault does not bring the
-               function back
-    at most    the sum over the known sets, plus the probability that more elements fail than the order. Not known where
-               an element of the scope has no rate
+    lower bound   the greater of two values. One is the sum of the probabilities of the known sets, less, for each pair
+                  of sets, the probability that all elements of both fail (Bonferroni). The other is the probability of
+                  the likeliest set. Sets with an element without a rate are left out. After some sets, the best plan
+                  gives the function up though it could be served: for these sets it is assumed that a further fault
+                  does not bring the function back
+    upper bound   the sum of the probabilities of the known sets, plus the probability that more elements fail than the
+                  order. There is no upper bound if an element of the scope has no rate
 
-The difference of the two shows what the order leaves open.
+The difference between the bounds shows how much larger fault sets could add.
 """
 
 from collections.abc import Collection, Iterable
@@ -23,7 +24,7 @@ from math import expm1, prod
 from heronry_dg.model import Spec
 from heronry_manager.planner.sweep import Scope
 
-_MOST_PAIRED = 300  # the likeliest sets; fewer sets make the lower bound lower, and never wrong
+_MOST_PAIRED = 300  # only the likeliest sets are taken: with fewer sets the lower bound is lower, and still a bound
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ def rate_of(spec: Spec, element: str) -> Fraction | None:
 
 
 def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]], scope: Scope) -> Likelihood | None:
-    """Bound the probability that a function is lost within one hour; None where no set has all its rates.
+    """Bound the probability that a function is lost within one hour; None if each set has an element without a rate.
 
     fault_sets: the smallest sets of the scope that lose the function.
     """

@@ -42,7 +42,7 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
 def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = False) -> "Scope":
     """Give the scope that the command line describes; raises UserError.
 
-    places: include the places in use, as far as the command line includes modules.
+    places: include the places in use, if the command line includes modules.
     """
     from heronry_dg.situation import elements, situation  # noqa: PLC0415 - slow to import
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
@@ -58,7 +58,10 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = Fals
 
 
 def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
-    """Give the phases that are planned ahead: those of the spec's `contingency`, else all; (None,) if none."""
+    """Give the phases that are planned ahead: those that the spec's `contingency` names, by default all phases.
+
+    (None,) for a spec without phases.
+    """
     return spec.contingency.phases or tuple(spec.phases) or (None,)
 
 

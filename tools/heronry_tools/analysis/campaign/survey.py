@@ -1,8 +1,8 @@
 """The figures of a campaign: what survives a number of faults.
 
-The plans for all fault sets are made before; here they are counted. Every fault set of a size counts alike, however
-likely it is. A function counts as lost where the best plan does not serve it: because no plan can, or because the
-remaining resources go to a more important function.
+The plans for all fault sets are made before; this file counts what the plans serve. Every fault set of a size counts
+alike, however likely it is. A function counts as lost after a fault set if the best plan does not serve it: either no
+plan can serve it, or the remaining resources go to a more important function.
 """
 
 from collections import Counter

@@ -177,8 +177,8 @@ TOGETHER_NOWHERE = FAMILY.warning(
     "DG422",
     "together-nowhere",
     what="Two modules must be on one PE, and no PE fits both.",
-    why="The two never run at the same time. Two branches of a DEMUX never do anyway; there the rule only keeps "
-    "a third module that it names from running with one of them.",
+    why="The two never run at the same time. If they are branches of one DEMUX, they never do in any case; then the "
+    "rule has one effect: a third module that it names can run beside only one of them.",
     fix="Remove the module that cannot run on the PE of the others from the rule, or write one rule for each.",
     bad=_two_lamps("nav") + "together: [[display, second_display]]\n",
     good=_two_lamps("nav") + "together: [[driver, second_display]]\n",

@@ -37,7 +37,7 @@ class ForcedTraffic:
 
 
 def forced_traffic(possible: Candidates) -> ForcedTraffic:
-    """Work out what must be published if all functions of `possible` are served that can be served."""
+    """Work out what must be published if every function of `possible` that can be served is served."""
     found = ForcedTraffic(possible.spec)
     outputs = (
         frozenset(one for one in function.outputs if one in possible.modules)

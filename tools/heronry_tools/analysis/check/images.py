@@ -1,4 +1,4 @@
-"""The check of DG6xx: images of the form `package.module:Class` are imported, where their package is found here.
+"""The check of DG6xx: images of the form `package.module:Class` are imported if their package is on this computer.
 
 A package is searched for in the folder of the spec, in the present folder, and where Python finds packages. Code may do
 anything when it is imported, so a process of its own imports it:
@@ -23,7 +23,7 @@ from heronry_dg.check.subject import Subject
 from heronry_dg.findings import Findings
 from heronry_tools.analysis.check.image_rules import IMAGE_NOT_LOADED
 
-LIMIT_S: Final = 20.0  # an agent gives its code so long to be loaded
+LIMIT_S: Final = 20.0  # an agent waits as long for its code to be loaded
 
 
 def check(subject: Subject, findings: Findings) -> None:

@@ -1,9 +1,10 @@
 """All families of rules, and the checks of those that the loader does not check.
 
-The loader itself finds DG0xx, DG1xx and the part of DG2xx without which a spec means nothing. Every other family has a
-function `check(subject, findings)`, for a spec that loads. A family that needs a solver, or runs foreign code, keeps
-its rules and its check in files of this folder, and imports the planner inside its functions: listing a rule needs no
-solver. Its check is imported when it is called, which keeps `check --fast` fast.
+The loader itself finds DG0xx, DG1xx and those rules of DG2xx that stop a spec from being loaded. All other rules are
+checked by a function `check(subject, findings)` of their family, in a spec that loads. A family that needs a solver, or
+runs foreign code, keeps its rules and its check in files of this folder. Its check imports the planner inside
+functions, so that rules can be listed without a solver. The check itself is imported when it is called, which keeps
+`check --fast` fast.
 
 To add a family: write its files, name its FAMILY in `FAMILIES` and its `check` in `CHECKS`.
 """
@@ -51,6 +52,6 @@ RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, 
 
 
 def checks_of(*, fast: bool) -> dict[str, Check]:
-    """Give the checks, each under the beginning of its codes; with `fast` only those that need no solver."""
+    """Give the checks, each under the prefix of its codes; with `fast` only those without solver and foreign code."""
     slow = {family.prefix for family in FAMILIES if not family.fast}
     return {prefix: check for prefix, check in CHECKS.items() if not (fast and prefix in slow)}

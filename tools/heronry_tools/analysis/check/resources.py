@@ -47,7 +47,10 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 def _fits(subject: Subject, findings: Findings, module: Module) -> None:
-    """Report the module if all its modes are too large for every PE on which it may run, else each such mode."""
+    """Report a module of which all modes are too large for every PE on which it may run.
+
+    If only some modes are too large for every such PE, report these modes.
+    """
     spec = subject.spec
     hosts = hosts_when_all_is_up(spec, module)
     large = [mode for mode in module.modes.values() if not any(fits(spec, module, mode, pe) for pe in hosts)]
@@ -138,7 +141,10 @@ class _Serving:
         self._unlimited = servable.Planning(servable.without_limits(self._spec))
 
     def check(self) -> None:
-        """Check the critical functions of all phases together; where they do not fit, each function and each phase."""
+        """Check the critical functions of all phases together.
+
+        If they cannot all be served together, check each phase. Functions that this check leaves out are checked alone.
+        """
         possible = self._planning.possible(_union(self._wanted.values()))
         critical = _union(self._critical.values()) & possible
         fitting = critical if self._planning.all_at_once(critical).configuration is not None else frozenset[str]()

@@ -1,4 +1,4 @@
-"""What a check needs from the planner: whether some functions can all be served, and which a phase gives up.
+"""What a check asks the planner: whether some functions can all be served, and which ones a phase's plan gives up.
 
 The exact planner answers both questions. It first gets a cheap problem: only these functions are wanted, all with the
 same priority. If all of them can be served together, every best plan of a phase that wants no other critical function
@@ -79,9 +79,9 @@ class Planning:
         return ResponseTimes(self.spec)
 
     def in_phase(self, phase: Phase) -> "Planning":
-        """Give the `Planning` for the spec in a phase, in which inputs that belong to other phases are closed.
+        """Give the `Planning` for a phase of the spec: no input is wired that `only_in` restricts to other phases.
 
-        It is this object itself if no input is closed.
+        If the spec has no such input, this object itself is returned.
         """
         planned = self.spec.in_phase(phase)
         if planned is self.spec:
@@ -107,9 +107,9 @@ class Planning:
         if known is not None:
             return Answer(known, proven=True)
         search = Search(self.candidates_for(functions, down, least), None, self.times, _EFFORT)
-        search.run(
-            groups=1
-        )  # there the first level is whether functions are served, and the second how well: all are, or not all can be
+        # The first group of levels decides which functions are served, and in modes of which value. That is enough: the
+        # question is only whether all functions can be served with the values in `least`.
+        search.run(groups=1)
         if not self._serves(search.best, functions, least):
             return Answer(None, search.proven)
         self._known.append((search.best, used_elements(self.spec, search.best)))
@@ -158,9 +158,10 @@ class Planning:
         down: frozenset[str] = frozenset(),
         least: Mapping[str, int] = NOTHING_ASKED,
     ) -> Candidates:
-        """Give the candidates of a plan that wants only these functions, all with the same priority.
+        """Give all choices for a plan (`Candidates`) that wants only these functions, all with the same priority.
 
-        A mode is worth 1 where its value is at least that in `least`, and 0 otherwise.
+        least: the value with which each function must be served. A mode that reaches this value, if it is above 0, has
+        the value 1 in the candidates; all other modes have the value 0.
         """
         wanted = {
             name: replace(

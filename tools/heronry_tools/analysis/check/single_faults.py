@@ -5,8 +5,8 @@ without the element does not. Only phases whose critical functions can all be se
 other phases are reported as DG303.
 
 Few plans are needed. Elements after whose loss the planner has the same choices (a device and its only driver) share
-one plan. A function whose output no module could still give is lost without a plan. If all the other functions of all
-phases can be served together, none of them is lost. Only if they cannot, each phase is planned.
+one plan. A function whose output no module could still give is lost; this needs no plan. If all the other functions of
+all phases can be served together, none of them is lost. Only if they cannot, a plan is made for each phase.
 """
 
 from collections.abc import Iterator, Mapping
@@ -53,7 +53,7 @@ def losses(planning: Planning) -> Iterator[Loss]:
 
 
 def single_elements(spec: Spec) -> Iterator[str]:
-    """Yield the elements that one fault can take away; a replicated bus is none, since one fault takes one channel."""
+    """Yield the elements that one fault can take away; not a replicated bus, of which one fault takes one channel."""
     for element in elements(spec):
         kind, _, name = element.partition(":")
         if kind != "channel" and (kind != "bus" or spec.buses[name].channels == 1):
@@ -61,7 +61,7 @@ def single_elements(spec: Spec) -> Iterator[str]:
 
 
 def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
-    """Give, by phase, the critical functions; only phases in which all of them can be served with everything up."""
+    """Give the critical functions of each phase in which all of them can be served with everything up."""
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
     if _differs_by_phase(planning, by_phase):
         fits = {phase: planning.in_phase(phase).all_at_once(names) for phase, names in by_phase.items()}
@@ -88,7 +88,7 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
 
 
 def _differs_by_phase(planning: Planning, by_phase: Mapping[Phase, frozenset[str]]) -> bool:
-    """Tell whether any phase closes an input."""
+    """Tell whether some phase has an input that is not wired in it (`only_in`)."""
     return any(planning.in_phase(phase) is not planning for phase in by_phase)
 
 

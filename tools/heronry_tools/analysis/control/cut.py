@@ -1,14 +1,15 @@
 """The least cut of a component graph: the least bandwidth that the radio must carry between two sides.
 
-The nodes of the cut are the leaves of the component graph that have a vertex, except plants. A port costs its weight
-once if any of its consumers is on the other side, however many they are: the port is a net, not a sum of edges. Leaves
-that are pinned to a side stay there, and there must be two sides. If there are several least cuts, the result is the
-one in which the first side keeps most leaves; least cuts form a lattice, so there is exactly one such cut.
+The cut divides the leaves of the component graph that have a vertex, except plants. A leaf that is pinned to a side
+stays there, and the pinned leaves must name exactly two sides. A port has a weight, the bandwidth of its data. This
+weight counts once if one or more consumers of the port are on the other side. So a port and its consumers are one
+*net*, not several edges. If there are several least cuts, the result is the cut in which the first side keeps most
+leaves. Least cuts form a lattice, so there is exactly one such cut.
 
-The cut is found by maximum flow: the leaves pinned to the first side are the source, those of the second side the sink.
-Each net becomes an arc of its weight between two nodes of its own. Arcs lead to the first of these nodes from each leaf
-of the net, and from the second back to each leaf (Lawler 1973). After the maximum flow, the first side keeps all leaves
-from which no arc with free capacity leads to the sink.
+The cut is found by maximum flow. The leaves pinned to the first side are the source, and the leaves pinned to the
+second side are the sink. Each net becomes an arc of its weight between two nodes of its own. Arcs lead from each leaf
+of the net to the first of these nodes, and from the second node to each leaf (Lawler 1973). After the maximum flow, the
+first side keeps all leaves from which no path of arcs with free capacity leads to the sink.
 
 Source: the paper, section 3.4: "a minimum-cut was determined to partition the components".
 """
@@ -34,9 +35,9 @@ class Cut:
 
 
 def least_cut(graph: Graph, first: str | None = None) -> Cut:
-    """Find the least cut; `first` is the side that keeps most leaves, by default that of the first pinned leaf.
+    """Find the least cut; `first` is the side that keeps most leaves, by default the side of the first pinned leaf.
 
-    Raises PcsError `sides` where leaves are not pinned to exactly two sides.
+    Raises PcsError `sides` if the leaves are not pinned to exactly two sides.
     """
     inner = {parent(vertex) for vertex in graph.vertices}
     nodes = {name: leaf.side for name, leaf in graph.leaves.items() if name in inner and not leaf.plant}

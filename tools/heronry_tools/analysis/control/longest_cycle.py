@@ -1,9 +1,12 @@
-"""The longest component-cycle of a block, with CP-SAT.
+"""The longest component-cycle of a block of a component graph, found with the solver CP-SAT.
 
-The model has one arc per direction of each pair of neighbors, and a loop at each member that the cycle leaves out,
-under AddCircuit. Two arcs there and back between two members are no cycle. The search ends when the solver's own count
-of its work reaches `effort`, so that the bounds are the same on every machine. If the search ends in this way, the
-lower and the upper bound differ.
+A *block* is a largest set of members that stays connected whichever one of them is removed; a *component-cycle* is a
+path of three or more members whose last member is a neighbor of the first (heronry_pcs.cycles).
+
+The solver's model is one circuit (AddCircuit). It has an arc in each direction between any two neighbors, and a loop at
+each member that the cycle may leave out. A pair of arcs there and back between two members is excluded, since it is no
+cycle. The search ends when the solver's own count of its work reaches `effort`, so the bounds are the same on every
+machine. If the search ends before a longest cycle is proven, the lower and the upper bound differ.
 """
 
 from typing import Final

@@ -1,6 +1,6 @@
 """A reconfiguration script, tried on a graph or on a plan without an aircraft.
 
-On a plan, a script moves and wires modules; their devices and plants follow.
+On a plan, a script moves and wires modules; devices and plants follow from the modules.
 """
 
 from collections.abc import Sequence

@@ -5,11 +5,12 @@ it. Only critical functions (classes A to D) that the phase wants are examined. 
 minutes, so most losses are decided without a plan:
 
 1. A function that cannot be served even with unlimited resources (`feasible`) is lost in every plan.
-2. A configuration from an earlier plan is reduced to what still works without the element. If it is legal and serves
-   all functions that rule 1 leaves, none of them is lost, since the best plan is worth no less. This is not concluded
-   if the loss makes room for a function that the healthy system has to leave out. Idle modules in the configuration do
-   no harm; they could be stopped.
-3. For each remaining element a plan is made. Its configuration is known from then on, for the next phase and spec too.
+2. A configuration from an earlier plan is reduced to what still works without the element. If the reduced configuration
+   is legal and serves all functions that rule 1 leaves, none of these functions is lost, since the best plan is at
+   least as good. There is one exception: if the loss may make room for a function that the healthy system has to leave
+   out, a plan is made. Modules without a purpose in the reduced configuration do no harm, since they could be stopped.
+3. For each remaining element a plan is made. Its configuration serves as an earlier plan in rule 2 from then on, also
+   for the next phase and the next spec.
 """
 
 from collections.abc import Iterator, Mapping
@@ -31,13 +32,13 @@ from heronry_manager.planner.exact import plan
 class PhaseConsequences:
     """The consequences of a spec in one phase, with nothing down.
 
-    served: the module and mode that serve each function, "not wanted", or None where it is not served.
+    served: the module (and mode, if it has several) that serves each function; "not wanted"; or None: not served.
     hangs_on: the single points of failure of each critical function that is served.
     bus_bits_per_s: the load of each bus.
     cpu_millis: the load of all PEs, in thousandths of a core.
     """
 
-    served: Mapping[str, str | None]  # function -> mode and value; None: not served
+    served: Mapping[str, str | None]  # by function
     hangs_on: Mapping[str, tuple[str, ...]]  # critical function that is served -> its single points of failure
     bus_bits_per_s: Mapping[str, int]
     cpu_millis: int
@@ -81,7 +82,7 @@ class Consequences:
         return {name: tuple(culprits) for name, culprits in costs.items()}
 
     def _lost(self, spec: Spec, now: Situation, critical: list[Function]) -> list[str]:
-        """Name those of the critical functions that no plan serves in a situation."""
+        """Name those of the critical functions that the best plan of a situation does not serve."""
         found = feasible(spec, now)
         can_run = [f for f in _critical(spec, now.phase) if any(found.can_run(spec.modules[one]) for one in f.outputs)]
         possible = [function for function in can_run if function in critical]

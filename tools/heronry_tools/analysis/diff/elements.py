@@ -130,7 +130,7 @@ def _flat(element: object) -> Fields:
 
 
 def _named(field: str, value: object) -> Fields:
-    """Give a field under its key in the spec; nothing for a field that is not compared."""
+    """Give a field, as text, under its key in the spec; an empty map for a field without a value."""
     if value is None or value in ((), frozenset(), {}):
         return {}
     key, parts = _UNITS.get(field, (field, 1))

@@ -24,7 +24,11 @@ _SHAFTS = {"added": "==>", "removed": "-.->", "": "-->"}
 
 
 class Arrow(NamedTuple):
-    """One flow of data in the picture, with modes by name, since V1 may be another mode in the other spec."""
+    """One flow of data in the picture.
+
+    modes: the modes at both ends, by name. In `words` a mode has a number, which may mean another mode in the other
+    spec.
+    """
 
     source: str
     target: str

@@ -1,6 +1,6 @@
 """A difference as text, for a pull request, and as JSON, for a program.
 
-The text has one line a change: `+` for added, `-` for removed, `~` for changed; what did not change is left out.
+The text has one line for each change: `+` for added, `-` for removed, `~` for changed. What did not change is left out.
 """
 
 import json

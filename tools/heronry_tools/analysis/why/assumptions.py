@@ -1,8 +1,8 @@
 """All that could keep a function from being served, as a list of assumptions that can be relaxed.
 
-An assumption that is *relaxed* no longer holds: an element is up again, a capacity is unlimited, a rule is gone, or
-another function need not be served. `relaxed` changes the question accordingly: the spec, the elements that are down,
-and the functions that must be served. The planner answers it.
+An assumption that is *relaxed* no longer holds: an element is up again, a capacity is unlimited, a placement rule is
+gone, deadlines are gone, or another function need not be served. `relaxed` changes the question accordingly: the spec,
+the elements that are down, and the functions that must be served. The planner answers the changed question.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -20,7 +20,10 @@ MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
 
 @dataclass(frozen=True, slots=True)
 class Assumption:
-    """One assumption that could be relaxed; `name` is an element, a PE, a bus, a function, or the index of a rule."""
+    """One assumption that could be relaxed.
+
+    name: by kind, an element, a PE, a bus, a function, the index of a placement rule, or empty for deadlines.
+    """
 
     kind: Kind
     name: str
@@ -42,7 +45,7 @@ class Question:
 def assumptions(question: Question, goal: str) -> list[Assumption]:
     """List all assumptions that may keep the function `goal` from being served, in the order of relaxation.
 
-    Those that explain least come first, such as other functions; elements that are down come last.
+    Assumptions that explain least come first, such as other functions; elements that are down come last.
     """
     return list(_assumptions(question, goal))
 
@@ -101,7 +104,10 @@ def _others(rules: tuple[tuple[str, ...], ...], gone: Collection[str]) -> tuple[
 
 
 def capacity(spec: Spec, one: Assumption) -> int:
-    """Give the amount of a capacity: thousandths of a core, bytes, or bit/s of the bit rate."""
+    """Give the amount of a capacity: thousandths of a core, bytes, or the bit rate in bit/s.
+
+    Raises ValueError if the assumption is not about a capacity.
+    """
     match one.kind:
         case "bandwidth":
             return spec.buses[one.name].bitrate

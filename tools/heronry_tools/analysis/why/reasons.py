@@ -7,13 +7,14 @@ finds out why.
 *Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other. If
 the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The remaining set
 is irreducible: if any one of its assumptions were relaxed, too, the goal would be possible. There may be several
-irreducible sets; the assumptions that explain least are relaxed first, so that they are not in the set that is shown.
+irreducible sets, and only one is shown. Assumptions that explain least are relaxed first, so this set has them only if
+it cannot do without them.
 
-*Repairs.* A repair must relax something of every irreducible set. The smallest repair is found as a smallest hitting
-set of the irreducible sets that are known. If the planner cannot reach the goal with it, a further irreducible set is
-found, and the search is repeated. A repair can only bring back elements that are down, or add CPU, memory or bandwidth.
-The amount of a capacity that is needed is found by bisection. A repair counts only if the planner, given the repaired
-system, really serves the function.
+*Repairs.* A repair must relax an assumption of every irreducible set. So the smallest repair is found as a smallest
+hitting set: a set that has a member of each known irreducible set. If the planner cannot reach the goal with this
+repair, a further irreducible set is found, and the search is repeated. A repair can only bring back elements that are
+down, or add CPU, memory or bandwidth. The amount of a capacity that is needed is found by bisection. A repair counts
+only if the planner, given the repaired system, really serves the function.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -69,7 +70,10 @@ class Explanation:
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
-    """Explain how a function is served in a situation, if the plan with everything up ran before the faults."""
+    """Explain how a function is served in a situation, if the plan with everything up ran before the faults.
+
+    Raises UserError if the planner does not decide in time what is possible.
+    """
     healthy = plan(spec, Situation(phase=now.phase))
     found = explained(spec, plan(spec, now, placement(healthy.configuration)) if now.down else healthy)
     report = found.functions[function.name]
@@ -139,9 +143,9 @@ def _repairs(
 
 
 def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator[tuple[Assumption, ...]]:
-    """Yield sets of assumptions of `soft` whose relaxation makes the goal possible, smaller ones first.
+    """Yield sets of assumptions of `soft` whose relaxation makes the goal possible, smaller sets first.
 
-    No set contains another one.
+    No set contains another of these sets.
     """
     cores: list[frozenset[Assumption]] = []
     found: list[frozenset[Assumption]] = []
