@@ -49,7 +49,7 @@ class Reading:
 
 
 class ExpressionReader:
-    """Reads every expression of one draft."""
+    """Reads the gate expressions of one draft: the named gates immediately, the `needs` of a mode on request."""
 
     def __init__(self, draft: Draft, findings: Findings) -> None:
         self._draft = draft
@@ -114,7 +114,7 @@ class ExpressionReader:
     def _reference(self, place: Place, text: str, below_choice: bool) -> Reading | None:
         """Read a name in an expression: a variable, with versions or without, or a gate.
 
-        below_choice: whether an OR or a XOR is above it.
+        below_choice: whether an OR or a XOR is above the name.
         """
         match = self._matched(place, text)
         if match is None:

@@ -23,7 +23,7 @@ _MOST_COMPARISONS = 20_000  # names compared for "did you mean", per file: a hos
 
 
 class Place(NamedTuple):
-    """A position in a file; both numbers start at 1."""
+    """A position in a file; lines and columns count from 1."""
 
     line: int
     column: int
@@ -110,7 +110,7 @@ class Findings:
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
-        """Remove the finding at this place that stops the spec from being loaded; a better one can then replace it."""
+        """Remove the finding at a place that stops the spec from being loaded; a better finding can then be added."""
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:

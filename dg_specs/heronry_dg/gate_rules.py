@@ -89,7 +89,7 @@ class _GateRules:
                 )
 
     def check_values(self) -> None:
-        """Check that a function has a value for each mode of its output, or none at all."""
+        """Check that `value` of a function, if it is given, has one number per mode of the function's output."""
         for function in self._draft.functions.values():
             if function.form is None or function.form.value is None:
                 continue
@@ -142,7 +142,7 @@ class _GateRules:
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
     def _outputs(self, name: str) -> list[str]:
-        """Modules of which any single one can serve a function with this output (a module or a DEMUX)."""
+        """Modules that can each serve a function with this output, which is the name of a module or of a DEMUX."""
         demux = self._draft.demuxes.get(name)
         ends = demux.form.to if demux is not None and demux.form is not None else []
         return ends or self.branches.get(name, [name])
@@ -152,7 +152,10 @@ class _GateRules:
         return all(m.modes and all((m.name, mode) in self.readings for mode in m.modes) for m in modules)
 
     def _wiring(self) -> dict[ModeName | _Datum, list[ModeName | _Datum]]:
-        """Give the graph of modes and the data that they give; data with an initial value are left out."""
+        """Give the graph in which an edge leads from a mode to each datum that it gives, and from there to each reader.
+
+        Data with an initial value are left out.
+        """
         graph: dict[ModeName | _Datum, list[ModeName | _Datum]] = {}
         for module in self._draft.modules.values():
             for mode in module.modes.values():

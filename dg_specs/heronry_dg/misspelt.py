@@ -71,7 +71,7 @@ def _misspelt(draft: Draft, findings: Findings, name: str, uses: list[Use], decl
     place = _declared(draft, declared)
     if place is not None:
         times = f"{len(uses)} times" if len(uses) > 1 else "once"
-        sentence = f"nothing uses {shown(declared)}, and {times} {shown(name)} is used, which does not exist"
+        sentence = f"nothing uses {shown(declared)}, and {shown(name)}, which does not exist, is used {times}"
         hint = f"rename it to {name}, or fix {_lines(uses)}"
         _one_for_all(findings, uses, place, sentence, hint)
 

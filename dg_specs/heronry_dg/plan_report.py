@@ -44,7 +44,7 @@ class BusReport:
 
 
 class Report:
-    """The report of one configuration in one situation."""
+    """The report of one configuration in one situation; each part is computed when it is first read."""
 
     def __init__(
         self, spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str] | None = None

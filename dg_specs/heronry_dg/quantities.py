@@ -29,7 +29,7 @@ _UNITS: Final = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
 class UnfitError(ValueError):
-    """A value does not fit its field: the rule, a sentence without its subject ("must be ..."), and a hint."""
+    """A value does not fit its field; the error has a rule, a sentence without subject ("must be ..."), and a hint."""
 
     def __init__(self, rule: Rule, sentence: str, hint: str = "") -> None:
         super().__init__(sentence)
@@ -70,7 +70,10 @@ def period_ns(value: object) -> int:
 
 
 def memory_bytes(value: object) -> int:
-    """Convert a number of bytes, or a text such as `64KiB`, `2MiB` or `1GiB`, to bytes; raises UnfitError if unfit."""
+    """Convert a number of bytes, or a text such as `64KiB`, `2MiB` or `1GiB`, to bytes.
+
+    Raises UnfitError for any other value, and for a value that is negative, too large or too fine.
+    """
     if not isinstance(value, str):
         return _whole(value, 1, LARGEST_MEMORY, "a byte")
     match = _MEMORY.fullmatch(value)
@@ -137,7 +140,7 @@ def _whole(value: object, factor: int, most: int, unit: str) -> int:
     if rest:
         next_one = Fraction(whole + 1, factor)
         hint = f"write {float(next_one):.10g}, the next possible value above" if factor <= _FINEST_SHOWN else "round it"
-        raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, as {value} is", hint)
+        raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, and {value} is", hint)
     return whole
 
 

@@ -149,7 +149,8 @@ class _ReferenceRules:
     def modules(self) -> None:
         """Check that everything exists that modules, their modes and DEMUXes name, except in gates.
 
-        A given version must be one of the variable's. If a module has a device, `runs_on` must allow the device's PE.
+        The variable must have each version that a mode gives. If a module has a device, `runs_on` must allow the
+        device's PE.
         """
         for module in self._draft.modules.values():
             if module.form is not None:
@@ -306,7 +307,7 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
 
 
 def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:
-    """Give the elements that are not broken, with their fields."""
+    """Give the elements that have no mistake in a field, each with its fields."""
     return ((element, element.form) for element in elements.values() if element.form is not None)
 
 

@@ -127,7 +127,7 @@ class ResponseTimes:
         return Fraction(self.spec.buses[bus].bitrate, _NS_PER_S)
 
     def message(self, hop: Hop, jitter_ns: Fraction = _NONE) -> Message:
-        """Convert a hop to a message of the analysis of its bus, in bit times."""
+        """Give the message that stands for a hop in the analysis of its bus, with all times in bit times."""
         bits_per_ns = self.bits_per_ns(hop.bus)
         punctual = self._punctual.get(hop)
         if punctual is None:
@@ -160,7 +160,7 @@ class ResponseTimes:
         return frozenset(found)
 
     def _delaying(self, hop: Hop, by_bus: Mapping[str, list[Hop]]) -> Iterator[Hop]:
-        """Give the hops that delay a hop directly: more urgent hops on a wired bus, and its own previous hop."""
+        """Give the hops that delay a hop directly: more urgent hops on a wired bus, and the datum's previous hop."""
         if self.spec.buses[hop.bus].kind == "wired":
             there = by_bus[hop.bus]
             yield from there[: there.index(hop)]

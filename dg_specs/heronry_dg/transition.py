@@ -251,7 +251,7 @@ class Transitions:
 
 
 class _Mixtures:
-    """The highest possible load of each bus while some PEs run the old configuration and others already the new one."""
+    """The highest possible load of each bus while some PEs run the old configuration and other PEs the new one."""
 
     def __init__(
         self,

@@ -40,7 +40,7 @@ class _Way:
     """The transition to verify, and its traffic.
 
     now_runs, shall_run: mode and PE of each module before and after the transition. sends_now, shall_send: what the PEs
-    publish and forward before and after it.
+    publish and forward before and after the transition.
     """
 
     spec: Spec
@@ -195,7 +195,7 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
 
 
 def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:
-    """Give the names of what these modules drive exclusively: each module, and its DEMUXes."""
+    """Name the exclusive outputs of these modules: each module itself, and its part of each of its DEMUXes."""
     for module in modules:
         yield f"module {module}"
         for demux, part in case.drives.get(module, ()):

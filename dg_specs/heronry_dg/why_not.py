@@ -115,7 +115,7 @@ def why_unwanted(now: Situation, function: Function) -> str | None:
 def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -> str:
     """Give the sentence that says why a function is not served.
 
-    alone: whether the function could be served if no other were wanted; None: not known.
+    alone: whether the function could be served if no other function were wanted; None: not known.
     """
     unwanted = why_unwanted(found.now, function)
     if unwanted:

@@ -149,7 +149,7 @@ class _SliceBounds:
 
     @cached_property
     def _readers(self) -> Mapping[str, set[str]]:
-        """PEs that may read a variable."""
+        """For each variable, the PEs on which a module that reads the variable may run."""
         found: dict[str, set[str]] = {}
         for module in self._spec.modules.values():
             for variable in {leaf.variable for mode in module.modes.values() for _, leaf in mode.leaves()}:

@@ -132,7 +132,7 @@ def is_nothing(node: Node) -> bool:
 def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
     """Follow a path of keys and indices through the tree; give the node, and how many steps of the path were possible.
 
-    If the path leaves the tree, the node is the last one before that.
+    If the path leaves the tree, the node is the last node that the path reached.
     """
     for taken, step in enumerate(path):
         match node:

@@ -64,13 +64,13 @@ def _unfit(place: Place, lines: list[str]) -> Mistake:
     character = lines[place.line - 1][place.column - 1 : place.column]
     if character == "\t":
         return Mistake(place, "this is not YAML: found a tab character", "indent with spaces")
-    return Mistake(place, f"this is not YAML: nothing begins with {character}", "remove it, or put the text in quotes")
+    return Mistake(place, f"this is not YAML: no value begins with {character}", "remove it, or put the text in quotes")
 
 
 def _not_closed(begun: Place, stopped: Place, lines: list[str]) -> Mistake:
     mark = lines[begun.line - 1][begun.column - 1 : begun.column]
     closing = _CLOSING.get(mark, "its end")
-    sentence = f"this is not YAML: the {mark} here is not closed, as far as {stopped.line}:{stopped.column}"
+    sentence = f"this is not YAML: the {mark} here is not closed before {stopped.line}:{stopped.column}"
     return Mistake(begun, sentence, f"write {closing} where it ends")
 
 

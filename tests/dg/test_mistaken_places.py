@@ -19,7 +19,7 @@ from heronry_dg.findings import Place
         ("dg: 1\n  »buses: {}\n", "mapping values are not allowed"),
         ("dg: 1\n»\tname: x\n", "found a tab character"),
         ("devices:\n  gps: {}\n»\timu: {}\n", "found a tab character"),
-        ("dg: 1\nname: »`x`\n", "nothing begins with `"),
+        ("dg: 1\nname: »`x`\n", "no value begins with `"),
         ("dg: 1\nname: [x]»]\n", "did not find expected"),
         ("dg: 1\n»name\n", "':' is missing between here and"),
     ],
@@ -46,7 +46,7 @@ def test_a_name_misspelt_where_it_is_declared_is_one_finding_there() -> None:
     )
     said = complaints(spec_text(variables="{»altitde: {type: FLOAT}}", modules=modules, functions="{}", devices="{}"))
     (only,) = said
-    assert only.startswith("nothing uses 'altitde', and 3 times 'altitude' is used, which does not exist (rename it to")
+    assert only.startswith("nothing uses 'altitde', and 'altitude', which does not exist, is used 3 times (rename")
 
 
 def test_a_name_that_is_used_once_may_be_misspelt_there() -> None:
@@ -88,7 +88,7 @@ def test_of_a_pair_used_once_the_one_whose_words_are_known_is_right() -> None:
         )
     )
     assert said == [
-        "nothing uses 'gsp', and once 'gps' is used, which does not exist (rename it to gps, or fix line 6)"
+        "nothing uses 'gsp', and 'gps', which does not exist, is used once (rename it to gps, or fix line 6)"
     ]
 
 

@@ -88,7 +88,7 @@ def test_a_worth_that_is_wrong_is_named(file: Path, capsys: pytest.CaptureFixtur
     swept.outcomes[None, frozenset()] = replace(healthy, objective=elsewhere.objective)
     file.write_bytes(written(scope, swept))
     code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "1")
-    assert (code, out) == (1, "nothing down: its value is not the one in the file\n")
+    assert (code, out) == (1, "nothing down: the value of this plan is not the value in the file\n")
 
 
 def test_a_run_goes_on_from_what_an_earlier_one_left(file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -58,8 +58,8 @@ def assess(
 ) -> Assessed:
     """Check the content of a file.
 
-    checks: the check of each family, by the prefix of its codes. rules: all rules by code; a comment may name no
-    others.
+    checks: the check of each family, by the prefix of its codes. rules: all rules by code; a comment with another code
+    gives a finding.
     """
     with loader.collector_at_rest():
         return _assess(data, file, checks, rules, choice)
@@ -91,7 +91,7 @@ def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
 def _told(
     findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
 ) -> tuple[list[Finding], set[Ignore]]:
-    """Give the findings that are reported, and the comments that suppress others."""
+    """Give the findings that are reported, and the comments that suppress the other findings."""
     told: list[Finding] = []
     used: set[Ignore] = set()
     for finding in findings:

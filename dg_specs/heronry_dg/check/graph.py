@@ -34,7 +34,7 @@ D = TypeVar("D", _Datum, _Accepted)
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Check a spec against every rule of this file."""
+    """Check a spec against every rule of this file, and add a finding for each mistake."""
     wiring = _Wiring(subject.spec)
     _inputs(subject, wiring, findings)
     _watched(subject, wiring, findings)
@@ -74,7 +74,10 @@ class _Wiring:
         return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
 
     def groups(self, leaf: Leaf) -> frozenset[str]:
-        """Modules that could be wired to a leaf; a DEMUX stands for its branches, or ends, of which only one runs."""
+        """Names of the modules that could be wired to a leaf.
+
+        The name of a DEMUX stands for its branches, or its ends, since only one of them runs.
+        """
         key = _accepted(leaf)
         if key not in self._groups:
             given = self.givers.get(leaf.variable, {}).items()
@@ -83,11 +86,11 @@ class _Wiring:
         return self._groups[key]
 
     def upstream(self, modules: Iterable[str]) -> set[str]:
-        """Give `modules` with all modules whose data could reach one of them, directly or through others."""
+        """Give `modules`, and all modules from which these could get data, directly or through other modules."""
         return self._reached(modules, lambda name: self._reads[name], self._read_from)
 
     def downstream(self, modules: Iterable[str]) -> set[str]:
-        """Give `modules` with all modules that data of one of them could reach, directly or through others."""
+        """Give `modules`, and all modules that could get data from these, directly or through other modules."""
         return self._reached(modules, lambda name: self._gives[name], lambda datum: self._readers[datum])
 
     def _read_from(self, accepted: _Accepted) -> Iterable[str]:
@@ -266,7 +269,7 @@ class _Possible:
     def _most(self, inputs: Sequence[Expression]) -> int:
         """Give an upper bound of the number of these inputs that hold at once.
 
-        A module gives only one version of a variable at a time.
+        The bound takes into account that a module gives only one version of a variable at a time.
         """
         leaves: dict[str, list[frozenset[str] | None]] = defaultdict(list)
         most = 0

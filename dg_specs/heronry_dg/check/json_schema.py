@@ -101,7 +101,7 @@ _NO_MODES: Final[Mapping[str, Any]] = {
 
 
 def schema_text() -> str:
-    """Give the schema as text, as the file dg.schema.json has it."""
+    """Give the content of the file dg.schema.json."""
     return json.dumps(spec_schema(), indent=2, ensure_ascii=False) + "\n"
 
 

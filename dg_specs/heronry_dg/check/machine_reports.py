@@ -28,7 +28,7 @@ def json_report(files: Sequence[Assessed], rules: Mapping[str, Rule]) -> str:
 
 
 def finding_fields(assessed: Assessed, finding: Finding, rules: Mapping[str, Rule]) -> dict[str, object]:
-    """Give one finding in a file, as JSON has it."""
+    """Give a finding as one object of the JSON report."""
     return {
         "file": finding.file,
         "line": finding.place.line,

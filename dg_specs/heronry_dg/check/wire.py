@@ -60,7 +60,7 @@ _SHOWN_IN_THE_WAY: Final = 3
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Check a spec against every rule of this file."""
+    """Check a spec against every rule of this file, and add a finding for each mistake."""
     _bit_rates(subject, findings)
     _standard_identifiers(subject, findings)
     _limits(subject, findings)
@@ -92,7 +92,7 @@ def _limits(subject: Subject, findings: Findings) -> None:
 
 
 def lacks_identifiers(spec: Spec) -> bool:
-    """Tell whether a spec has more (module, variable) pairs than identifiers, so that none can be allocated."""
+    """Tell whether more (module, variable) pairs need an allocated identifier than there are such identifiers."""
     return len(_allocated_to(spec)) > len(ALLOCATED_DATA_IDS)
 
 

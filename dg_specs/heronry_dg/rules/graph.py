@@ -36,7 +36,7 @@ def _voter(needs: str) -> str:
 
 
 def _lamps(first: str, second: str) -> str:
-    """Write a spec with two displays, which have these fields and may be the branches of DEMUX `light`."""
+    """Write a spec with DEMUX `light` and two displays; `first` and `second` are fields of the displays."""
     return (
         f"{_LAMPS}  display: {{device: lamp, {first}, {RUNS}}}\n"
         f"  second_display: {{device: second_lamp, {second}, {RUNS}}}\n"

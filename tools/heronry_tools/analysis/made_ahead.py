@@ -54,7 +54,7 @@ CARRIED = "a PE has as many on board as fit; give the manager the same plans"
 def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, default: str = SINGLE_FAULTS_KEPT) -> None:
     """Add the option --contingencies.
 
-    what: the purpose of the plans, for the help text. default: the plans that are used without the option, likewise.
+    what: the purpose of the plans. default: the plans that are used without the option. Both are for the help text.
     """
     parser.add_argument(
         "--contingencies",

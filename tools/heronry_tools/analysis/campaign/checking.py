@@ -22,10 +22,10 @@ _ENTRIES_IN_A_PART: Final = 256
 class Entry:
     """One plan of a contingency file.
 
-    what: the fault set and the phase, or the safe mode, for which the plan is.
+    what: the fault set and the phase for which the plan was made, or the safe mode of a phase, in words.
     now: the situation with these faults. configuration: the planned configuration.
-    objective: its value according to the file; None for a safe mode, for which the file has no value.
-    running: the modules and their PEs before the faults; None for a plan with nothing down.
+    objective: the value of the plan according to the file; None for a safe mode, of which the file has no value.
+    running: mode and PE of each module before the faults; None for a plan with nothing down.
     """
 
     what: str
@@ -62,7 +62,7 @@ def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
 def _wrong(spec: Spec, entry: Entry) -> Iterator[str]:
     yield from map(str, verify(spec, entry.now, entry.configuration))
     if entry.objective is not None and score(spec, entry.now, entry.configuration, entry.running) != entry.objective:
-        yield "its value is not the one in the file"
+        yield "the value of this plan is not the value in the file"
 
 
 def _entries(made: Contingencies) -> Iterator[Entry]:

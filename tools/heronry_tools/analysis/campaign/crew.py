@@ -130,4 +130,4 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _nothing(_: None) -> None:
-    """Do nothing when a worker begins: its first task makes its planner."""
+    """Do nothing when a worker process begins; the worker makes its planner for its first task."""

@@ -50,7 +50,7 @@ def cut_sets(spec: Spec, function: str, scope: Scope, advance: Callable[[int], N
 
 
 def _smallest(servable: "Servable", scope: Scope, advance: Callable[[int], None]) -> Iterator[FaultSet]:
-    """Yield the smallest sets that lose the function, smaller ones first; sets that contain one are not examined."""
+    """Yield the smallest sets that lose the function, smaller sets first; larger sets that contain them are skipped."""
     found: list[FaultSet] = []
     for size in scope.sizes():
         for down in scope.of_size(size):

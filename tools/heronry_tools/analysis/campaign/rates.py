@@ -29,7 +29,7 @@ _MOST_PAIRED = 300  # only the likeliest sets are taken: with fewer sets the low
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """Bounds of a probability within one hour; `at_most_per_h` is None where no upper bound is known."""
+    """Bounds of the probability of a loss within one hour; `at_most_per_h` is None where no upper bound is known."""
 
     per_h: float  # at least
     at_most_per_h: float | None
@@ -94,7 +94,7 @@ def _at_least(chances: dict[str, float], sets: Iterable[frozenset[str]]) -> floa
 def _more_than(order: int, rates: Collection[Fraction]) -> Fraction:
     """Give an upper bound of the probability that more than `order` elements fail.
 
-    It is the sum of the probabilities of all sets of `order` + 1 elements.
+    The bound is the sum of the probabilities of all sets of `order` + 1 elements.
     """
     sums = [1.0] + [0.0] * (order + 1)  # over the elements so far: of all products of 0, 1, ... rates
     for rate in rates:

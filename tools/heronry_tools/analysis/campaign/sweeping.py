@@ -57,7 +57,7 @@ def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal 
 
 
 def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
-    """Give the configurations that a sweep of this scope has found, numbered, with the safe mode of each phase."""
+    """Number the configurations that a sweep of this scope has found, and add the safe mode of each phase."""
     from heronry_manager.planner.safe_mode import safe_mode  # noqa: PLC0415 - verifying alone needs no solver
 
     safe_modes = {phase: safe_mode(spec, phase, swept.running(phase) or {}) for phase in scope.phases}

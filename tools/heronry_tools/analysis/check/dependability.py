@@ -41,7 +41,7 @@ _LOST: Final = {  # (the element is a module, the functions are of class A or B)
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Apply every rule of this file."""
+    """Check a spec against every rule of dependability_rules.py, and add a finding for each mistake."""
     _placement_rules(subject, findings)
     _redundancy(subject, findings)
     if not lacks_identifiers(subject.spec):

@@ -75,7 +75,7 @@ class Dependence:
         return listed(f"{kind} '{name}'" for kind, _, name in named)
 
     def _of(self, needs: Expression, reader: Module) -> frozenset[str]:
-        """Give the elements without which an expression cannot hold, though a PE can still run its reader."""
+        """Give the elements without which an expression cannot hold, although a PE can still run module `reader`."""
         givers = (giver for _, leaf in leaves(needs) for giver in self._healthy.givers(leaf))
         suspects = self._losing((giver.name, mode.name) for giver, mode in givers)
         silent = self._where(suspects, lambda found: not found.can_hold(needs, _NEVER_LOST))

@@ -36,7 +36,7 @@ _SHOWN: Final = 4
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Apply every rule of this file."""
+    """Check a spec against every rule of resource_rules.py, and add a finding for each mistake."""
     for module in subject.spec.modules.values():
         _fits(subject, findings, module)
     for bus in subject.spec.buses.values():
@@ -95,7 +95,7 @@ def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
     if own + passing <= reserved:
         return
     sentence = (
-        f"bus '{bus.name}' reserves {float(reserved):.0f} bit/s, and the states of its PEs, LEASE and ALIVE take "
+        f"bus '{bus.name}' reserves {float(reserved):.0f} bit/s, but the states of its PEs, LEASE and ALIVE take "
         f"{float(own + passing):.0f} bit/s"
     )
     remedies = []
@@ -220,7 +220,7 @@ class _Serving:
             hop, name = late.hop, late.hop.variable
             sentence = (
                 f"'{name}' from '{hop.producer}' takes up to {_ms(late.response_ns)} on bus '{hop.bus}' and must "
-                f"arrive within {_ms(late.deadline_ns)}; without that {served} cannot be served"
+                f"arrive within {_ms(late.deadline_ns)}; if it arrives later, {served} cannot be served"
             )
             place = self._subject.place("variables", name, "deadline_ms")
             self._findings.add(rules.LATE, place, sentence, self._before(times, late, published))

@@ -49,8 +49,8 @@ def without_limits(spec: Spec) -> Spec:
 class Answer:
     """A configuration that serves all required functions, if one was found.
 
-    configuration: None if none was found; with elements down it may have been found for another question. proven:
-    without a configuration, whether it is proven that there is none.
+    configuration: the configuration, or None. With elements down, it may be one that answered an earlier question.
+    proven: if `configuration` is None, whether it is proven that there is no such configuration.
     """
 
     configuration: Configuration | None
@@ -135,13 +135,13 @@ class Planning:
     def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
         """Name those of the functions that the plan of a phase gives up.
 
-        The plan is the best one with everything up; with `down` it is the contingency plan.
+        Without `down`, the plan is the best plan with everything up; with `down`, it is the contingency plan.
         """
         found = self.contingency(phase, down) if down else self.healthy(phase)
         return frozenset(name for name in functions if not found.functions[name].served)
 
     def contingency(self, phase: Phase, down: frozenset[str]) -> Plan:
-        """Give the plan of a phase after the loss of some elements, when its best plan with everything up runs."""
+        """Give the plan of a phase after the loss of some elements, if the best plan with everything up ran before."""
         running = placement(self.healthy(phase).configuration)
         return plan(self.spec, Situation(down, phase=phase), running, effort=_EFFORT)
 

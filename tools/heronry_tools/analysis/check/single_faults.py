@@ -53,7 +53,10 @@ def losses(planning: Planning) -> Iterator[Loss]:
 
 
 def single_elements(spec: Spec) -> Iterator[str]:
-    """Yield the elements that one fault can take away; not a replicated bus, of which one fault takes one channel."""
+    """Yield the elements that one fault can take away.
+
+    Channels and replicated buses are left out: one fault takes one channel, and the other channel carries on.
+    """
     for element in elements(spec):
         kind, _, name = element.partition(":")
         if kind != "channel" and (kind != "bus" or spec.buses[name].channels == 1):
@@ -88,7 +91,7 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
 
 
 def _differs_by_phase(planning: Planning, by_phase: Mapping[Phase, frozenset[str]]) -> bool:
-    """Tell whether some phase has an input that is not wired in it (`only_in`)."""
+    """Tell whether an input is not wired in some of these phases (`only_in`)."""
     return any(planning.in_phase(phase) is not planning for phase in by_phase)
 
 

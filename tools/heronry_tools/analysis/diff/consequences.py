@@ -119,7 +119,7 @@ def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[F
 
 
 def _remains(spec: Spec, now: Situation, known: Configuration) -> Configuration:
-    """Give the part of a configuration that still works: each module has a PE and its inputs, each wire a producer."""
+    """Give the part of a configuration that still works: each module has a PE, its gates hold, each producer runs."""
     left = survivors(spec, now)
     modules = {
         name: running

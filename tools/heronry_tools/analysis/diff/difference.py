@@ -20,8 +20,8 @@ V = TypeVar("V")
 class Moved:
     """The change in the single points of failure of one function.
 
-    gone: elements that are no longer single points of failure. new: elements that have become such. left: elements that
-    still are such.
+    gone: elements that are no longer single points of failure. new: elements that have become single points of failure.
+    left: elements that are single points of failure in both specs.
     """
 
     gone: tuple[str, ...]

@@ -59,7 +59,7 @@ class Repair:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Whether and how a function is served, the reasons, and the repairs."""
+    """Whether and how a function is served, the reasons why it is not served better, and the repairs."""
 
     function: Function
     now: Situation
@@ -176,7 +176,7 @@ def _smallest_hitting(
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
     """Give a repair with the amount needed of each capacity.
 
-    While one capacity is measured, those that follow are unlimited.
+    The amounts are found one after the other; while an amount is searched, the capacities after it are unlimited.
     """
     capacities = [one for one in parts if one.kind in CAPACITIES]
     repaired = relaxed(question, parts)
