@@ -1,4 +1,4 @@
-"""DG2xx: the graph. Names refer to something, gates can hold, and declared elements are used.
+"""DG2xx, rules about the graph: names refer to something, gates can hold, and declared elements are used.
 
 expression_reader.py, gate_rules.py, reference_rules.py and demux_paths.py check the rules that stop a spec from being
 loaded; check/graph.py checks the others, from DG230 on, in a spec that loads. How a rule is added is shown in rule.py.
@@ -335,7 +335,7 @@ UNPRODUCED = FAMILY.error(
     "DG230",
     "unproduced-variable",
     what="A module or a phase reads a variable that no module gives.",
-    why="The input will never be wired. If the input is optional, the module runs without it, and no message says so.",
+    why="The input will never be wired. If the input is optional, the module runs without it, and no event says so.",
     fix="Let a module give the variable, or remove the input.",
     bad="variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
     f"{_display('{and: [speed, {or: {k: 0, of: [height]}}]}')}",
@@ -358,8 +358,8 @@ NEVER_HOLDS = FAMILY.error(
     "never-holds",
     what="The `needs` of a mode can never hold, although some module gives each variable that they name.",
     why="The inputs exclude each other. Either one module gives several of the versions, each in another mode, and "
-    "runs in one mode at a time; or the data come from another branch of the same DEMUX, which never runs beside this "
-    "one.",
+    "runs in one mode at a time; or they need several branches of one DEMUX (this module may be one of them), of which "
+    "only one runs.",
     fix="Lower `k`, read one version, or let another module give what is missing.",
     bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
     f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"

@@ -1,4 +1,4 @@
-"""DG1xx: one element by itself. All its fields exist, and each has a value that fits.
+"""DG1xx, rules about one element by itself: all its fields exist, and each field has a value that fits.
 
 draft.py and quantities.py check the fields one by one, and reference_rules.py checks fields of one element that must
 fit each other. How a rule is added is shown in rule.py.

@@ -110,7 +110,7 @@ def found_so_far(spec: "Spec") -> int:
 
     with suppress(OSError):
         lines = partial_of(_kept_in(spec)).read_bytes().count(b"\n")
-        return max(0, lines - 1)  # the first one is no plan
+        return max(0, lines - 1)  # the first line is no plan
     return 0
 
 

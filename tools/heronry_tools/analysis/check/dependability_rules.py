@@ -1,4 +1,4 @@
-"""DG4xx: dependability. Functions that one fault loses, and redundancy that protects from no fault.
+"""DG4xx, rules about dependability: functions that one fault loses, and redundancy that protects from no fault.
 
 dependability.py checks these rules in a spec that loads. They are warnings: many an aircraft has one engine. An
 engineer who accepts a single point of failure says so where the element is declared, with an ignore comment and its

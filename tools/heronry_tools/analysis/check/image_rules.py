@@ -1,4 +1,4 @@
-"""DG6xx: images. These rules are about the code that a spec names, as far as it is found on this computer.
+"""DG6xx, rules about images: the code of a spec's modules can be loaded, if it is found on this computer.
 
 images.py checks these rules in a spec that loads. The check imports code that is not part of heronry. So `check
 --fast`, which a hook runs at every commit, leaves it out. The head of heronry_dg/rules/rule.py shows how a rule is

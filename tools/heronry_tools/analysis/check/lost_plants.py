@@ -1,8 +1,8 @@
-"""The plants of class A and B that one fault takes off every control path; DG405.
+"""The check of DG405: plants of class A and B that one fault takes off every control path.
 
-The check looks at every phase. It considers a plant that the best plan with everything up has on a path. The plant is
-lost with an element if the contingency plan without the element has the plant on no path. Elements after whose loss the
-planner has the same choices (a device and its only driver) share one plan.
+The check looks at every phase. It considers a plant that the best plan with everything up has on a control path. The
+plant is lost with an element if the contingency plan without the element has the plant on no such path. Elements after
+whose loss the planner has the same choices (a device and its only driver) share one plan.
 """
 
 from collections.abc import Iterator

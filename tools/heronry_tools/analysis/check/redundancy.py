@@ -1,4 +1,4 @@
-"""Elements on which all alternatives depend, from the graph alone: DG410 to DG412.
+"""The check of DG410 to DG412: elements on which all alternatives depend, found from the graph alone.
 
 Alternatives are the inputs of a XOR or a voter, or the ends of a DEMUX. A voter is an OR of which at least two inputs,
 but not all, must hold. An expression depends on an element when it cannot hold without that element, even with

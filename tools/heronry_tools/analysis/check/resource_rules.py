@@ -1,4 +1,4 @@
-"""DG3xx: resources. With everything up, what is wanted has room, bandwidth and time.
+"""DG3xx, rules about resources: with everything up, there is room, bandwidth and time for all that is wanted.
 
 resources.py checks these rules in a spec that loads. Every rule is about the system with nothing down; DG4xx is about
 faults. The head of heronry_dg/rules/rule.py shows how a rule is added.

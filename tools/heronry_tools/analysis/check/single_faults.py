@@ -1,4 +1,4 @@
-"""The critical functions that one fault loses, found with the planner; DG401 to DG404.
+"""The check of DG401 to DG404: critical functions that one fault loses, found with the planner.
 
 A function is lost with an element when the best plan with everything up serves the function and the contingency plan
 without the element does not. Only phases whose critical functions can all be served with everything up are checked; the

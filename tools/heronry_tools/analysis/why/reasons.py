@@ -85,7 +85,7 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
         return unknown
     question = _question(spec, found, function, best_value if report.served else 0)
     every = assumptions(question, function.name)
-    if _is_possible(question):  # then only the low worth of the function keeps it from being served
+    if _is_possible(question):  # then the function is not served because it adds too little to the value of a plan
         return unknown
 
     def possible(without: Iterable[Assumption]) -> bool:
