@@ -191,7 +191,7 @@ class _DraftReader:
             yield from self._named(entry.node, f"'{section}'")
 
     def _named(self, node: Node, subject: str) -> Iterator[tuple[str, yaml_source.Entry]]:
-        """Give the entries of a map of names, and check each name."""
+        """Give the entries of a map of names; a name that is not valid gives a finding."""
         if yaml_source.is_nothing(node):
             return
         if not isinstance(node, yaml_source.Mapping):

@@ -86,7 +86,7 @@ class Findings:
         return iter(sorted(self._found.values()))
 
     def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:
-        """Add a finding.
+        """Add a finding; `hint` tells the author what to write instead.
 
         Of several findings at one place that stop the spec from being loaded, only the first is kept.
         """

@@ -5,7 +5,7 @@ they drive. Faults take out of use the elements that they name, and others as a 
 are out of use, and a PE without a route to the manager's bus counts as down.
 
 *A configuration that is the best before some faults is also the best after them, iff it uses no element that the faults
-take out of use.* Reasons why it is still legal: semantics rules 3 to 6 and 8 concern the configuration alone.
+take out of use.* Reasons why the configuration is legal: semantics rules 3 to 6 and 8 concern the configuration alone.
 Capacities do not change. The frames of the configuration take the same buses, so they need the same bandwidth and have
 the same response times. The buses and gateways on the routes need no check: both PEs at the ends of a route are in use,
 so both still have a route to the manager's bus. These two routes together give a route between both PEs. In a forest of

@@ -348,7 +348,7 @@ class PlantForm(Form):
 
 
 class ContingencyForm(Form):
-    """Which contingencies must be planned ahead."""
+    """For how many faults at the same time, and for which phases, plans are made ahead."""
 
     faults: int = Field(
         default=_default(Contingency, "faults"),

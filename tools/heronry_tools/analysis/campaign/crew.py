@@ -30,7 +30,10 @@ _QUESTIONS_IN_A_TASK: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Questions about one phase of a spec."""
+    """Questions about one phase of a spec.
+
+    running: what runs before the faults; None: none is known. downs: the fault set of each question.
+    """
 
     spec: Spec
     phase: Phase

@@ -1,7 +1,7 @@
 """Requirements that a campaign checks: `A after 1`, `elevator after 2`, `B after 1 in glide`.
 
 The form is WHAT after N [in PHASE]. Every function of class WHAT (or the function WHAT) that the phase wants is to be
-served after every set of up to N faults. Without a phase, this must hold in every phase that the campaign covers.
+served after every set of up to N faults. A requirement without a phase is about every phase that the campaign covers.
 """
 
 import re

@@ -141,9 +141,10 @@ class _Serving:
         self._unlimited = servable.Planning(servable.without_limits(self._spec))
 
     def check(self) -> None:
-        """Check the critical functions of all phases together.
+        """Check whether the functions can be served with everything up.
 
-        If they cannot all be served together, check each phase. Functions that this check leaves out are checked alone.
+        If all critical functions of all phases can be served together, only the other functions are checked, each
+        alone. If not, every function is checked alone, and then the critical functions of each phase together.
         """
         possible = self._planning.possible(_union(self._wanted.values()))
         critical = _union(self._critical.values()) & possible

@@ -1,10 +1,10 @@
 """The least cut of a component graph: the least bandwidth that the radio must carry between two sides.
 
-The cut divides the leaves of the component graph that have a vertex, except plants. A leaf that is pinned to a side
-stays there, and the pinned leaves must name exactly two sides. A port has a weight, the bandwidth of its data. This
-weight counts once if one or more consumers of the port are on the other side. So a port and its consumers are one
-*net*, not several edges. If there are several least cuts, the result is the cut in which the first side keeps most
-leaves. Least cuts form a lattice, so there is exactly one such cut.
+The cut divides the leaves that have a port in the graph, except plants. A leaf that is pinned to a side stays there,
+and the pinned leaves must name exactly two sides. A port has a weight, the bandwidth of its data. This weight counts
+once if one or more consumers of the port are on the other side. So a port and its consumers are one *net*, not several
+edges. If there are several least cuts, the result is the cut in which the first side keeps most leaves. Least cuts form
+a lattice, so there is exactly one such cut.
 
 The cut is found by maximum flow. The leaves pinned to the first side are the source, and the leaves pinned to the
 second side are the sink. Each net becomes an arc of its weight between two nodes of its own. Arcs lead from each leaf
