@@ -45,7 +45,7 @@ from heronry_wire.management import COMMAND_OF, Lease, Step, is_newer, newest_ep
 from heronry_wire.sansio import NEVER_NS, require
 from heronry_wire.state_frames import PeState, Reason, StatePage0, StatePage1
 
-# STALE_TERM: a PE that names an epoch of this term refuses the commands of another manager.
+# STALE_TERM, with an epoch of this term: the PE has refused a command of another manager, and none of this one.
 _IN_ORDER = frozenset((Reason.NONE, Reason.STALE_TERM))
 _NO_REFUSAL = _IN_ORDER | {Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_BOARD}
 

@@ -24,8 +24,9 @@ After each event, in this order: a standby manager takes over, if no manager is 
 without a PE that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the
 driver gives it the frames first.
 
-After a restart a new term begins, and then the normal start, with all that is remembered (`memory`, which the driver
-keeps in the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
+After a restart the manager begins a new term and starts as usual, with all that it remembers (`memory`, which the
+driver keeps in the journal): the phase, latched faults, quarantines, what runs. The PEs go on with what they run
+(`replanning`).
 """
 
 from typing import Any

@@ -152,7 +152,7 @@ class PlanningPolicy:
     ) -> None:
         """`immediate`: the greedy planner; None: every request goes to the exact planner.
 
-        has_planner: there is a solver, and so a planner and a pre-planner; if False, `immediate` must be given.
+        has_planner: there is a solver, and so an exact planner and a pre-planner; if False, `immediate` must be given.
         """
         require(immediate is not None or has_planner, "there is no planner")
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner

@@ -3,14 +3,14 @@
 Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps, and plans use one of them. The
 step of a radio
 
-    falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are a tenth
-             below the present step, since queues grow meanwhile
+    falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are more than
+             a tenth below the present step; with a longer wait the queues of the gateway would grow
     rises    once all reports for ten heartbeat periods of the radio have been at least a twentieth above a higher step.
              Each further fall within a minute doubles this time, up to fourfold; after a minute without a fall it is
              ten periods again
-    gone     when the gateway hears nothing from beyond, all PEs there are lost together. Until some PE beyond is
-             available again, and at the start, each report sets the step directly: no PE can be interrupted, and a PE
-             that returns gets a plan that fits the radio
+    gone     the gateway hears nothing from beyond the radio: all PEs there are lost together. Until some PE beyond the
+             radio is available again, and at the start, each report sets the step directly: this interrupts no PE, and
+             a PE that returns gets a plan that fits the radio
 
 After a lost report, the next one says the same. A late or doubled report is recognized by its sequence number and
 dropped; so is a report from another node than the gateway. `heronry_wire.gateway_report` says what a forged report can
@@ -163,6 +163,6 @@ class RadioLinks:
 def _step_below(usable: int) -> int:
     """Give the largest of the fixed steps that is not above `usable` (per mille).
 
-    From nine tenths on, that is the whole bandwidth.
+    From 900 on, it is 1000, the whole bandwidth.
     """
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

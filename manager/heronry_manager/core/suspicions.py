@@ -1,10 +1,10 @@
 """What modules report of PEs and buses: suspicions, which the manager assesses by its own evidence.
 
 A module sees a device that it drives, or another module whose data it reads. Of a PE or a bus it only sees that some
-data do not come. So a report about a PE or a bus alone makes nothing count as failed:
+data do not come. So such a report alone makes no PE and no bus count as failed:
 
-    a PE     the manager asks it (PING). If the PE answers, it stays; if it is silent, it is lost like any other
-             (`health`)
+    a PE     the manager sends it a PING. If the PE answers, it stays available; if it is silent, it is lost like any
+             other PE (`health`)
     a bus    never counts as failed because of a report. The manager's own bus has carried the report. Another bus works
              as long as a PE is available that can be reached over that bus alone; every bus but the manager's leads to
              such PEs, since buses form a forest. If all these PEs are lost, the plan does without them already, and
