@@ -11,8 +11,8 @@ frames once as a stream and once as a burst, and takes the smaller result; both 
 frames may come in a burst.
 
 A forwarded frame has a jitter of one of its periods. That holds as long as every response time is shorter than the
-period, which the caller must check. The bounds assume that no frame is lost or destroyed, and that nodes compute in no
-time.
+period, which the caller must check. The bounds assume that no frame is lost or destroyed, and that the nodes need no
+time to compute.
 """
 
 from collections.abc import Mapping

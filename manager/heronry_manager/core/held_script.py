@@ -13,7 +13,8 @@ situation changes before the plan comes.
 
 A held target ends when the operator releases it, when another script takes its place, or when this mastership ends. It
 also ends if in another situation the target is not legal, or is worse at level 1 than the plan for that situation.
-Another change of the situation before ACTIVATE does not end it: the target is deployed as a new epoch.
+Another change of the situation does not end it. If the target's epoch has not been activated by then, the target is
+deployed as a new epoch.
 
 The active manager announces a held script (`announcing`). A standby manager that takes over ends it, and reports that.
 A restart ends it too, without a report. The PEs go on with what they run, and the next mastership seeks the best plan.

@@ -43,7 +43,7 @@ class EpochNumbers:
         self.last = 0  # the newest number that was given, or may have been before a restart
 
     def begin(self, term: int) -> None:
-        """Continue with the numbers reserved for this term, for a new mastership."""
+        """Begin the mastership of a term: its epochs get newer numbers than all that were used or reserved before."""
         self._block = None
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 

@@ -59,7 +59,7 @@ class LinkRecord:
     report: LinkReport | None = None
     low: bool = False  # the last report was below the step
     rising_since_ns: int | None = None
-    lowest: int = PER_MILLE  # usable share since then
+    lowest: int = PER_MILLE  # lowest usable share reported since `rising_since_ns`
     falls: int = 0
     fell_ns: int = 0
 

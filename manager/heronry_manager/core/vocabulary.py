@@ -82,7 +82,7 @@ class JournalTold:
 
 @dataclass(frozen=True, slots=True)
 class ChannelsLost:
-    """The channels of the manager's bus (from 1) on which a frame is missing that another channel has carried.
+    """The channels of the manager's bus, numbered from 1, on which a frame is missing that another channel has carried.
 
     The driver reports them at every change.
     """

@@ -3,10 +3,10 @@
 The sweep takes fault sets by size. For each set, the phase's fault-free plan counts as the running one
 (docs/semantics.md, faults). A set is settled without a search in two cases:
 
-    by a plan    leave one element out of the set: the best plan for these fewer faults uses nothing that the whole set
-                 takes out of use. Then it is the best plan for the whole set, too (`heronry_dg.losses` has the proof),
-                 and the set inherits it with its value. If the plan is not proven to be the best, the inherited plan is
-                 not proven either; its upper bounds still hold, since more faults make no plan better
+    by a plan    the best plan for the set less one element uses nothing that the whole set takes out of use. Then that
+                 plan is the best one for the whole set, too (`heronry_dg.losses` has the proof), and the set inherits
+                 it with its value. If the plan is not proven to be the best, the inherited plan is not proven either;
+                 its upper bounds still hold, since more faults make no plan better
     by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
                  has a purpose, and the same routes between these PEs. The usual case is a device and its only driver
 

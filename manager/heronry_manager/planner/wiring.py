@@ -6,8 +6,8 @@ is false nothing below the gate is wired. `_offer` builds an input that may hold
 literals of which exactly one is true if the input holds. A leaf with one possible source needs no variable: its wire is
 the literal `above` itself.
 
-For a gate that holds with nothing wired below it (0-of-n) both values of the literal mean the same configuration. That
-does no harm, since the loader keeps such gates out of a XOR.
+A gate of the kind 0-of-n holds with nothing wired below it, so both values of its literal mean the same configuration.
+This does no harm, since the loader allows no such gate in a XOR.
 
 *Purpose* (semantics rule 5): a module that serves no function by itself must feed a module that serves. Modules that
 feed each other in a circle must not justify each other, so the model has ranks: each module has a higher rank than some
