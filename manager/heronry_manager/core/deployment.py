@@ -3,7 +3,7 @@
 There are two epochs at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out
 (`reconfiguration` says how each of them proceeds). The next epoch takes the current one's place when every awaited PE
 has staged it. If the situation changes before that, the next epoch is abandoned, and its number is not used again.
-LEASE repeats the current epoch until then, and a PE that comes late still gets its slice.
+LEASE repeats the current epoch until the next one has taken its place, and a PE that comes late still gets its slice.
 
 Only state frames show what a PE runs (`observation`); a command does not. A report can show that a PE must be failed:
 the PE runs nothing although it was configured, it runs what no manager commanded, or it cannot stage its slice. Then

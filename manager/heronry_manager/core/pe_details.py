@@ -72,7 +72,7 @@ class PeDetails:
             self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
-        """Read from a PE why a module has failed, and report that once, although the PE repeats its EMCY."""
+        """Read from a PE why a module has failed, and report the reason once, although the PE repeats its EMCY."""
         heard_ns = self._turn.now_ns
         before, at_ns = self._heard.get((pe, element), (None, 0))
         self._heard[pe, element] = emergency, heard_ns

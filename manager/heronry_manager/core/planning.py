@@ -90,7 +90,7 @@ class Planning:
         return self.again_ns is not None and self._turn.now_ns >= self.again_ns
 
     def failed(self, answer: PlanFailed) -> bool:
-        """Note that the planner could not answer; tells whether that was the present request.
+        """Note that the planner could not answer a request; tells whether this is the present request.
 
         A request in the background is not repeated.
         """

@@ -2,8 +2,8 @@
 
 The manager's core requests plans (`RequestPlan`), and reports when a configuration runs and nothing is under way
 (`Settled`). The policy answers a request itself, or names the planner that must answer; then the driver carries the
-request there and the answer back. The driver is the manager's shell, between processes, or the simulator, in virtual
-time.
+request there and the answer back. The driver is the manager's shell, which works with processes, or the simulator,
+which works in virtual time.
 
 A request is *immediate* if a running configuration must be replaced. It is *in the background* for the first
 configuration of an active manager, which interrupts nothing, and for the optimal plan that the core requests once an

@@ -68,7 +68,10 @@ class Emit:
 
 @dataclass(frozen=True, slots=True)
 class Keep:
-    """Instruction to the driver: write a record to the journal; a reserved number before any later frame is sent."""
+    """Instruction to the driver: write a record to the journal.
+
+    A record with a number (`memory.is_number`) must be on disk before any later frame is sent.
+    """
 
     record: Record
 

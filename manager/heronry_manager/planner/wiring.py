@@ -47,7 +47,7 @@ class Wiring:
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
         """Yield each wire's variable with the value that it has for this configuration.
 
-        The other variables follow from them.
+        The other variables follow from these.
         """
         for (consumer, mode, path), wires in self.wires.items():
             running = configuration.modules.get(consumer)
@@ -153,7 +153,7 @@ class Wiring:
             self._model.add(LinearExpr.sum(support) >= self._choice.runs[name])
 
     def _ranked(self, name: str, consumer: str, literals: list[IntVar], ranks: dict[str, IntVar]) -> IntVar:
-        """Return a literal that is true only if `consumer` reads from module `name`, and has a lower rank than it."""
+        """Return a literal that is true only if `consumer` reads from `name`, and has a lower rank than `name`."""
         supports = self._model.new_bool_var(f"{name} serves through {consumer}")
         self._model.add(LinearExpr.sum(literals) >= supports)
         self._model.add(ranks[name] >= ranks[consumer] + 1).only_enforce_if(supports)
