@@ -52,7 +52,9 @@ class FaultClass(Enum):
 class Case:
     """One fault, or the return of PEs, with the configurations before and after the reconfiguration.
 
-    fault: class of the fault. element: name of the element that fails or returns. now: the situation after the fault.
+    fault: class of the fault.
+    element: name of the element that fails or returns.
+    now: the situation after the fault or the return.
     """
 
     fault: FaultClass

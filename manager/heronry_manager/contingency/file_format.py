@@ -66,7 +66,7 @@ def to_bytes(made: Contingencies, spec: Spec) -> bytes:
 def from_bytes(data: bytes, spec: Spec) -> Contingencies:
     """Decode the content of a contingency file.
 
-    Raises ContingencyFileError if it is damaged, or made for another spec.
+    Raises ContingencyFileError if the content is damaged, or was made for another spec.
     """
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):

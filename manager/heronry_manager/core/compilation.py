@@ -37,7 +37,8 @@ class CompiledConfiguration:
     """A configuration as the manager sends it to the PEs.
 
     slices: bytes of each PE's slice, by node-ID.
-    digest: digest of the whole configuration. slice_digests: digest of each slice, by node-ID.
+    digest: digest of the whole configuration.
+    slice_digests: digest of each slice, by node-ID.
     """
 
     slices: Mapping[int, bytes]

@@ -66,8 +66,8 @@ class Change(Enum):
 class HealthChange:
     """One change of a PE's health.
 
-    cause: the reason for the change, in words. last_heard_ns: time of the last frame of the PE before the change; None:
-    it was never heard.
+    cause: the reason for the change, in words.
+    last_heard_ns: time of the last frame of the PE before the change; None: the PE was never heard.
     """
 
     pe: str
@@ -280,7 +280,7 @@ class Health:
                 self._window_closes_ns = now_ns + window_ns
 
     def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
-        """Make these PEs available at once: they were available to the previous manager, and run its configuration."""
+        """Make these PEs available now: they were available to the previous manager, and run its configuration."""
         return [
             self._join(record, now_ns, StandingEvent.INHERITED, "it was available to the previous manager")
             for record in map(self._records.__getitem__, sorted(pes))

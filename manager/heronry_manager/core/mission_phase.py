@@ -53,8 +53,9 @@ class MissionPhase:
     def accepted(self, pe: str, incarnation: int, detail: int) -> bool:
         """Note that this manager or another one has executed the request for a phase that a PE sent.
 
-        detail: the requested phase and the number of the request, as in the EMCY. Returns True if the request was not
-        known before.
+        detail: the requested phase and the number of the request, as in the EMCY.
+
+        Returns True if the request was not known before.
         """
         number = detail & ~FORWARD_ONLY
         last_incarnation, last = self._last.get(pe, (incarnation, number - 1))

@@ -12,9 +12,9 @@
                              active, since a foreign SDO client may be reading just then; so its first report on a PE
                              counts from the start of that PE
 
-Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
-What was read stays until this manager ends; another manager reads it again. `object_reader` says what lost, late,
-doubled and forged frames cause; these values decide nothing.
+A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no gateway
+forwards SDO. It keeps what it has read until it ends; another manager reads the details again. `object_reader` says
+what lost, late, doubled and forged frames cause; no decision depends on these values.
 """
 
 from collections.abc import Callable, Mapping

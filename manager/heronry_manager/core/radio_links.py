@@ -76,7 +76,7 @@ class LinkRecord:
 
 
 class RadioLinks:
-    """Keeps the share of its bandwidth that plans may use, for every radio that a gateway reports on."""
+    """Keeps, for every radio that a gateway reports on, the share of its bandwidth that plans may use."""
 
     def __init__(self, spec: Spec) -> None:
         self.records = {
@@ -161,8 +161,8 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Give the largest of the fixed steps that is not above `usable` (per mille).
+    """Give the step for a usable share in per mille: the largest step that is not above the share.
 
-    From 900 on, it is 1000, the whole bandwidth.
+    From a share of 900 on, the step is 1000, the whole bandwidth.
     """
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

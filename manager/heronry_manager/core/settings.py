@@ -13,13 +13,14 @@ from heronry_wire.protocol_times import START_UP_WINDOW_NS, t_lease_ns
 class ManagerSettings:
     """One manager of one spec.
 
-    node: 126 or 127. window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds. advise: the
-    manager never sends anything on the bus, and reports what it would do instead. on_board: the configurations that
-    PREPARE can name by number, to PEs that hold their part of the contingency file. key: key of the fleet; with it
-    every command is tagged, and the manager believes nothing without a tag. standby: the manager stands by while
-    another one is active, instead of ending. tells_departures: the driver reports when an ALIVE is on the bus; if
-    False, an ALIVE counts as on the bus as soon as the core has sent it. reads_objects: the manager reads by SDO the
-    details that PEs store for people (`pe_details`).
+    node: 126 or 127.
+    window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds.
+    advise: the manager never sends anything on the bus, and reports what it would do instead.
+    on_board: the configurations that PREPARE can name by number, to PEs that hold their part of the contingency file.
+    key: key of the fleet; with it every command is tagged, and the manager believes nothing without a tag.
+    standby: the manager stands by while another one is active, instead of ending.
+    tells_departures: the driver reports when an ALIVE is on the bus; if False, each ALIVE counts as there immediately.
+    reads_objects: the manager reads by SDO the details that PEs store for people (`pe_details`).
     """
 
     spec: Spec

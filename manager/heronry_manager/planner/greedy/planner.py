@@ -52,8 +52,8 @@ class Greedy:
     def plan(self, now: Situation, running: Placement | None = None) -> Plan:
         """Find a legal configuration, not proven to be the best.
 
-        now: a situation of this spec. running: the running configuration, which the plan keeps where that costs no
-        function anything; None: none is known.
+        now: a situation of this spec.
+        running: the running configuration; the plan keeps it as far as no function loses by that. None: none is known.
         """
         return self._prepared[now.phase].plan(now, running)
 
@@ -109,7 +109,7 @@ class _Prepared:
     def _best(self, wanted: Wanted, scene: Scene, before: Before, punctuality: Punctuality | None) -> Repair:
         """Repair the configuration `before`; while a critical function is not served, also try packings.
 
-        Return the best.
+        Return the best draft.
         """
         best = Repair(self._tables, wanted, scene, before)
         best.run(punctuality)
