@@ -86,7 +86,7 @@ class _Reading:
 
 @dataclass(slots=True)
 class ObjectReader:
-    """The SDO client of a manager; `ask` is called with each frame to send, `next_ns` is when to call `tick`."""
+    """The SDO client of a manager; it calls `ask` with each frame to send. Call `tick` at `next_ns` (ns)."""
 
     ask: Callable[[Send], None]
     next_ns: int = NEVER_NS

@@ -14,8 +14,8 @@ step of a radio
 
 After a lost report, the next one says the same. A late or doubled report is recognized by its sequence number and
 dropped; so is a report from another node than the gateway. `heronry_wire.gateway_report` says what a forged report can
-do. While a gateway is silent the step of its radio stays, and the heartbeats show which PEs beyond are lost. A restart
-forgets everything here until the next report.
+do. While a gateway is silent the step of its radio stays, and the state frames show which PEs beyond the radio are
+lost. A restart forgets everything here until the next report.
 """
 
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkSt
 from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS
 
 STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)  # thousandths of the bit rate
-_LATE = 8  # a report fewer than this behind the last one is late; else the gateway has restarted
+_LATE = 8  # a report that is fewer numbers behind the last one is late; with more, the gateway has restarted
 MOST_DOUBLINGS = 2
 _BELOW, _ABOVE = Fraction(9, 10), Fraction(21, 20)
 
