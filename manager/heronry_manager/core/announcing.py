@@ -40,7 +40,7 @@ class Announcer:
         return fact
 
     def phase(self) -> list[Fact]:
-        """Give the phase as a fact that is announced immediately; nothing where the spec has no phases."""
+        """Give the phase as a fact that is announced immediately; an empty list if the spec has no phases."""
         phase = self._phase()
         self._told |= dict.fromkeys(phase, self._beat)
         return phase

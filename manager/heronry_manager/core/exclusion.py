@@ -10,7 +10,7 @@ configuration that the PE may be running places the token there:
              when its mastership begins
     keeps    once the PE has reported an epoch (it is BROKEN or further): only the tokens of that epoch, and of newer
              epochs, since the PE may take up a newer epoch without a further report
-    loses    all tokens, when the PE is available, and reports a new incarnation or that it runs nothing.
+    loses    all tokens, when an available PE turns out to be a new incarnation, or to run nothing any more.
              The tokens of modules, when the PE was declared down for its silence, and the silence has lasted for three
              and a quarter heartbeat periods of the slowest bus on the way to the PE.
              All tokens, T_lease after the first ALIVE on the bus that does not name the PE. A PE that hears this ALIVE
@@ -136,7 +136,7 @@ class Exclusion:
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:
-        """Take all tokens from an available PE that is a new incarnation, or reports that it runs nothing."""
+        """Take all tokens from an available PE that is a new incarnation, or runs nothing any more."""
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:

@@ -130,7 +130,7 @@ class Server:
                 yield cleared
 
     def _clear(self, module: int, mode: int, pe: int) -> bool:
-        """Move modules from a PE until a mode fits there: each time the smallest that is enough, else the largest."""
+        """Move modules from a PE until a mode fits there: each time the smallest one that is enough, or the largest."""
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]
         left = [other for other in range(len(draft.mode)) if here >> other & 1]
