@@ -107,7 +107,7 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether a PE is left out by no ALIVE on the bus yet, so that `said` must be called for the next one."""
+        """Tell whether `said` must be called for the next ALIVE, which may be the first on the bus without some PE."""
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:

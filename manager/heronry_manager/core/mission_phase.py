@@ -12,8 +12,8 @@ request that comes again in this way is restricted: to a phase with a rule it le
 names, and to any other phase only if that phase comes later in the spec.
 
 Any change has the same consequences as a fault: a plan for the new phase and a new epoch. Each request counts when it
-comes, so of several requests the last one wins. If several rules apply at once, the PE requests only one of their
-phases (`phase_requests` of the agent).
+comes, so of several requests the last one wins. If several rules are satisfied by one value, the PE requests only one
+of their phases (`phase_requests` of the agent).
 
 A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up until it restarts: a
 request that comes again, or after a later one, is acknowledged and has no further effect. The manager neither
