@@ -11,8 +11,8 @@ frames once as a stream and once as a burst, and takes the smaller result; both 
 frames may come in a burst.
 
 A forwarded frame has a jitter of one of its periods. That holds as long as every response time is shorter than the
-period, which the caller must check. The bounds assume that no frame is lost or destroyed, and that nodes compute in no
-time.
+period, which the caller must check. The bounds assume that no frame is lost or destroyed, and that the nodes need no
+time to compute.
 """
 
 from collections.abc import Mapping
@@ -51,8 +51,9 @@ QUIET = Burst()
 class FrameTimes:
     """Longest response times on one bus, in nanoseconds: from when a frame is queued for this bus until its last bit.
 
-    command_ns: response time of the manager's commands, and of the emergency events that are as urgent. emergency_ns:
-    response time of an EMCY. answer_ns: response time of a PE's state.
+    command_ns: response time of the manager's commands, and of the emergency events that are as urgent.
+    emergency_ns: response time of an EMCY.
+    answer_ns: response time of a PE's state.
     """
 
     command_ns: int
@@ -123,7 +124,7 @@ class ManagementTimes:
         return [*commands, *reports, *states, *once(burst.answers * len(senders))], len(commands), burst.reports
 
     def _states(self, bus: Bus, pe: str) -> tuple[Message, Message]:
-        """Give page 0 and page 1 of a PE as they load this bus; if a gateway forwards them, they have its jitter."""
+        """Give page 0 and page 1 of a PE as they load this bus; a gateway that forwards them adds its jitter."""
         home = bus if bus.name in self._spec.pes[pe].buses else self._spec.buses[uplink_bus(self._spec, pe)]
         period = Fraction(home.heartbeat_ns * bus.bitrate, _NS_PER_S)
         jitter = Fraction(0) if home is bus else period

@@ -15,9 +15,9 @@ If several PEs fall silent together, each is declared down at its own moment, an
 time. The bound counts from the last declaration, and includes the frames of the epochs that were begun before it.
 
 The bound holds if no other fault occurs during the reconfiguration, apart from PEs that fall silent together; if only
-one module reports a fault; if no frame is lost or destroyed; and for nodes that compute in no time. The manager waits
-for no PE beyond a radio, unless that PE must stop something first; then the bound treats the radio as a cable.
-If a time has no bound it is None, and `note` says why.
+one module reports a fault; if no frame is lost or destroyed; and if the nodes need no time to compute. The manager
+waits for no PE beyond a radio, unless that PE must stop something first; then the bound treats the radio as a cable. If
+a time has no bound it is None, and `note` says why.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -52,7 +52,9 @@ class FaultClass(Enum):
 class Case:
     """One fault, or the return of PEs, with the configurations before and after the reconfiguration.
 
-    fault: class of the fault. element: name of the element that fails or returns. now: the situation after the fault.
+    fault: class of the fault.
+    element: name of the element that fails or returns.
+    now: the situation after the fault or the return.
     """
 
     fault: FaultClass
@@ -192,7 +194,7 @@ class Bounds:
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
         """Give the frames on the buses while slices go out.
 
-        Three epochs may cause frames then: one that runs, one that was abandoned, and the new one.
+        Three epochs may cause frames in this time: the running epoch, an abandoned epoch, and the new epoch.
         """
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))

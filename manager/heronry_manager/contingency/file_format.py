@@ -17,9 +17,10 @@ The numbers are, in this order:
                      for each fault set, in the order of `Scope.fault_sets`: the index of its plan
                      for each place in use: its PE, its module, the index of its plan
 
-The format is heronry's own, because indices into a spec that is bound by its digest need a tenth of the room of names.
-It is compressed, because the configurations of similar fault sets differ in a few modules. zlib and SHA-256 are in the
-standard library. A file with any error is not used; the error is one sentence with the remedy.
+The file holds indices instead of names, since these need a tenth of the room; the digest shows to which spec the
+indices belong. The numbers are compressed, because the configurations of similar fault sets differ in a few modules
+only. zlib and SHA-256 are in the standard library. A file with any error is not used; the error is one sentence with
+the remedy.
 """
 
 import hashlib
@@ -65,7 +66,7 @@ def to_bytes(made: Contingencies, spec: Spec) -> bytes:
 def from_bytes(data: bytes, spec: Spec) -> Contingencies:
     """Decode the content of a contingency file.
 
-    Raises ContingencyFileError if it is damaged, or made for another spec.
+    Raises ContingencyFileError if the content is damaged, or was made for another spec.
     """
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):

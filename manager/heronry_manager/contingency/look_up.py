@@ -3,11 +3,12 @@
 A plan made ahead was verified when it was made and when its file was checked. In flight the look-up only checks its
 three preconditions:
 
-    faults           the elements of its fault set are down, or a set with the same effect: a PE behind a dead gateway,
-                     a device on a dead PE and a module that has no PE left are down, whether the set names them or not
+    faults           the elements that are down are those of the plan's fault set, or have the same effect: a PE behind
+                     a dead gateway, a device on a dead PE and a module without a working PE are down, whether a set
+                     names them or not
     phase            the phase is that of the plan
     configuration    the fault-free configuration of the phase runs, module by module. At the start, when nothing is
-                     down, it is enough that no running configuration is known, since changes cost nothing then
+                     down, no running configuration need be known, since changes cost nothing then
 
 If a precondition is not met, the planner must answer. While another configuration runs, a plan made ahead would be
 legal, but not the plan with the fewest changes.

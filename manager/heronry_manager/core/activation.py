@@ -1,14 +1,16 @@
 """The activation of an epoch that every awaited PE has staged, in up to three steps: BREAK, GO, GO_ALL.
 
 With BREAK a PE stops what it has to give up; with GO it starts everything but new DEMUX branches, and with GO_ALL these
-too. Steps that need not wait are skipped. Some PEs must report BROKEN before the manager commands GO: a PE that gives
-up something exclusive (`exclusion`), a PE that has to make room on a bus (`transition`), and a PE that is reached by
-wire and runs a configuration that this mastership has not given it. The manager also waits until an unavailable PE has
-certainly stopped: before GO, until that PE no longer sends under the identifiers of a module that moves; before GO_ALL,
-until it no longer drives a DEMUX. `reconfiguration` says how long each step is repeated, and which PEs must answer.
+too. A step is skipped if nothing has to wait for it. Some PEs must report BROKEN before the manager commands GO: a PE
+that gives up something exclusive (`exclusion`), a PE that has to make room on a bus (`heronry_dg.transition`), and a PE
+that is reached by wire and runs a configuration that this mastership has not given it. The manager also waits until an
+unavailable PE has certainly stopped: before GO, until that PE no longer sends under the identifiers of a module that
+moves; before GO_ALL, until it no longer drives a DEMUX. `reconfiguration` says how long each step is repeated, and
+which PEs must answer.
 
-What the manager does not know: the configuration of a PE that reports an epoch which the manager has forgotten, or an
-unexpected digest. The manager waits for that PE, since anything else could put two drivers on one identifier.
+If a PE reports an epoch that the manager has forgotten, or an unexpected digest, the manager does not know the
+configuration of that PE. If the PE is reached by wire, the manager waits for its BROKEN, since without this wait two
+PEs could send under one identifier.
 """
 
 from heronry_dg.configuration import Configuration

@@ -5,8 +5,9 @@ The digest of that epoch must belong to the configuration that the manager remem
 the plan that it would deploy. In every less clear case the manager opens a new epoch. If a PE is missing, or runs
 nothing, the manager adopts all the same, and then treats that PE as a fault.
 
-What the manager does not know: what a silent PE runs. A silent PE may still hold the tokens that the epoch places there
-(`exclusion`). Before a PE hears this term, it may start the configuration of another manager.
+The manager does not know what a silent PE runs, so a silent PE counts as holding the tokens that the epoch places there
+(`exclusion`). An available PE may still start the configuration of another manager until it hears this term. So at
+first it counts as holding every token that could be placed on it.
 """
 
 from dataclasses import replace

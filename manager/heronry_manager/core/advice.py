@@ -27,8 +27,10 @@ class Advice:
     def advise(self, plan: Plan, unknown: int | None, overheard: Runs | None) -> None:
         """Report the changes that deploying this plan would make.
 
-        If the PEs run an `unknown` epoch, that epoch is reported instead. Nothing is reported while the PEs change to
-        an `overheard` epoch: `follow` will adopt that one.
+        unknown: the epoch that the PEs run, if this manager does not know its configuration: then the event reports
+            this epoch, and no changes. None: what runs is known, or nothing runs.
+        overheard: the configuration that another manager was heard to activate. If `unknown` is the epoch of this
+            configuration, nothing is reported, since `follow` will adopt the epoch.
         """
         self._advised = plan, self._deployment.epochs.compiled(plan.configuration).digest
         if unknown is None:

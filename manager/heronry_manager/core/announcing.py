@@ -1,11 +1,11 @@
 """The active manager announces the phase, priorities and latched faults to the standby manager (CONTROL).
 
 A *fact* is one such announcement: CONTROL HOLDS with the phase, a latched fault, a changed priority or a held script;
-or CONTROL CLEAR with a function that has the priority of the spec again, and for which requests were executed. The
-manager announces one fact at a time: a new fact with the next heartbeat, the others in turn, one with every
-ANNOUNCED_EVERY-th heartbeat. Before each answer to a request the manager announces the phase or the priority once more:
-a standby manager that has just started knows only its journal. Whenever it is the turn of a phase or a priority, the
-manager also announces which requests for it were executed.
+or CONTROL CLEAR with a function for which a request was executed, and whose priority is that of the spec. The manager
+announces one fact at a time: a new fact with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat.
+Before each answer to a request for a phase or a priority, the manager announces the phase or the priority once more,
+since a standby manager that has just started may not have heard it yet. With a phase or a priority that has its turn,
+the manager also announces which requests for phases, or for this priority, were executed.
 
 A PE uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a
 fact hears it again later. It drops a fact that it has not heard for some turns (`known_situation`).
@@ -40,13 +40,13 @@ class Announcer:
         return fact
 
     def phase(self) -> list[Fact]:
-        """Give the phase as a fact that is announced immediately; nothing where the spec has no phases."""
+        """Give the phase as a fact that is announced immediately; an empty list if the spec has no phases."""
         phase = self._phase()
         self._told |= dict.fromkeys(phase, self._beat)
         return phase
 
     def look(self) -> list[Fact]:
-        """List the facts that hold now. If a fact is missing once and holds later, it is announced as a new one."""
+        """List the facts that hold now, and forget those that have ended: if they hold again, they count as new."""
         fields = map(self._situation.failed.field, self._situation.failed.elements)
         held = sorted(field for field in fields if field is not None)
         facts = self._phase() + [(Operation.HOLDS, *field) for field in held]

@@ -1,20 +1,21 @@
 """Authentication in a manager with a key: it tags every command, and accepts only proven states (protocol rule 11).
 
-*Commands out.* Each command is followed by its TAG, numbered in this term (`command_tags`). A term is used once, since
-the driver has it on disk before the manager sends; so no number is used twice, even after a restart.
+*Commands out.* Each command is followed by its TAG; the TAGs of a term are numbered (`command_tags`). A term is used
+once, since the driver has written it to disk before the manager sends. So no number is used twice, even after a
+restart.
 
 *States in.* A PE's state counts if the 24 bits in its page are the tag of its content, in a *session*. The manager
-opens a session when it answers the nonce that the PE sends in page 2. The session is the number of that answer, so a
-state recorded earlier proves nothing. The tag also covers the digest of the running or staged configuration, for which
-the frame has no room. The manager tries the digests that this PE may mean: the digest of the epoch as this manager
-knows it, and the digests that the PE has named in page 3.
+opens a session when it answers the nonce that the PE sends in page 2. A session is named by the number of that answer,
+and a tag holds in one session only, so a state recorded earlier proves nothing. The tag also covers the digest of the
+running or staged configuration, for which the frame has no room. The manager tries the digests that this PE may mean:
+the digest of the epoch as this manager knows it, and the digests that the PE has named in page 3.
 
 The manager holds an EMCY until a page 0 with FAULT_PENDING proves it: the tag of such a page covers one EMCY. The
-manager tries every EMCY that it has heard from this PE, and forgets them when a page 0 reports no pending fault. If an
-EMCY is forgotten without proof, each frame that brought it counts as forged. EMCYs with some codes (`_SENT_ONCE`) are
-never pending, so no page 0 proves them, and with a key they have no effect.
+manager tries every EMCY that it has heard from this PE, and forgets these EMCYs when a page 0 reports no pending fault.
+If an EMCY is forgotten without proof, each frame that brought it counts as forged. EMCYs with some codes (`_SENT_ONCE`)
+are never pending, so no page 0 proves them, and with a key they have no effect.
 
-    no session    nothing from this PE counts; the manager answers a nonce that the key has made (`nonce_answers`)
+    no session    nothing from this PE counts; the manager answers a nonce that was made with the key (`nonce_answers`)
     offered       answers have gone out, and each offers a session; no state that is tagged in one of these sessions has
                   come
     open          page 0 is believed, and its digest is put back where the tag was
@@ -24,14 +25,14 @@ RENEW, and the PE requests a new session. The reason may be that the PE has miss
 or that this manager has missed too many states of the PE. If RENEW changes nothing, an event reports the PE: the PE has
 another key, or none, or its receiver has failed.
 
-*Guessing.* A forger finds 24 bits by chance in 16 million tries. Once many tags of a PE were wrong, a state of that PE
-counts only if the tag of the state before was right as well: two in a row cannot be guessed. This lasts as long as
-wrong tags come, and a while longer. Meanwhile a lost frame makes the manager miss the PE for one more period; if no
-frame is lost, there is no effect.
+*Guessing.* A forger finds 24 bits by chance in 16 million tries. Once GUESSES tags of a PE were wrong, a state of that
+PE counts only if the tag of the state before was right as well: a forger cannot guess two tags in a row. This rule
+holds until no wrong tag has come for FORGIVEN_PERIODS. Meanwhile a lost frame makes the manager miss the PE for one
+more period; if no frame is lost, the rule has no effect.
 
 *Standby.* A standby manager follows the sessions that the active manager opens: it hears the nonce and the answer, and
-the TAG of the answer proves both. An answer that the standby manager has missed, or that is older than the session it
-knows, opens nothing.
+the TAG of the answer proves both. An answer that the standby manager has missed, or that is older than the session that
+it knows, opens no session.
 
 *Other managers.* This manager believes another manager only if the commands of that manager carry right tags with
 rising numbers; commands without such tags end no mastership. A TAG carries only the lower bits of the number. A PE
@@ -39,13 +40,16 @@ learns the upper bits from the answer to its nonce; a standby manager sends no n
 command under this manager's own node-ID comes from a second manager only if its number is above this manager's last
 one; any other may be a replay of this manager's own commands.
 
-Page 1 is no sign of life, and needs no number: what a PE reports on an epoch stays true as long as its session lasts.
+Page 1 needs no number, since what a PE reports on an epoch stays true as long as its session lasts. A recorded page 1
+may come again, so a page 1 does not show that the PE lives.
 
 Page 3 and the reports of gateways on radios have no room for a proof. Page 3 only names digests that the manager tries.
-Page 2 names a nonce, and the nonce itself shows that a holder of the key has made it, now or earlier.
+Page 2 names a nonce. The nonce itself contains a tag, which shows that a holder of the key has made the nonce, now or
+earlier.
 
 *Denial.* Frames without proof end no session. A session is open until the PE tags a state in a newer session. A PE
-begins a newer session only after RENEW or in a new term. `attack_rate` counts the frames without proof.
+begins a newer session only after its own restart, in a new term, after RENEW, or when it has accepted no command for
+T_lease. `attack_rate` counts the frames without proof.
 
 `command_tags` says what follows from a lost frame; if no answer to its nonce comes, a PE sends the nonce again. After a
 lost EMCY, page 0 cannot be believed until the PE has repeated the EMCY. A late or doubled page 0 is refused, since its
@@ -84,7 +88,7 @@ from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1
 
 GUESSES = 8  # wrong tags, after which a state counts only if the state before it was proven too
 FORGIVEN_PERIODS = 256  # heartbeat periods without a wrong tag, after which the wrong tags are forgotten
-_OFFERS = 8  # answers that are remembered: more than one PE is given in a period, two periods long
+_OFFERS = 8  # answers to one PE that are remembered: as many as `NonceAnswers` allows in two periods
 _NAMED = 3
 _NONCES = 8  # nonces of one PE that are remembered: an overheard answer may belong to any of them
 _ANSWERS = 40  # answers of one manager that wait for their TAG: it may answer all PEs together
@@ -92,8 +96,8 @@ _HELD = 64  # EMCYs of one PE that wait for their proof
 _PROVEN = -1
 _SENT_ONCE = (FaultCode.RESET, FaultCode.DISAGREEMENT, FaultCode.UNKNOWN_ELEMENT, FaultCode.UNKNOWN_OUTPUT)
 _TOLD_EVERY_NS = 1_000_000_000
-_COMMAND_FRAMES = 2  # of a command: itself and its TAG
-_IN_VAIN = 2  # RENEWs without effect: even a PE that was just restarted has answered one of two
+_COMMAND_FRAMES = 2  # the command itself, and its TAG
+_IN_VAIN = 2  # RENEWs without effect, then an event: even a PE that was just restarted answers one of two
 _IN_A_ROW = 2  # two states are in a row if the second number is higher by at most this much
 
 
@@ -159,7 +163,7 @@ class Authenticity:
         """Begin without any session.
 
         digest_of: gives the digest of an epoch of this mastership, or of the manager that is followed; None: not known.
-        speaks: tells whether this manager is active: only an active manager has a term of its own, never used before.
+        speaks: tells whether this manager sends LEASE; only then it also sends RENEW.
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
@@ -207,7 +211,7 @@ class Authenticity:
         return sealed
 
     def answer(self, pe: str, page: StatePage2) -> None:
-        """Answer the nonce in page 2 of a PE, to open a session, together with the next frames of this manager.
+        """Answer the nonce in page 2 of a PE, to offer the PE a session; the answer goes out at the end of this turn.
 
         The same nonce is answered once in a heartbeat period at most.
         """
@@ -265,7 +269,7 @@ class Authenticity:
     def _forget(self, peer: _Peer, emergency: bytes) -> None:
         """Forget an EMCY; if no page 0 has proven it, every frame that brought it counts as forged.
 
-        The status leaves the codes out that no page 0 proves, since a true EMCY may have them, too.
+        The status does not count EMCYs with a code that no page 0 proves (`_SENT_ONCE`), since these may be genuine.
         """
         heard = peer.held.pop(emergency)
         if heard == _PROVEN:
@@ -354,7 +358,7 @@ class Authenticity:
     def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
         """Check page 1 on an epoch of this mastership; None: its tag is wrong.
 
-        The page that is given has the digest of the epoch if the PE has staged it, else digest 0.
+        In the page that is returned, the digest is that of the epoch if the PE has staged the epoch, and 0 if not.
         """
         known = self._digest_of(page.staged_epoch)
         if known is None:

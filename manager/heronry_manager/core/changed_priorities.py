@@ -18,8 +18,8 @@ A PE repeats a request until it is acknowledged. The request carries a number th
 until it restarts: a request that comes again, or after a later one, is acknowledged and has no further effect. A pause
 of the manager loses no request. A forged request changes a priority within the spec's range; an order of the operator
 prevents that. A manager that restarts remembers priorities and numbers. A standby manager hears each changed priority
-in turn (CONTROL, HOLDS), the end of a change once (CLEAR), and which requests were executed. It forgets a priority that
-it has not heard for three turns.
+in turn (CONTROL, HOLDS), the end of a change once (CLEAR), and which requests were executed. It drops a changed
+priority that was not announced for three turns (`announcing`).
 """
 
 from collections import Counter
@@ -203,7 +203,7 @@ class ChangedPriorities:
 
         The request was executed if the active manager has just announced the priority of that function.
 
-        index: of the function, with the number of the request, as in CONTROL.
+        index: index of the function and number of the request, in one number as in CONTROL.
         """
         function, number = divmod(index, PRIORITY_REQUEST_NUMBERS)
         name = self._functions[function].name if function < len(self._functions) else ""

@@ -1,7 +1,7 @@
 """From names to indices: the tables of the PEs, and the slices of a configuration.
 
-A table tells a PE once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes per module. Both
-follow from the spec alone, so a manager and a PE that have the same spec digest give every index the same meaning.
+A table tells a PE once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes per module. The
+indices follow from the spec alone, so they mean the same to a manager and a PE that have the same spec digest.
 """
 
 from collections.abc import Iterator, Mapping
@@ -37,7 +37,8 @@ class CompiledConfiguration:
     """A configuration as the manager sends it to the PEs.
 
     slices: bytes of each PE's slice, by node-ID.
-    digest: digest of the whole configuration. slice_digests: digest of each slice, by node-ID.
+    digest: digest of the whole configuration.
+    slice_digests: digest of each slice, by node-ID.
     """
 
     slices: Mapping[int, bytes]

@@ -3,7 +3,7 @@
 There are two epochs at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out
 (`reconfiguration` says how each of them proceeds). The next epoch takes the current one's place when every awaited PE
 has staged it. If the situation changes before that, the next epoch is abandoned, and its number is not used again.
-LEASE repeats the current epoch until then, and a PE that comes late still gets its slice.
+LEASE repeats the current epoch until the next one has taken its place, and a PE that comes late still gets its slice.
 
 Only state frames show what a PE runs (`observation`); a command does not. A report can show that a PE must be failed:
 the PE runs nothing although it was configured, it runs what no manager commanded, or it cannot stage its slice. Then
@@ -45,7 +45,7 @@ from heronry_wire.management import COMMAND_OF, Lease, Step, is_newer, newest_ep
 from heronry_wire.sansio import NEVER_NS, require
 from heronry_wire.state_frames import PeState, Reason, StatePage0, StatePage1
 
-# STALE_TERM: a PE that names an epoch of this term refuses the commands of another manager.
+# STALE_TERM, with an epoch of this term: the PE has refused a command of another manager, and none of this one.
 _IN_ORDER = frozenset((Reason.NONE, Reason.STALE_TERM))
 _NO_REFUSAL = _IN_ORDER | {Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_BOARD}
 

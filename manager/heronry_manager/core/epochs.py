@@ -2,8 +2,8 @@
 
 An epoch is a plan that was compiled and given a number (`numbering`). It has participants: the PEs that are available
 when it is opened. A participant is *awaited*, that is, the epoch waits for its answers, if the manager reaches it by
-wire alone, also in the situation of the plan. The state frames of a PE beyond a dead gateway may still come, but no
-epoch waits for that PE (`reconfiguration` says how an epoch proceeds).
+wire alone, and still reaches it in the situation of the plan. The state frames of a PE beyond a dead gateway may still
+come, but no epoch waits for that PE (`reconfiguration` says how an epoch proceeds).
 
 Some epochs are remembered after the next one has replaced them, since a late PE may still run an old epoch: the number
 in the state of the PE then shows what the PE drives. The last activated or adopted epoch is also remembered over a

@@ -1,37 +1,38 @@
 """Which PE may still drive what: the manager's half of "break before make" (protocol rule 6).
 
-A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME` for its branches, `demux:NAME.to` for the
-ends of its `to`), or the identifiers of a module that may run on several PEs (`module:NAME`). A PE *holds* a token when
-a configuration that the PE may be running places the token there:
+Three kinds of things must never have two drivers: the branches of a DEMUX (`demux:NAME`), the ends of its `to`
+(`demux:NAME.to`), and the identifiers of a module that may run on several PEs (`module:NAME`). A *token* stands for
+such a thing on one PE; the token of a DEMUX also names the module that runs there. A PE *holds* a token when a
+configuration that the PE may be running places the token there:
 
-    gains    the tokens of a configuration, from the first ACTIVATE of its epoch on. Every token that could be placed
-             on the PE, when the PE is found running another manager's configuration, or has not been heard when a
-             mastership begins
+    gains    the tokens of a configuration, from the first ACTIVATE of its epoch on. Every token that could be placed on
+             the PE, if the PE is found running another manager's configuration, or if this manager has not heard it
+             when its mastership begins
     keeps    once the PE has reported an epoch (it is BROKEN or further): only the tokens of that epoch, and of newer
              epochs, since the PE may take up a newer epoch without a further report
-    loses    all tokens, when the PE is a new incarnation.
+    loses    all tokens, when an available PE turns out to be a new incarnation, or to run nothing any more.
              The tokens of modules, when the PE was declared down for its silence, and the silence has lasted for three
              and a quarter heartbeat periods of the slowest bus on the way to the PE.
-             Any other token, T_lease after the first ALIVE on the bus that does not name the PE. A PE that hears this
-             ALIVE stops immediately. A PE that does not hear it may have heard other nodes until then, but hears none
-             from then on, and stops by itself when T_lease is over
+             All tokens, T_lease after the first ALIVE on the bus that does not name the PE. A PE that hears this ALIVE
+             stops immediately. A PE that does not hear it may have heard other nodes until then, but hears none from
+             then on, and stops by itself when T_lease is over
 
 Even if `misses` is smaller, the silence must last for three periods and a quarter: a PE sends a module's frames for two
 periods after it has last heard another node, and it may have heard that node up to a period after its own last state.
 The same holds for a gateway that forwards these frames, and a gateway may have a longer period.
 
-Both times count only while this manager runs. The manager has a beat in every heartbeat period: a longer gap between
-two of its steps was a pause or a jump of its clock, and the manager cannot tell which. So nothing of that gap counts:
-if the clock jumped just after a step, no time may have passed at all. A jump that ends within a period counts as time.
+Both times count only while this manager runs. The manager has a beat in every heartbeat period. So a longer gap between
+two of its steps was a pause or a jump of its clock, and the manager cannot tell which of the two. After a jump no time
+may have passed at all, so no part of such a gap counts. A shorter gap always counts as time.
 
-Lost: a state that the manager misses frees nothing. A PE that misses an ALIVE stops earlier than the manager assumes.
-Late or doubled: a late page 0 has no effect (`deployment`). A manager that restarts knows nothing, and counts T_lease
-from its first ALIVE on for each PE that it does not hear.
+A state that the manager misses frees no token. A PE that misses frames stops earlier than the manager assumes. A late
+or doubled page 0 has no effect (`deployment`). A manager that restarts knows no tokens. For each PE that it does not
+hear, it counts T_lease from its first ALIVE on.
 
 The manager does not know whether a silent PE is dead or cut off. Therefore T_lease must pass before another PE drives a
-DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge its commands. Such a PE goes on
-sending until it hears an ALIVE that does not name it; so no other PE uses the identifiers of its modules before T_lease
-is over.
+DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge commands. Such a PE goes on sending
+until it hears an ALIVE that does not name it; so no other PE uses the identifiers of its modules before T_lease is
+over.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -106,7 +107,7 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether an ALIVE that leaves a PE out for the first time is still to be sent (then call `said`)."""
+        """Tell whether `said` must be called for the next ALIVE, which may be the first on the bus without some PE."""
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:
@@ -135,7 +136,7 @@ class Exclusion:
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:
-        """Take all tokens from a PE that is a new incarnation, or reports that it runs nothing."""
+        """Take all tokens from an available PE that is a new incarnation, or runs nothing any more."""
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
@@ -152,7 +153,7 @@ class Exclusion:
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
         """Give the available PEs that must give up a token which `placed` gives to another PE.
 
-        These must report BROKEN.
+        The manager waits until they report BROKEN.
         """
         return {pe for pe in available if self._rivals(pe, placed)}
 
@@ -198,6 +199,6 @@ def _is_demux(token: str) -> bool:
 
 
 def _exclusive_thing(token: str) -> str:
-    """Give what a token excludes: `demux:NAME` for `demux:NAME:BRANCH`, `module:NAME` for `module:NAME`."""
+    """Give the thing that a token stands for: `demux:NAME` for `demux:NAME:BRANCH`, and `module:NAME` for itself."""
     kind, name = token.split(":")[:2]
     return f"{kind}:{name}"

@@ -21,22 +21,22 @@ With a key, this manager may hear PEs that it cannot believe. A manager that was
 knows none of them, and while no manager is active no session is opened. If such PEs did not count, no manager might
 ever take over. So the unproven states of a PE count if the PE has proven none within T_lease. Even then this manager
 counts as orphaned only once it has itself heard no LEASE for T_lease. A forger can make this manager active too early,
-but can command nothing. The next mastership waits for those PEs (`unbelieved`), as after a restart: they prove
-themselves once they have heard it.
+but can command nothing. The next mastership waits for those PEs (`unbelieved`), as after a restart: they prove their
+states once they have heard the new term.
 
-A LEASE that only this manager misses leads to no take-over, since the PEs have heard it. A late or doubled LEASE makes
-nothing happen twice. A forged LEASE keeps the standby manager quiet for T_lease. Forged states of more than half of the
-PEs, while the active manager is silent, make the standby manager take over, and then the true manager ends or stands
-by. If two other managers send, this manager follows the one with the higher term, and ignores the other one for as long
-as LEASEs with the higher term come. Forged states can pretend that most PEs refuse a mastership. That only ends this
+A LEASE that only this manager misses leads to no take-over, since the PEs have heard it. A late or doubled LEASE has no
+further effect. A forged LEASE keeps the standby manager quiet for T_lease. Forged states of more than half of the PEs,
+while the active manager is silent, make the standby manager take over, and then the true manager ends or stands by. If
+two other managers send, this manager follows the one with the higher term, and ignores the other one for as long as
+LEASEs with the higher term come. Forged states can pretend that most PEs refuse a mastership. That only ends this
 mastership, and a manager that the PEs accept begins the next one.
 
 A manager that only advises follows an active manager in the same way. It never takes over, and makes its plans for the
 situation that it learns of.
 
-With a key, LEASE, ALIVE, CONTROL and ACTIVATE count only if their tags are right. A state counts if its tag is right,
-or in the case above. PREPARE and slices need no proof, since the digest in a proven LEASE or ACTIVATE proves them. That
-digest also serves to check the tags of states.
+With a key, LEASE, ALIVE, CONTROL and ACTIVATE count only if their tags are right. A state counts if its tag is right;
+an unproven one counts only if its PE has proven none within T_lease, as said above. PREPARE and slices need no proof,
+since the digest in a proven LEASE or ACTIVATE proves them. That digest also serves to check the tags of states.
 """
 
 from collections import OrderedDict
@@ -59,7 +59,7 @@ _DIGESTS_KEPT = 4
 _TURNS = 3  # of announcements, in which a script that is held may stay unannounced
 _OTHER_FACTS = 2  # that have their turns, beside latched faults and priorities: the phase and the script
 _NEVER = 1 << 30
-_GOES_FIRST = 3  # times T_lease, in flight; a first manager listens for one
+_GOES_FIRST = 3  # times T_lease that a standby manager waits in flight; manager 126 listens for one
 
 
 class Following:

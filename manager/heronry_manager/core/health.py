@@ -1,27 +1,27 @@
 """Which PEs are available to the manager: suspect, PING, declare down, and let back in.
 
-Each PE has one record. Only the frames of the PE and time change its standing, never a command: WAITING, UP, SUSPECT,
-DOWN or RETURNING, as the table in `standing` says.
+Each PE has one record with its standing: WAITING, UP, SUSPECT, DOWN or RETURNING, as the table in `standing` says. The
+standing changes by the PE's frames, by time, or because the manager or the operator fails the PE. A command that was
+sent never changes it.
 
-A new incarnation means a reboot, even if no beat (state frame) was missed: what ran there runs no more. A reboot counts
-as a fault and a return together. A PE that reports UNCONFIGURED although it was given a configuration is treated in the
-same way (`lost_configuration`). A PE that keeps failing is held down for twice as long each time, up to a minute:
-quarantine. Its losses are forgiven when it has been available for a minute, or by the operator (`forgive`). Where all
-PEs fall silent together, this manager itself hears nothing, and the losses of the PEs are discounted
-(`discount_losses`). Otherwise a manager whose receiver fails now and then would find all PEs of its aircraft in
-quarantine.
+A new incarnation means a reboot, even if no beat (state frame) was missed: what ran on the PE has stopped. A reboot
+counts as a fault and a return together. A PE that reports UNCONFIGURED although it was given a configuration is treated
+in the same way (`lost_configuration`). A PE that keeps failing is held down for twice as long each time, up to a
+minute: quarantine. Its losses are forgiven when it has been available for a minute, or by the operator (`forgive`). If
+all PEs fall silent together, this manager itself hears nothing, and the losses of the PEs are discounted
+(`discount_losses`), so that a manager whose receiver fails now and then does not put all PEs into quarantine.
 
-A PE may send while its receiver has failed: it then reports that it hears no lease. A PE that reports this for longer
-than T_lease of the slowest bus on the way to it, while the manager sends, has certainly released everything exclusive,
-and no command reaches it: the manager fails the PE until it hears a lease again. If more than half of the available PEs
-report this, or no other PE is left, the fault is on the manager's side; then no PE is failed for it, and the running
-configuration goes on.
+A PE whose receiver has failed may still send, and then reports that it hears no LEASE. If it reports this for longer
+than T_lease of the slowest bus on the way to it, while the manager sends, then no command reaches the PE, and it has
+certainly released everything exclusive. So the manager fails the PE until it hears a LEASE again. If more than half of
+the available PEs report this, or no other PE is left, the fault is on the manager's side; then no PE is failed for it,
+and the running configuration goes on.
 
-A mastership that follows another one may hear a PE that was available to the previous manager, but has proven nothing
-to this one yet (`await_again`). That PE is WAITING again. ALIVE names it until the window closes, and nothing that it
+A manager that takes over may hear a PE that was available to the previous manager, but has proven nothing to this
+manager yet (`await_again`). That PE is WAITING again. ALIVE names it until the window closes, and nothing that it
 drives is given to another PE meanwhile. The manager does not wait for a PE that has stopped sending. A PE is not held
 down if it was available to the previous manager until the end, and still runs that manager's configuration
-(`inherited`): only this manager did not hear it.
+(`inherited`), since only this manager did not hear it.
 
 A PE that the operator has *barred* stays DOWN, whatever it sends, until the operator lets it in again.
 
@@ -66,8 +66,8 @@ class Change(Enum):
 class HealthChange:
     """One change of a PE's health.
 
-    cause: the reason for the change, in words. last_heard_ns: time of the last frame of the PE before the change; None:
-    it was never heard.
+    cause: the reason for the change, in words.
+    last_heard_ns: time of the last frame of the PE before the change; None: the PE was never heard.
     """
 
     pe: str
@@ -280,7 +280,7 @@ class Health:
                 self._window_closes_ns = now_ns + window_ns
 
     def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
-        """Make these PEs available at once: they were available to the previous manager, and run its configuration."""
+        """Make these PEs available now: they were available to the previous manager, and run its configuration."""
         return [
             self._join(record, now_ns, StandingEvent.INHERITED, "it was available to the previous manager")
             for record in map(self._records.__getitem__, sorted(pes))

@@ -1,9 +1,10 @@
 """Which PEs hold their exclusive outputs back, and why, as far as the manager can know (OUTPUT_HELD in page 0).
 
-A PE holds its outputs back for a moment in every reconfiguration. An event reports only outputs that are held back for
-longer than T_lease, and another event that they are free again. The cause in the event is what the manager itself sees
-of the PE. If it sees nothing, there are two possible causes: the PE has heard no node for longer than T_lease and waits
-for the next ALIVE, or a frame has told it of a newer epoch. Without a key anybody can send such a frame.
+A PE holds its outputs back for a moment in every reconfiguration. So an event reports only outputs that are held back
+for longer than T_lease; another event reports when they are free again. The cause in the event is what the manager
+itself sees of the PE. If it sees nothing, there are two possible causes: the PE has heard no node for longer than
+T_lease and waits for the next ALIVE, or a frame has told it of a newer epoch. Without a key any node can send such a
+frame.
 
 A lost state delays the event. A forged flag leads to a false event, and changes no plan.
 """
@@ -39,7 +40,7 @@ class HeldOutputs:
     def reported(self, pe: str, page: StatePage0) -> None:
         """Note from page 0 whether a PE holds outputs back.
 
-        Reports when that has lasted for longer than T_lease, or has ended.
+        An event reports when the PE has held them back for longer than T_lease, and when that is over.
         """
         now_ns, held = self._turn.now_ns, self._held.get(pe)
         if PeFlags.OUTPUT_HELD not in page.flags:
@@ -53,7 +54,7 @@ class HeldOutputs:
             self._turn.emit("outputs_held", pe=pe, modules=self._modules(pe), cause=held.cause)
 
     def status(self, pe: str) -> dict[str, Any] | None:
-        """Give which modules of a PE are held back, why and for how long; None: none for longer than T_lease."""
+        """Give which modules of a PE are held back for longer than T_lease, why, and how long; None: no module is."""
         held = self._held.get(pe)
         if held is None or not held.is_told:
             return None

@@ -1,19 +1,20 @@
 """A script of the operator: another configuration is to run, and to stay.
 
-A script makes another configuration of the one that runs; that configuration is the *target*. The core knows no
-component graphs, so the order of the operator gives it the target alone. There are two targets at most:
+A script turns the running configuration into another one, the *target*. The core knows no component graphs, so the
+operator's order contains the target alone. There are two targets at most:
 
     asked   the target is legal now. The core has requested the best plan of the situation, and will compare the target
             with it
     held    the target was not worse at level 1 than that plan. It runs as an epoch, like any plan, and stays: the core
-            seeks no better plan in the background, and contingencies do not apply (`RequestPlan.target`)
+            requests no better plan in the background, and contingencies do not apply (`RequestPlan.target`)
 
 A target that is asked for is refused if it is worse at level 1 than the best plan, if there is no plan, or if the
 situation changes before the plan comes.
 
 A held target ends when the operator releases it, when another script takes its place, or when this mastership ends. It
-also ends if in another situation the target is not legal, or is worse at level 1 than the plan for that situation. Any
-other change of the situation before ACTIVATE does not end it: the target becomes another epoch.
+also ends if in another situation the target is not legal, or is worse at level 1 than the plan for that situation.
+Another change of the situation does not end it. If the target's epoch has not been activated by then, the target is
+deployed as a new epoch.
 
 The active manager announces a held script (`announcing`). A standby manager that takes over ends it, and reports that.
 A restart ends it too, without a report. The PEs go on with what they run, and the next mastership seeks the best plan.

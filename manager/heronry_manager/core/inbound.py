@@ -11,7 +11,7 @@
     request of any node    to identify the manager (CANaerospace): answered by `identification`
 
 A frame that is extended, remote or an error frame, that has another identifier, or that cannot be decoded, is dropped.
-The file that gets a frame says what follows if it is late, doubled or forged.
+The file that processes a frame says what follows if the frame is late, doubled or forged.
 """
 
 from heronry_manager.core.mastership import Mastership

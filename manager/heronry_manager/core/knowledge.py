@@ -7,11 +7,11 @@ objects of the core refer to `Knowledge` alone, so that they always find the pre
     exclusion       what silent PEs may still drive
     situation       what has failed, what is limited, and the phase
     deployment      what runs, what is being prepared, and what each PE reports that it runs
-    advice          of a manager that only advises: its last advice
+    advice          the last advice of a manager that only advises
     following       what another manager, which is active, sends and does
     held_outputs    which PEs hold exclusive outputs back
     script          the configuration that a script of the operator has ordered
-    authenticity    with a key: what has been proven; else None
+    authenticity    with a key: what has been proven; None without a key
     details         what PEs store for people to read; it decides nothing, and it is not forgotten
 """
 

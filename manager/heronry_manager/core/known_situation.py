@@ -12,18 +12,18 @@ A method that changes the situation gives the consequences as values, which the 
 
 All elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`), are down.
 `radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
-priorities. `lost_channels`, `module_notices` and `restarts_told` serve reports, and change no plan. The head of each
-file says what follows from a lost, late, doubled or forged message.
+priorities. `lost_channels`, `module_notices` and `restarts_told` only make reports, and change no plan. The head of
+each file says what follows from a lost, late, doubled or forged message.
 
 A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
 
 A report that the manager's own bus has failed changes no plan: the report was heard on that bus, and a plan without
 that bus would stop everything in flight.
 
-A standby manager hears each latched fault in turn (`announcing`), and each CLEAR once. It drops a fault that it has not
-heard again for three turns, so a lost CLEAR delays it by some heartbeat periods. A manager that advises beside the
-active one does the same, with one exception: a fault that the operator has given to the advising manager itself. That
-fault is only supposed, and stays until another report on the element comes.
+A standby manager hears each latched fault in turn (`announcing`), and each CLEAR once. It drops a fault that was not
+announced for three turns. So after a lost CLEAR it drops the fault some heartbeat periods later. A manager that advises
+beside the active one does the same, with one exception: a fault that the operator has reported to the advising manager
+itself. That fault is an assumption, and stays until another report on the element comes.
 
 The whole situation survives a restart (`memory`), and so does a quarantine.
 """
@@ -128,7 +128,7 @@ class KnownSituation:
         self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager announced that it holds an element
         self._told_phase: int | None = None  # the phase that another manager announced last
-        self._has_just_told_phase = False  # and after it only acknowledgements of requests
+        self._has_just_told_phase = False  # it has announced a phase, and since then only acknowledged requests
         self._remember()
 
     @property

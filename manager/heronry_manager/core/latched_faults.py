@@ -1,4 +1,4 @@
-"""Faults that were reported: each is latched by the element that failed (protocol rule 8).
+"""Faults that were reported: each is latched under the name of the element that failed (protocol rule 8).
 
     well      no fault is reported
     latched   a PE or the operator has reported a fault: the element counts as down. Repeated reports have no effect,
@@ -7,8 +7,8 @@
 
 A module that fails on one PE is at first down on that PE alone (`where`): its place `module:NAME@PE` is latched, and
 plans use the module on other PEs. When it fails on a second PE, or a module that watches its output reports it, the
-module is down everywhere. A PE on which its code is missing does not count as a PE on which it has failed. A module
-with one possible PE has no places, and is down at once.
+module is down everywhere. A PE on which the code of the module is missing does not count as such a second PE. A module
+with one possible PE has no places, and is down immediately.
 
 A PE repeats its report until it is acknowledged, so a report that is lost, or sent during a pause, comes again. A late
 report, which comes after the operator has cleared the element, latches it again; a fault that persists would be found
@@ -110,7 +110,8 @@ class LatchedFaults:
     def latch(self, fault: LatchedFault) -> bool:
         """Keep a fault, unless one is latched on the same element already; tells whether it was kept.
 
-        A PE's report replaces a fault that only the operator has reported, or, for a place, only another manager.
+        A PE's report replaces a fault that only the operator has reported; for a place, it also replaces one that only
+        another manager has announced.
         """
         before = self._failed.get(fault.element)
         if before is not None:

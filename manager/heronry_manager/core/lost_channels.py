@@ -1,10 +1,10 @@
-"""Channels of replicated buses that carry nothing, by the reports of this manager's driver and the PEs: not a fault.
+"""Channels of replicated buses that carry nothing for some node; a lost channel is not a fault.
 
-A bus with one channel left is still a bus: no plan changes, no epoch is given up, and the contingencies can still be
-used. Where both channels of a bus are gone its PEs are silent, and `health` deals with that. So lost channels are kept
-apart from the situation, for the operator: an event reports when a node loses a channel or has it back, and `heronry
-status` lists the nodes that lack each channel. If all nodes on a bus lack a channel, the channel is broken; if one PE
-lacks it, the wire of that PE is broken.
+This manager's driver and the PEs report lost channels. A bus with one channel left still works: no plan changes, no
+epoch is given up, and the contingencies can still be used. If both channels of a bus are lost, the PEs of the bus are
+silent, and `health` deals with that. So lost channels are no part of the situation; they are kept for the operator: an
+event reports when a node loses a channel or has it back, and `heronry status` lists the nodes that lack each channel.
+If all nodes on a bus lack a channel, the channel is broken; if one PE lacks it, the wire of that PE is broken.
 
     lost    the PE has reported it (EMCY CHANNEL_LOST), within the last CHANNEL_FORGOTTEN_NS
     well    the PE has reported CHANNEL_BACK, or no loss for that long. For its own channels the manager uses the

@@ -24,8 +24,9 @@ After each event, in this order: a standby manager takes over, if no manager is 
 without a PE that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the
 driver gives it the frames first.
 
-After a restart a new term begins, and then the normal start, with all that is remembered (`memory`, which the driver
-keeps in the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
+After a restart the manager begins a new term and starts as usual, with all that it remembers (`memory`, which the
+driver keeps in the journal): the phase, latched faults, quarantines, what runs. The PEs go on with what they run
+(`replanning`).
 """
 
 from typing import Any
@@ -221,7 +222,7 @@ class ManagerCore:
             self._details.reader.tick(now_ns)
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
-        """Execute an order of the operator; before this manager has a term, only a request for the status."""
+        """Execute an order of the operator; before this manager has a term, it only gives the status."""
         if isinstance(said.order, AskStatus):
             return (Reply(said.number, done=True, sentence="", status=self._status_for_operator()),)
         if isinstance(said.order, AskTraceback):

@@ -1,27 +1,31 @@
 """Mastership: whether this manager is the active one, stands by, or has ended; and what lets it begin, or give way.
 
-    LISTENING   for T_lease after its start: a LEASE means that another manager is active, and this one does not start.
-                A manager that was active and hears no PE any more listens until it hears one again: its receiver has
-                failed, or its wire is broken, and its commands could only take outputs away from PEs that hear them.
-                A manager that most PEs refuse listens, too: these PEs report that they hear no LEASE, because they know
-                of a higher term. The manager listens for twice as long after each refusal, and begins the next term,
-                which may be high enough. After two refusals in a row it may be that a lost journal had the higher
-                terms: then a manager skips many terms, once in its life
+    LISTENING   the manager sends nothing, in one of three cases.
+                It has just been started: it listens for T_lease, since a LEASE in that time shows that another manager
+                is active.
+                It was active, and hears no PE any more: its receiver has failed, or its wire is broken, and its
+                commands could only take outputs away from PEs that hear them. It listens until it hears a PE again.
+                Most PEs refuse it: they report that they hear no LEASE, because they know of a higher term. The manager
+                listens for twice as long after each refusal, and begins the next term, which may be high enough. After
+                two refusals in a row the manager once skips many terms: the higher terms may have been in a journal
+                that was lost
     STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
                 to close
     ACTIVE      it is active, and has requested its first plan: normal operation (in the status: `reigning`)
     STANDBY     another manager is active: this one follows it (`following`) and takes over when the PEs hear none
-    RETIRED     another manager is active, and this one was started without `standby`: silent for ever
+    RETIRED     another manager is active, and this one was started without `standby`; or all terms have been used. The
+                manager has ended
 
 With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending.
 Manager 127 also stands by for a while if it hears no manager at its start (`following`), so that 126 goes first. If a
 manager hears a LEASE of its own number and term, a second manager with its number was started by mistake. Of these two
-managers, the first that hears the other gives way. A manager that only advises gives way to none, and sends nothing.
+managers, the first that hears the other gives way. A manager that only advises sends nothing, and need not give way to
+another one.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
 `TRANSITIONS`. Another manager repeats its LEASE in each period, so a lost LEASE comes again. A late or doubled LEASE
-makes no manager give way twice. A restart begins with LISTENING, and with the terms that the journal remembers. What
-the manager does not know: whether another manager is gone or merely not heard here; the reports of the PEs decide that
+makes no manager give way twice. A restart begins with LISTENING, and with the terms that the journal remembers. The
+manager cannot tell whether another manager is gone, or is merely not heard here; the reports of the PEs decide that
 (`following`).
 """
 

@@ -9,10 +9,11 @@ The spec's first phase is the initial one. Three things change it:
 
 In a new mastership a PE makes its last request again, even if the previous manager has acknowledged the request. A
 request that comes again in this way is restricted: to a phase with a rule it leads only from the phases that the rule
-names, and to any other phase only forward.
+names, and to any other phase only if that phase comes later in the spec.
 
 Any change has the same consequences as a fault: a plan for the new phase and a new epoch. Each request counts when it
-comes, so of several requests the last one wins. If several rules apply, the one with the latest phase wins.
+comes, so of several requests the last one wins. If several rules are satisfied by one value, the PE requests only one
+of their phases (`phase_requests` of the agent).
 
 A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up until it restarts: a
 request that comes again, or after a later one, is acknowledged and has no further effect. The manager neither
@@ -52,8 +53,9 @@ class MissionPhase:
     def accepted(self, pe: str, incarnation: int, detail: int) -> bool:
         """Note that this manager or another one has executed the request for a phase that a PE sent.
 
-        detail: the requested phase and the number of the request, as in the EMCY. Returns True if the request was not
-        known before.
+        detail: the requested phase and the number of the request, as in the EMCY.
+
+        Returns True if the request was not known before.
         """
         number = detail & ~FORWARD_ONLY
         last_incarnation, last = self._last.get(pe, (incarnation, number - 1))

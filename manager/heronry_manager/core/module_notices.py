@@ -51,7 +51,7 @@ class ModuleNotices:
         raise NotImplementedError
 
     def _over(self, module: str, by: str) -> None:
-        """Report that a notice is over; this class reports nothing."""
+        """Report the end of a notice as an event; a class that does not override this method reports no end."""
 
 
 class Disagreements(ModuleNotices):

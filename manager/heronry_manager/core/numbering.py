@@ -2,12 +2,14 @@
 
     terms    manager 126 takes the odd ones, 127 the even ones. So two managers can never be active in the same term,
              even if they have not heard of each other
-    epochs   in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second number
-             from there on. So two managers that are active on both sides of a broken bus use no number twice either
+    epochs   come in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second
+             block from there on. So two managers that are active on both sides of a broken bus use no number twice
+             either
 
-A new epoch is also newer than every epoch that a PE was seen to run, and than the remembered one: a silent PE may still
-hear and drive, and accepts nothing older. A block is reserved (`memory`) before its first number is used: a manager
-that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16 (`is_newer`).
+A new epoch is also newer than the remembered one, and than every epoch that a PE was seen to run: a silent PE may still
+hear commands and drive outputs, and accepts no older epoch. A block is reserved (`memory`) before its first number is
+used: a manager that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16
+(`is_newer`).
 """
 
 from heronry_manager.core.memory import EPOCHS, Reserved
@@ -41,7 +43,7 @@ class EpochNumbers:
         self.last = 0  # the newest number that was given, or may have been before a restart
 
     def begin(self, term: int) -> None:
-        """Continue with the numbers reserved for this term, for a new mastership."""
+        """Begin the mastership of a term: its epochs get newer numbers than all that were used or reserved before."""
         self._block = None
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 

@@ -10,9 +10,9 @@
               objects are read meanwhile
 
 A try ends without a value if the PE aborts it, if an answer does not fit the request, or if no answer comes within
-SILENCE_NS. Then the next object in the queue is read. An object that had no value in its last try has none. If an
-object is requested once more while it waits for another try, the new request takes the place of that try. A PE gives
-its answers a tenth of the bus at most.
+SILENCE_NS. Then the next object in the queue is read. If the last try gives no value, the object counts as unreadable.
+If an object is requested once more while it waits for another try, the new request takes the place of that try. A PE
+uses a tenth of the bus at most for its answers.
 
     a lost answer     the try ends after SILENCE_NS
     a late answer     is dropped, unless an object of that PE is being read: then it ends that try
@@ -21,9 +21,9 @@ its answers a tenth of the bus at most.
 A late or doubled answer that fits by chance gives a wrong value. Any node can forge an answer, since SDO has no proof:
 the values are for people, and no decision may depend on them.
 
-A PE has one SDO server, where a request replaces the transfer of another client. So this client gives way: only a
-request of it that crosses the first request of the other client can still disturb that client. If the other client
-never pauses, this client reads nothing.
+A PE has one SDO server, where a request replaces the transfer of another client. So this client gives way. It can still
+disturb the other client in one case: its request and the first request of the other client are under way at the same
+time. If the other client never pauses, this client reads nothing.
 """
 
 from collections import deque
@@ -54,7 +54,7 @@ from heronry_wire.sdo import (
 )
 
 SILENCE_NS = 1_000_000_000
-"""Longest wait for one answer, the time after which a PE gives up its client; also the pause before another try."""
+"""The longest wait for one answer, in ns: a PE drops its client after that time. Also the pause before another try."""
 
 _MOST_WAITING = 64
 _MOST_BYTES = 4_096
@@ -86,7 +86,7 @@ class _Reading:
 
 @dataclass(slots=True)
 class ObjectReader:
-    """The SDO client of a manager; `ask` is called with each frame to send, `next_ns` is when to call `tick`."""
+    """The SDO client of a manager; it calls `ask` with each frame to send. Call `tick` at `next_ns` (ns)."""
 
     ask: Callable[[Send], None]
     next_ns: int = NEVER_NS

@@ -1,4 +1,4 @@
-"""The epoch that each PE reports to run: observed, never commanded.
+"""What each PE reports that it runs; what was commanded is kept elsewhere (`reconfiguration`).
 
 The next state makes up for a lost one. A state that comes twice, or late from a gateway, has no effect. After a pause
 of the manager, states are taken in the order in which they came, and the last one counts. A lost PE may still run the

@@ -3,14 +3,16 @@
     phase NAME       another mission phase, any of the spec's
     priority F N     another priority of function F, 0 to 32767, or `default`: that of the spec. The order stands until
                      the operator ends it, against all requests of modules
-    fail ELEMENT     the element counts as failed, whatever is heard of it: the manager plans without it. The manager
-                     refuses its own bus, and channels, since a plan without a channel would be the same
+    fail ELEMENT     the element counts as failed, whatever is heard of it: the manager plans without it. An order to
+                     fail the manager's own bus is refused; so is an order to fail a channel, since the plan would be
+                     the same
     clear ELEMENT    the element no longer counts as failed: its latched fault ends, a PE leaves its quarantine, and a
                      PE that was failed may join again after the shortest hold-down. The manager sends CONTROL, CLEAR to
-                     every PE, so that a PE reports a fault that persists immediately. If that frame is lost, a PE
+                     every PE, so that a PE immediately reports a fault that persists. If that frame is lost, a PE
                      reports it a second later, and a standby manager learns of the clearing some beats later
-    script, release  run another configuration, which a script makes of the running one (`held_script`), or end that. A
-                     script is refused while anything is under way, or if its configuration is not legal
+    script, release  run another configuration, which a script makes of the running one (`held_script`); end such a
+                     script. A script is refused during a reconfiguration, while another script waits, or if its
+                     configuration is not legal
     unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
                      if it is lost, the operator has to give the order again
 

@@ -1,4 +1,4 @@
-"""Makes the objects of a manager's core that act, once, each after the objects that it needs."""
+"""The objects of a manager's core that act: each is made once, after the objects that it needs."""
 
 from heronry_manager.core.beat import Beat
 from heronry_manager.core.knowledge import Knowledge

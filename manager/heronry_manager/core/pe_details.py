@@ -5,15 +5,16 @@
                              three times, two seconds apart; after that no event comes until the PE's next EMCY
     traceback                read when the operator asks for it, from the PE that reported the last failure
     standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
-                             the status. If there were more long standstills than before, an event reports that, as
-                             they may be the reason why the PE was not heard. The event gives the longest of them if
-                             the PE never had a longer one. If the PE gives no answer then, the reading at its join
-                             reports them. A manager reads nothing when it becomes active, since a foreign SDO client
-                             may be reading just then; so its first report on a PE counts from the start of that PE
+                             the status. If there were more long standstills than before, an event reports that, as they
+                             may be the reason why the PE was not heard. The event gives the longest standstill of the
+                             PE if that is new, and its last long one if not. If this reading fails, the next one after
+                             a PING, a return or a join reports the standstills. A manager reads nothing when it becomes
+                             active, since a foreign SDO client may be reading just then; so its first report on a PE
+                             counts from the start of that PE
 
-Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
-What was read stays until this manager ends; another manager reads it again. `object_reader` says what lost, late,
-doubled and forged frames cause; these values decide nothing.
+A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no gateway
+forwards SDO. It keeps what it has read until it ends; another manager reads the details again. `object_reader` says
+what lost, late, doubled and forged frames cause; no decision depends on these values.
 """
 
 from collections.abc import Callable, Mapping
@@ -48,7 +49,7 @@ class Look(Enum):
 class PeDetails:
     """Reads the details that PEs store for people, and keeps them.
 
-    Counts the standstills of this manager's computer.
+    It also counts the standstills of this manager's computer.
     """
 
     def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
@@ -71,7 +72,7 @@ class PeDetails:
             self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
-        """Read from a PE why a module has failed, and report that once, although the PE repeats its EMCY."""
+        """Read from a PE why a module has failed, and report the reason once, although the PE repeats its EMCY."""
         heard_ns = self._turn.now_ns
         before, at_ns = self._heard.get((pe, element), (None, 0))
         self._heard[pe, element] = emergency, heard_ns

@@ -2,7 +2,7 @@
 
     page 0    the PE lives, and runs this epoch: for `health`, `following` and `deployment`, in this order. If the PE
               runs what it must not, or an epoch newer than this manager's, a plan is needed
-    page 1    without a key: the PE lives. Always: how far the PE is with the epoch that is being prepared
+    page 1    how far the PE is with the epoch that is being prepared; without a key also that the PE lives
     page 2    with a key: the PE requests a session, which this manager opens if it is active
     page 3    only `authenticity` uses it
     EMCY      a fault, or a request for a phase or a priority. Only an active manager takes and acknowledges an EMCY;

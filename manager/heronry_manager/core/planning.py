@@ -10,8 +10,8 @@
 the core requests the optimal plan, with as few changes to the running configuration as possible. There is one such
 request for each situation. The core takes the answer only if it is better at levels 1 to 3 of the objective. These
 levels rank above the number of changes (level 4), so they justify interrupting a module; lower levels do not. After a
-failure there is no second request. While a plan is being deployed, the core does not replace it: a change that is half
-done would begin anew, for a plan that was requested before it.
+failure there is no second request. While a plan is being deployed, the core makes no such request: the answer could end
+a change that is half done.
 
 A lost answer blocks nothing: the next change of the situation leads to a new request. An answer that comes twice is
 dropped.
@@ -90,7 +90,7 @@ class Planning:
         return self.again_ns is not None and self._turn.now_ns >= self.again_ns
 
     def failed(self, answer: PlanFailed) -> bool:
-        """Note that the planner could not answer; tells whether that was the present request.
+        """Note that the planner could not answer a request; tells whether this is the present request.
 
         A request in the background is not repeated.
         """

@@ -2,12 +2,12 @@
 
 The manager's core requests plans (`RequestPlan`), and reports when a configuration runs and nothing is under way
 (`Settled`). The policy answers a request itself, or names the planner that must answer; then the driver carries the
-request there and the answer back. The driver is the manager's shell, between processes, or the simulator, in virtual
-time.
+request there and the answer back. The driver is the manager's shell, which works with processes, or the simulator,
+which works in virtual time.
 
-A request is *immediate* if a running configuration must be replaced. It is *in the background* for the first
-configuration of an active manager, which interrupts nothing, and for the optimal plan that the core requests once an
-immediate plan runs. The sources of a plan, in this order:
+A request is *immediate* if a running configuration must be replaced. It is *in the background* in two cases: for the
+first configuration of an active manager, since no running configuration is interrupted; and for the optimal plan that
+the core requests once an immediate plan runs. The sources of a plan, in this order:
 
     contingencies   made before the flight for these faults, this phase and the running configuration
                     (`contingency.look_up`); none while a radio is limited or a priority changed
@@ -42,8 +42,8 @@ Only the core's requests and reports and the processes' answers change the state
     a failure   The core decides what follows from a failure of the planner (`planning`). A question on which the
                 pre-planner fails is left out.
 
-A restart forgets everything here; pre-planning begins anew once a configuration runs. The policy knows no time: the
-driver limits how long a process may take, and then gives its failure.
+A restart forgets everything here; pre-planning begins anew once a configuration runs. The policy has no clock: the
+driver limits how long a process may take, and after that reports the failure of the process.
 """
 
 from collections import deque
@@ -152,7 +152,7 @@ class PlanningPolicy:
     ) -> None:
         """`immediate`: the greedy planner; None: every request goes to the exact planner.
 
-        has_planner: there is a solver, and so a planner and a pre-planner; if False, `immediate` must be given.
+        has_planner: there is a solver, and so an exact planner and a pre-planner; if False, `immediate` must be given.
         """
         require(immediate is not None or has_planner, "there is no planner")
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner

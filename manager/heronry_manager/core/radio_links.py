@@ -3,19 +3,19 @@
 Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps, and plans use one of them. The
 step of a radio
 
-    falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are a tenth
-             below the present step, since queues grow meanwhile
+    falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are more than
+             a tenth below the present step; with a longer wait the queues of the gateway would grow
     rises    once all reports for ten heartbeat periods of the radio have been at least a twentieth above a higher step.
              Each further fall within a minute doubles this time, up to fourfold; after a minute without a fall it is
              ten periods again
-    gone     when the gateway hears nothing from beyond, all PEs there are lost together. Until some PE beyond is
-             available again, and at the start, each report sets the step directly: no PE can be interrupted, and a PE
-             that returns gets a plan that fits the radio
+    gone     the gateway hears nothing from beyond the radio: all PEs there are lost together. Until some PE beyond the
+             radio is available again, and at the start, each report sets the step directly: this interrupts no PE, and
+             a PE that returns gets a plan that fits the radio
 
 After a lost report, the next one says the same. A late or doubled report is recognized by its sequence number and
 dropped; so is a report from another node than the gateway. `heronry_wire.gateway_report` says what a forged report can
-do. While a gateway is silent the step of its radio stays, and the heartbeats show which PEs beyond are lost. A restart
-forgets everything here until the next report.
+do. While a gateway is silent the step of its radio stays, and the state frames show which PEs beyond the radio are
+lost. A restart forgets everything here until the next report.
 """
 
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkSt
 from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS
 
 STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)  # thousandths of the bit rate
-_LATE = 8  # a report fewer than this behind the last one is late; else the gateway has restarted
+_LATE = 8  # a report that is fewer numbers behind the last one is late; with more, the gateway has restarted
 MOST_DOUBLINGS = 2
 _BELOW, _ABOVE = Fraction(9, 10), Fraction(21, 20)
 
@@ -59,7 +59,7 @@ class LinkRecord:
     report: LinkReport | None = None
     low: bool = False  # the last report was below the step
     rising_since_ns: int | None = None
-    lowest: int = PER_MILLE  # usable share since then
+    lowest: int = PER_MILLE  # lowest usable share reported since `rising_since_ns`
     falls: int = 0
     fell_ns: int = 0
 
@@ -76,7 +76,7 @@ class LinkRecord:
 
 
 class RadioLinks:
-    """Keeps the share of its bandwidth that plans may use, for every radio that a gateway reports on."""
+    """Keeps, for every radio that a gateway reports on, the share of its bandwidth that plans may use."""
 
     def __init__(self, spec: Spec) -> None:
         self.records = {
@@ -161,8 +161,8 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Give the largest of the fixed steps that is not above `usable` (per mille).
+    """Give the step for a usable share in per mille: the largest step that is not above the share.
 
-    From nine tenths on, that is the whole bandwidth.
+    From a share of 900 on, the step is 1000, the whole bandwidth.
     """
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

@@ -14,9 +14,9 @@ that). Each further wait is twice as long. So a lost frame delays little, a doub
 is not flooded. If the manager has waited for one answer of a PE for PATIENCE_PERIODS, the PE is overdue; the core fails
 it and plans without it. After the first ACTIVATE only a newer epoch can follow.
 
-*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice, too. The epoch waits
-for such a PE only if that PE must break first: an aircraft never depends on the ground. A PE beyond a radio takes its
-steps when LEASE repeats them.
+*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice, too, and takes its
+steps when LEASE repeats them. The epoch waits for such a PE only if that PE must break first, so that an aircraft does
+not depend on the ground.
 
 PREPARE refers to a configuration that is on board (protocol rule 5) by its number. A PE that holds the configuration
 needs no slice. A PE that reports NOT_ON_BOARD, or is known not to hold it, gets its slice as usual.

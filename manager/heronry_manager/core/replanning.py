@@ -118,7 +118,7 @@ class Replanning:
     def fly(self, target: Configuration) -> None:
         """Request the best plan, to be compared with this configuration, which a script orders."""
         running = self._known.deployment.running
-        assert running is not None, "an order to change what runs is refused where nothing does"
+        assert running is not None, "a script is refused while nothing runs"
         self._known.script.ask(target)
         self.planning.ask_for(target, self._known.situation.now(), running)
 

@@ -1,4 +1,4 @@
-"""The standing of a PE: its state as the manager sees it, and the table of changes; `health` says when one happens.
+"""The standing of a PE: its state as the manager sees it, and the table of changes; `health` decides on each change.
 
     WAITING    never heard, the start-up window is open
     UP         heard within its period

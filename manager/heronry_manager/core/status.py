@@ -6,8 +6,8 @@ A pure function of the parts of the core. The document is versioned; a later ver
     manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
                     or null), standstills (times, long_times, last_long_ms, longest_ms)
     next            epoch that is being prepared, or null
-    unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null.
-                    Else null, also while the manager stands by
+    unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null. It
+                    is null in all other cases, also while the manager stands by
     pes             by name: state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns, authentic
                     (null without a key; else is_believed, refused_states, unproven_reports: EMCYs in its name that were
                     never proven, and refused_commands as the PE reports them), standstills (as last read from the PE;

@@ -1,12 +1,12 @@
-"""Storms: changes that follow each other so fast that no epoch would ever be reached.
+"""Storms: changes that follow each other so fast that no epoch would ever be activated.
 
 A change normally ends the epoch that is being prepared, and replaces the request for a plan: the newest situation is
 answered first. If that has happened `_RESTARTS` times in a row, and for `_STORM_NS`, without one epoch being activated,
 there is a storm. In a storm changes are gathered: what is under way is finished first, and then one plan answers all
-that has changed meanwhile. Two things still end what is under way at once:
+that has changed meanwhile. In two cases what is under way still ends immediately:
 
-- it has become illegal (`verify`): a PE or device that it uses is lost, say;
-- it would stop a critical function that runs now.
+- it has become illegal (`verify`), for example because a PE or a device that it uses is lost;
+- it serves less at level 1 (critical functions) than the running configuration, which is still legal.
 
 A storm is over when an epoch is activated, or when everything runs as planned. Short bursts, such as many PEs that
 return together, are no storm.
@@ -48,7 +48,7 @@ class Storms:
     def may_finish(self, now: Situation, wanted: Configuration, running: Configuration | None) -> bool:
         """Tell whether `wanted` may still be deployed, although the situation has become `now`.
 
-        This is so if `wanted` is still legal, and stops no critical function that `running` serves.
+        This is so if `wanted` is still legal, and serves no less at level 1 than `running`, if that is still legal.
         """
         if verify(self._spec, now, wanted):
             return False

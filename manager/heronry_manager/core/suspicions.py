@@ -1,10 +1,10 @@
 """What modules report of PEs and buses: suspicions, which the manager assesses by its own evidence.
 
 A module sees a device that it drives, or another module whose data it reads. Of a PE or a bus it only sees that some
-data do not come. So a report about a PE or a bus alone makes nothing count as failed:
+data do not come. So such a report alone makes no PE and no bus count as failed:
 
-    a PE     the manager asks it (PING). If the PE answers, it stays; if it is silent, it is lost like any other
-             (`health`)
+    a PE     the manager sends it a PING. If the PE answers, it stays available; if it is silent, it is lost like any
+             other PE (`health`)
     a bus    never counts as failed because of a report. The manager's own bus has carried the report. Another bus works
              as long as a PE is available that can be reached over that bus alone; every bus but the manager's leads to
              such PEs, since buses form a forest. If all these PEs are lost, the plan does without them already, and
@@ -31,7 +31,7 @@ class Suspicions:
         self._asked: set[str] = set()  # PEs that owe an answer
 
     def pe(self, pe: str, by: str) -> bool:
-        """Note that `by` has reported that a PE failed; tells whether the manager must ask the PE now."""
+        """Note that `by` has reported that a PE failed; tells whether the manager must send the PE a PING now."""
         element = f"pe:{pe}"
         is_new = self._note(element, by)
         if not self._health.is_available(pe):
@@ -44,7 +44,7 @@ class Suspicions:
         return is_new
 
     def answered(self, pe: str) -> None:
-        """Note that a state of a PE has come: if the PE was suspected, that shows that it works."""
+        """Note that a state of a PE has come; if a PING was sent to the PE, an event reports that the PE answers."""
         if pe in self._asked:
             self._asked.remove(pe)
             self._conclude(f"pe:{pe}", "it answers, and stays")
@@ -61,7 +61,7 @@ class Suspicions:
     def beat(self) -> None:
         """End the suspicion of each PE that has been lost meanwhile.
 
-        Forget old reports, so that a repetition counts as new.
+        Reports older than CHANNEL_FORGOTTEN_NS are forgotten, so that the next one counts as new.
         """
         for pe in sorted(pe for pe in self._asked if not self._health.is_available(pe)):
             self._asked.remove(pe)

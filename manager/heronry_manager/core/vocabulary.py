@@ -68,7 +68,10 @@ class Emit:
 
 @dataclass(frozen=True, slots=True)
 class Keep:
-    """Instruction to the driver: write a record to the journal; a reserved number before any later frame is sent."""
+    """Instruction to the driver: write a record to the journal.
+
+    A record with a number (`memory.is_number`) must be on disk before any later frame is sent.
+    """
 
     record: Record
 
@@ -82,7 +85,7 @@ class JournalTold:
 
 @dataclass(frozen=True, slots=True)
 class ChannelsLost:
-    """The channels of the manager's bus (from 1) on which a frame is missing that another channel has carried.
+    """The channels of the manager's bus, numbered from 1, on which a frame is missing that another channel has carried.
 
     The driver reports them at every change.
     """

@@ -1,10 +1,10 @@
-"""The candidates: everything that could run in a situation. They make the small problem that the solver gets.
+"""The candidates: everything that could run in a situation. The solver gets a small problem, made of these alone.
 
 Two passes over the spec, both exact:
 
-*Possible.* A mode is possible if its module has a host with room for it alone, and if its `needs` could hold while
-every other possible mode runs. The pass finds the greatest such set, because feedback is legal: two modules that feed
-each other are possible together.
+*Possible.* A mode is possible if its module may run on a PE that has room for this mode when nothing else runs there,
+and if its `needs` could hold while every other possible mode runs. The pass finds the largest set of such modes,
+because feedback is legal: two modules that feed each other are possible together.
 
 *Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase), an end of a
 wanted DEMUX, or feeds a possible mode of a useful module. No other module can serve (semantics rule 5).

@@ -8,9 +8,9 @@ places for the chosen modules.
 *Pack*: of all choices with this value, take the one with the least CPU, since it leaves the most room. The search fixes
 this choice in its own model; only the places are left to be found.
 
-The bound holds for all configurations, however they are found. If no packing is found, another choice of the same
-value, or of a little less, may still fit; the search over everything looks for it. That search also gets constraints
-for each PE that follow from modules being indivisible, and takes longer to prepare.
+The bound holds for every legal configuration. If no packing is found, another choice of the same value, or of a little
+less, may still fit. The search over modules and places together looks for such a choice. It also gets constraints for
+each PE that follow because a module is indivisible, and takes longer to prepare.
 """
 
 from collections.abc import Mapping, Sequence

@@ -129,7 +129,7 @@ class PlannerClient:
     def wait_until_ready(self) -> None:
         """Block until the process has loaded the solver; raises PlannerError if the process ends instead.
 
-        If a process hangs, the call returns after `LONGEST_START_S`: its requests will fail, and it is replaced.
+        If the process hangs, the call returns after `LONGEST_START_S` seconds, and `ready` is still False.
         """
         until_s = time.monotonic() + LONGEST_START_S
         while not self.ready and (left_s := until_s - time.monotonic()) > 0:

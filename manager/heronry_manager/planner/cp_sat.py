@@ -1,9 +1,9 @@
 """CP-SAT, the solver of OR-Tools, loaded without pandas; all modules of the planner import the solver from here.
 
-The Python interface imports pandas for functions on series of variables, which nothing here calls. That import takes
-longer than all others of a planner's process together. So an empty module stands in for pandas meanwhile; afterwards
-pandas can be imported as ever. If that fails with another release of OR-Tools, or if a program has imported pandas
-before, OR-Tools gets the true pandas.
+The Python interface imports pandas for functions on series of variables, which nothing here calls. The import of pandas
+takes longer than all other imports of a planner's process together. So an empty module takes the place of pandas during
+that import; afterwards pandas can be imported as usual. If this fails with another release of OR-Tools, or if a program
+has imported pandas before, OR-Tools gets the true pandas.
 """
 
 import sys

@@ -3,20 +3,23 @@
 Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed, and its late messages
 are ruled out in one of two ways.
 
-*In time.* The first instance of a message leaves in time iff the bus has been free for it at some moment t of its
-window: by then B + sum of ceil((t + 1) / T) x C over all more urgent messages is at most t (all in bit times). The
-demand only jumps just after multiples of the periods T, so few moments count: these multiples, and the end of the
-window. The model has one literal for each moment, and one of the literals must hold if the message is published. A
-message that comes over a gateway needs a moment on either bus, and both waits together must fit its deadline: then
-there is one literal for each pair of moments. The condition is added once for a message, and holds for every set of
-other messages. It is not added if the deadline is so far away that there are too many moments. The condition is
-necessary, not sufficient: it leaves out the jitter of the others and later instances of the message.
+*In time.* A message has a *window*: the time from its release until the latest moment at which its transmission may
+begin. The first instance of the message leaves in time if and only if the bus is free for it at some moment t in the
+window: B + sum of ceil((t + 1) / T) x C over all more urgent messages is at most t. Here B is the longest blocking by a
+frame that is already being sent, and T and C are period and length of a more urgent message, all in bit times. The sum
+only grows just after multiples of the periods T, so few moments count: these multiples, and the end of the window. The
+model has one literal for each moment, and one of the literals must hold if the message is published. A message that
+comes over a gateway needs a moment on either bus, and both waits together must fit its deadline: then there is one
+literal for each pair of moments. The condition is added once for a message, and holds for every set of other messages.
+It is not added if the deadline is so far away that there are too many moments. The condition is necessary, not
+sufficient: it leaves out the jitter of the more urgent messages, and later instances of the message.
 
 *Not together.* If a message is late all the same, the model gets a cut: a set of messages that must not all be
 published. The analysis names all messages on which the late one depends. That set is shrunk, one message after the
 other, as long as the message is still late: the smaller the set, the more plans its cut rules out. Leaving a message
-out makes no other one later, so a message that is late in a set is late in every larger set. A set in which the same
-message comes from farther away also counts as larger, since it brings more jitter. Neither way excludes a legal plan.
+out makes no other one later, so a message that is late in a set is late in every larger set. A set in which one of the
+messages comes over more buses also counts as larger, since that message then has more jitter. Neither way excludes a
+legal plan.
 """
 
 from collections.abc import Iterable, Iterator, Set
@@ -68,7 +71,7 @@ class _Moment:
     demand: Demand
 
     def room(self) -> _Room:
-        """Return the condition that all bits to be sent before have been sent by this moment."""
+        """Return the condition that all more urgent bits are sent by this moment, so that the message can leave."""
         return _Room(self.demand, self.end - self.always)
 
 
@@ -86,7 +89,7 @@ class Deadlines:
         self._forbidden: set[frozenset[Hop]] = set()
 
     def are_met(self, published: frozenset[Hop]) -> bool:
-        """Tell whether all deadlines are met if these hops are published; if not, exclude that from the model."""
+        """Tell whether all deadlines are met if these hops are published; if not, the model excludes such a set."""
         if any(published <= known for known in self._punctual):
             return True
         late = self._times.late(published)
@@ -176,7 +179,7 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Return the least jitter, in bit times, that a message brings from the bus before, if it was alone there."""
+        """Return the jitter, in bit times, that a message brings from the bus before if it is the only data there."""
         if hop.after is None:
             return Fraction(0)
         alone = self._times.responses([replace(hop, bus=hop.after, after=None)])

@@ -1,9 +1,9 @@
 """The objective for the solver: the levels of docs/semantics.md, section 4, as weighted sums of literals.
 
 A level is a weighted sum of literals, with bounds that follow from its own terms alone. More is always better: a
-quantity that should be small is negated. Neighbouring levels are solved together, as one weighted sum, which is exact
-since each level's weight is greater than the sum of all levels below it. The groups were chosen because they are solved
-fast together; a group is cut where its weighted sum would not fit 62 bits:
+quantity that should be small is negated. Neighbouring levels are solved together, as one weighted sum. This is exact,
+since the weight of each level is greater than the greatest sum of all levels below it. The groups were chosen because
+they are solved fast together; a group is cut where its weighted sum would not fit 62 bits:
 
     serving    levels 1 and 2, critical classes and utility. As a rule all functions can be served, and then no search
                is needed

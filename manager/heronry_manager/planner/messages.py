@@ -10,8 +10,8 @@
                                                                                       bounds
               {"request": 7, "error": TEXT}   no plan, and why; request is null if the request could not be read
 
-The process inherits the spec as an open file. A line that cannot be read raises `MessageError`: between a client and
-its own process that is a defect.
+The process inherits the spec as an open file. A line that cannot be read raises `MessageError`, since a client and its
+own process send such a line only because of a defect.
 """
 
 import json

@@ -3,9 +3,9 @@
 There is one boolean variable for each possible (module, mode, PE). `on` (per mode), `at` (per PE) and `runs` (per
 module) are sums of these variables; a sum with a single term is that variable itself.
 
-This part of the model ensures these rules of docs/semantics.md, section 3: semantics rules 1 (place: an impossible host
-has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement
-rules).
+This part of the model ensures these rules of docs/semantics.md, section 3: semantics rules 1 (place: a PE that cannot
+run the module has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE),
+8 (placement rules).
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -86,7 +86,7 @@ class Placing(Choice):
         self._together()
 
     def somewhere(self, module: str, pes: Collection[str]) -> list[IntVar] | None:
-        """Return literals; if `module` runs, exactly one of them is true iff it runs on one of `pes`.
+        """Return literals: exactly one is true if `module` runs on one of `pes`, and none if it runs elsewhere.
 
         None: the module can run only on one of `pes`.
         """

@@ -1,10 +1,10 @@
 """The variables that say which source is published on which bus, and the bandwidth that it takes.
 
 The buses form a forest over the PEs, so taking one bus away splits the PEs into *sides*. A source is published on that
-bus iff some consumer wired to it is on another side than its producer (semantics rule 7: on every bus of the route,
-once for any number of consumers). The model has this condition in one direction only: a source that some consumer needs
-there counts as published, and any other source may count as published too. No plan gets better by publishing more, so
-the optimum is exact.
+bus if and only if some consumer wired to it is on another side than its producer (semantics rule 7: on every bus of the
+route, once for any number of consumers). The model has only the "if" of this condition: a source that some consumer
+needs there counts as published, and any other source may count as published, too. No plan gets better by publishing
+more, so the optimum is exact.
 
 Bandwidth depends on the rate of the producer's mode: if its modes differ in rate, there is a literal for each rate.
 `heronry_manager.planner.deadlines` adds the deadlines (semantics rule 9) where they matter.
@@ -87,7 +87,7 @@ class Publishing:
         return hop.producer, hop.variable, rate_mhz, hop.bus
 
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
-        """Return literals of which one is true iff the data of the running producer come from the hop's bus before.
+        """Return literals: one is true if the running producer's data come from the hop's bus before, and none if not.
 
         None: the hop begins at its source, or the data always come from there.
         """

@@ -14,7 +14,7 @@ def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
     """Yield the searches for levels of this kind, the short ones first: each function sets up a solver for an effort.
 
     A short search soon finds a configuration that reaches the bound of the linear relaxation, if there is one. If
-    deadlines, hosts and CPU together forbid that, the core search looks for sets of inputs that cannot be wired
+    deadlines, places and CPU together forbid that, the core search looks for sets of inputs that cannot be wired
     together.
     """
     if kind is Kind.SERVING:

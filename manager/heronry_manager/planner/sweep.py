@@ -3,10 +3,10 @@
 The sweep takes fault sets by size. For each set, the phase's fault-free plan counts as the running one
 (docs/semantics.md, faults). A set is settled without a search in two cases:
 
-    by a plan    leave one element out of the set: the best plan for these fewer faults uses nothing that the whole set
-                 takes out of use. Then it is the best plan for the whole set, too (`heronry_dg.losses` has the proof),
-                 and the set inherits it with its value. If the plan is not proven to be the best, the inherited plan is
-                 not proven either; its upper bounds still hold, since more faults make no plan better
+    by a plan    the best plan for the set less one element uses nothing that the whole set takes out of use. Then that
+                 plan is the best one for the whole set, too (`heronry_dg.losses` has the proof), and the set inherits
+                 it with its value. If the plan is not proven to be the best, the inherited plan is not proven either;
+                 its upper bounds still hold, since more faults make no plan better
     by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
                  has a purpose, and the same routes between these PEs. The usual case is a device and its only driver
 
@@ -39,7 +39,7 @@ FaultSet = frozenset[str]
 class Scope:
     """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases.
 
-    places: if True, and single faults are planned for, the sweep also has the loss of each module of a phase's
+    places: if True, and single faults are planned for, the sweep also plans for the failure of each module of a phase's
     fault-free plan on the PE where that plan runs it.
     """
 
@@ -112,7 +112,7 @@ class Sweep:
     """One sweep; `outcomes` and `tally` fill while it runs."""
 
     def __init__(self, spec: Spec, scope: Scope, *, prune: bool = True) -> None:
-        """Prepare a sweep; if `prune` is False, every fault set is planned, which checks the proof of pruning."""
+        """Prepare a sweep; if `prune` is False, every fault set takes a search, for tests of pruning."""
         self.outcomes: dict[tuple[Phase, FaultSet], Outcome] = {}
         self.tally = Tally()
         self._spec, self._scope, self._prune = spec, scope, prune
@@ -213,7 +213,7 @@ def places_in_use(spec: Spec, configuration: Configuration) -> list[str]:
 def what_is_left(left: Survivors) -> object:
     """Give all that plans can use after faults, as one value.
 
-    If it is equal for two fault sets, so are the best plans.
+    If this value is equal for two fault sets, the best plans are equal, too.
     """
     return (
         tuple(left.hosts(module) for module in left.spec.modules.values()),

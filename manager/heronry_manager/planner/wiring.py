@@ -6,8 +6,8 @@ is false nothing below the gate is wired. `_offer` builds an input that may hold
 literals of which exactly one is true if the input holds. A leaf with one possible source needs no variable: its wire is
 the literal `above` itself.
 
-For a gate that holds with nothing wired below it (0-of-n) both values of the literal mean the same configuration. That
-does no harm, since the loader keeps such gates out of a XOR.
+A gate of the kind 0-of-n holds with nothing wired below it, so both values of its literal mean the same configuration.
+This does no harm, since the loader allows no such gate in a XOR.
 
 *Purpose* (semantics rule 5): a module that serves no function by itself must feed a module that serves. Modules that
 feed each other in a circle must not justify each other, so the model has ranks: each module has a higher rank than some
@@ -47,7 +47,7 @@ class Wiring:
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
         """Yield each wire's variable with the value that it has for this configuration.
 
-        The other variables follow from them.
+        The other variables follow from these.
         """
         for (consumer, mode, path), wires in self.wires.items():
             running = configuration.modules.get(consumer)
@@ -153,7 +153,7 @@ class Wiring:
             self._model.add(LinearExpr.sum(support) >= self._choice.runs[name])
 
     def _ranked(self, name: str, consumer: str, literals: list[IntVar], ranks: dict[str, IntVar]) -> IntVar:
-        """Return a literal that is true only if `consumer` reads from module `name`, and has a lower rank than it."""
+        """Return a literal that is true only if `consumer` reads from `name`, and has a lower rank than `name`."""
         supports = self._model.new_bool_var(f"{name} serves through {consumer}")
         self._model.add(LinearExpr.sum(literals) >= supports)
         self._model.add(ranks[name] >= ranks[consumer] + 1).only_enforce_if(supports)

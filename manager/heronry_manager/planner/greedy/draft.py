@@ -2,7 +2,7 @@
 
 A draft holds which modules run (in which mode, on which PE), which producer feeds each leaf, and what is left of every
 capacity. All are plain lists of integers, changed in place. Each change is written to a trail; `undo` goes back to a
-mark. So the cost of a try depends only on the changes that it makes.
+mark. So the cost of a try depends only on the changes that the try makes.
 
 A draft always satisfies the rules of docs/semantics.md on capacities, placement and DEMUX exclusion (semantics rules 1,
 4, 7, 8), and on wires: each wire joins a running producer, in a mode that the leaf accepts, to a running consumer
@@ -104,7 +104,7 @@ class Draft:
     # Running
 
     def fits(self, module: int, mode: int, pe: int) -> bool:
-        """Tell whether a module that is not running could run in a mode on a PE, which must be one of its hosts."""
+        """Tell whether a module that is not running has room in a mode on `pe`, one of the `hosts` of the mode."""
         if (
             self._cpu_of[mode] > self.cpu[pe]
             or self._ram_of[mode] > self.ram[pe]

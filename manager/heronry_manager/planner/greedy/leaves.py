@@ -7,10 +7,10 @@ from heronry_dg.configuration import Wire
 from heronry_dg.gates import Expression, Leaf, bounds, child_path
 from heronry_manager.planner.greedy.numbering import Numbering
 
-LEAF = 0  # the largest number of inputs of a leaf, which has none
+LEAF = 0  # first value of the node of a leaf: no input of it may hold, since it has none
 Node = tuple[int, int, tuple["Node", ...], tuple["Node", ...]]
-"""A gate: how many inputs may hold at most; how many must hold; inputs by worth, highest first; inputs by price,
-cheapest first. A leaf: `LEAF`; its number; no inputs, twice."""
+"""A node of a gate, as four values: how many inputs may hold at most; how many must hold; inputs by worth, highest
+first; inputs by price, cheapest first. For a leaf: `LEAF`; the number of the leaf; and twice an empty tuple."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,10 @@
 
 *Choose*: serve these functions in their cheapest modes, by their cheapest producers, on PEs without limits.
 
-*Pack*: put the chosen modules on the real PEs, without wires. Modules with only one host come first, then the largest
-first, each on the PE with the least room left. The size of a module weights its share of each resource by the demand
-for that resource. Modules that do not fit go to the front of the order, and all are packed anew, a few times over; the
-packing that places the most modules is used.
+*Pack*: put the chosen modules on the real PEs, without wires. Modules with only one possible PE come first, then the
+others, the largest first; each goes to the PE with the least room left. The size of a module is the sum of its needs of
+CPU, RAM and flash, weighted by how scarce each of them is. Modules that do not fit go to the front of the order, and
+all are packed anew, a few times over; the packing that places the most modules is used.
 
 There are two answers. The first packs all of these functions together. The second takes them one after the other, the
 most important first, and keeps a function if all modules chosen so far can be packed.

@@ -3,12 +3,13 @@
 The plan is not proven to be the best. The planner repairs the configuration that ran before (`repairing`): it keeps
 what still works, serves lost functions again where there is room, and makes room for the more important ones. If a
 function of class A to D is still not served, though no fault prevents it, the planner chooses and packs the modules for
-these functions anew (`packing`), in up to two ways, repairs the result, and takes the best of the drafts. It supplies
-optional and better inputs last (`supplying`).
+these functions anew (`packing`), in up to two ways. It repairs each result, and takes the best of the drafts. It
+supplies optional and better inputs last (`supplying`).
 
 A plan is legal by construction: every step of a draft keeps the limits of capacities, placement rules, gates and buses
-(`draft`). Deadlines are checked when a draft is done (`punctuality`); if one would be missed, the draft is made once
-more, with a check of every message before it is published. The empty plan is always legal, so there is always a plan.
+(`draft`). Deadlines are checked when a draft is done (`punctuality`). If the draft would miss one, it is made once
+more, with a check of every message before the message is published. The empty plan is always legal, so there is always
+a plan.
 
 The planner uses no clock and no random source, and all its state follows from the spec: the same situation and running
 configuration always give the same plan.
@@ -51,8 +52,8 @@ class Greedy:
     def plan(self, now: Situation, running: Placement | None = None) -> Plan:
         """Find a legal configuration, not proven to be the best.
 
-        now: a situation of this spec. running: the running configuration, which the plan keeps where that costs no
-        function anything; None: none is known.
+        now: a situation of this spec.
+        running: the running configuration; the plan keeps it as far as no function loses by that. None: none is known.
         """
         return self._prepared[now.phase].plan(now, running)
 
@@ -97,7 +98,7 @@ class _Prepared:
     def _repaired(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:
         """Make a draft that meets its deadlines.
 
-        Only if a message would be late, make it anew with a check of each message.
+        If a message of the first draft would be late, the draft is made anew with a check of each message.
         """
         repair = self._best(wanted, scene, before, None)
         if not self._punctuality.are_met(repair.draft):
@@ -108,7 +109,7 @@ class _Prepared:
     def _best(self, wanted: Wanted, scene: Scene, before: Before, punctuality: Punctuality | None) -> Repair:
         """Repair the configuration `before`; while a critical function is not served, also try packings.
 
-        Return the best.
+        Return the best draft.
         """
         best = Repair(self._tables, wanted, scene, before)
         best.run(punctuality)

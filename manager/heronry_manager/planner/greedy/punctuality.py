@@ -81,7 +81,7 @@ class _Level:
 
 
 class Watch:
-    """Checks each message before it is published, until its budget is used up; then it allows no message."""
+    """Checks each message before it is published; once the budget of the checks is used up, it allows no message."""
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
         """`budget`: number of messages that all checks together may count; a check counts the published ones."""
