@@ -9,7 +9,7 @@
     orphaned    no active manager can be heard; this takes precedence over all others
     idle        none of these
 
-A fault that waits for a state is injected at the moment at which the state begins.
+A fault that waits for a state is injected when this state begins, or immediately if the protocol is in it already.
 """
 
 from collections import Counter

@@ -72,7 +72,7 @@ class ModuleSteps:
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
-        """Begin; the parameters are those of `SimulatedPe`."""
+        """Begin; `drive`, `look`, `broken` and `broke` are explained at `SimulatedPe`."""
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
         self._drive, self._look = drive, look
         self._broken, self._broke = broken, broke

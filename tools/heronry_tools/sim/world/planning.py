@@ -44,7 +44,11 @@ _GREEDY: dict[str, Greedy] = {}  # by digest of the spec
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """The tables of an aircraft's PEs, and its contingencies if it has any."""
+    """The tables of an aircraft's PEs, and its contingencies.
+
+    made: the contingencies; None if there are none
+    numbers: the numbers by which PREPARE names a contingency on board; None if there are none
+    """
 
     tables: Mapping[str, PeTable]
     made: ContingencyTable | None = None
@@ -98,7 +102,10 @@ class Planners(Enum):
 
 
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
-    """Return the best legal plan; raises InvariantError if the verifier refuses it."""
+    """Return the exact planner's plan for a situation; raises InvariantError if the verifier refuses the plan.
+
+    running: what runs, of which levels 4 and 5 depend; None if nothing runs
+    """
     question = _question(spec, now)
     key: _Key = (question, None if running is None else frozenset(running.items()))
     known = KNOWN_PLANS.get(key)
