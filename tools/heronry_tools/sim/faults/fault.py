@@ -91,7 +91,7 @@ class Kind:
     levels: tuple[int, ...] = (0,)
     unpromised: frozenset[str] = frozenset()  # rules of the oracles that are waived while it is present
     excuses: bool = False  # a module may report a healthy element because of such a fault
-    lasting: bool = False  # the waiver goes on when the fault is over
+    lasting: bool = False  # the waiver goes on until the end of the flight
     promised_with_key: bool = False  # in a flight with a key no rule is waived
     drawn: bool = True  # drawn where the user names no kinds; one more such kind changes the faults of every seed
     of_two: bool = False  # drawn only where there are two managers

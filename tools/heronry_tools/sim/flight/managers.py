@@ -33,7 +33,7 @@ _OF_A_STANDBY = (
 
 
 class Managers:
-    """Both managers of a flight, or its only one; `running` has those that are alive, by the number of their seat."""
+    """The one or two managers of a flight; `running` has those that run, by the number of their seat."""
 
     def __init__(
         self,
@@ -155,6 +155,6 @@ def _station(seat: int) -> str:
 
 
 def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
-    """Return the bytes of the journal of the manager at a station; empty if its disk accepts no write."""
+    """Return the bytes of the journal of the manager at a station; None if its disk accepts or has accepted no write."""
     disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
     return None if disk.refuses or disk.problem is not None else disk.data

@@ -63,9 +63,9 @@ class Outcome:
 
 
 def lossy(share: float) -> Faults:
-    """Return the quality of a bus that destroys this share of all frames.
+    """Return the quality of a bus that destroys the share `share` of all frames.
 
-    A receiver misses a tenth of this share of frames, and gets a tenth of it twice.
+    A receiver misses a tenth as many frames, and gets a tenth as many twice.
     """
     return Faults(share, share / 10, share / 10)
 
@@ -76,11 +76,11 @@ def need_key(faults: Iterable[Fault]) -> bool:
 
 
 def _nothing(_simulation: Simulation, _start_ns: int) -> None:
-    """Do nothing."""
+    """Do nothing: the default of `begun`."""
 
 
 def _no_one() -> None:
-    """Show nothing."""
+    """Do nothing: the default of `second_passed`."""
 
 
 def play(

@@ -14,8 +14,8 @@ A manager that restarts knows only the bytes on its disk. The oracle reads the b
 When a manager has died (`manager_died`), term and epochs are compared again with what a power cut has left on the disk:
 numbers are synced before they are used. Phase and faults need not survive a power cut.
 
-A manager may be started on a copy of another manager's disk (`manager_copied`). Then its journal must also agree with
-what that other manager has sent until then. What was sent from the earlier disk of its station no longer matters.
+A manager may be started on a copy of another manager's disk (`manager_copied`). Then the copy must also agree with what
+the other manager has sent until the start. What the station of the new manager has sent before no longer matters.
 
 Not verified: a disk that accepts no write (the caller gives no bytes), a standby manager that has sent nothing yet, and
 the frames of a deposed manager (the caller does not report them). A frame may have waited since before the last write.

@@ -7,8 +7,8 @@ Two managers with the same node-ID may use one term, but only for a time: within
 must notice the other, and one must fall silent. This time does not run in two cases:
 
 - while their bus is broken in the middle: both may then be active in one term, each on its half;
-- while the clash of their frames keeps one of them bus-off. If a manager was silent for `_APART_PERIODS`, the time
-  begins anew for it.
+- while the clash of their frames keeps one of them bus-off. If a manager was silent for `_APART_PERIODS` heartbeat
+  periods, the time begins anew for this manager.
 
 With a key a manager believes the other only after the other's TAG. (Two equal frames sent at once are one frame on the
 bus, so neither manager hears the other.)
@@ -17,9 +17,9 @@ bus, so neither manager hears the other.)
 (whose LEASE names it). Within an incarnation a PE never runs an epoch of a lower term after one that was first prepared
 in a higher term. Only states that the PE itself sends count: a gateway may forward states in another order.
 
-*No LEASE goes back.* Within a term LEASE never names an older epoch. One case is exempt: the manager has died since,
-has lost its journal, and found no PE that runs anything. (Other commands may wait in the controller until LEASE names a
-newer epoch.)
+*No LEASE goes back.* Within a term LEASE never names an older epoch. One case is exempt: the manager has died in
+between, has lost its journal, and has found no PE that runs anything. (Other commands may name an older epoch than
+LEASE, since they may have waited in the controller.)
 
 *No epoch has two meanings.* A later term may prepare an epoch again, for a PE that joins late, but with the same
 digest. One case is exempt: two stations have copies of one journal (`manager_copied`), and neither can know the numbers
