@@ -155,6 +155,6 @@ def _station(seat: int) -> str:
 
 
 def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
-    """Return the bytes of the journal of the manager at a station; None if its disk accepts or has accepted no write."""
+    """Return the bytes of the journal of the manager at a station; None if a write to its disk fails or has failed."""
     disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
     return None if disk.refuses or disk.problem is not None else disk.data

@@ -2,8 +2,9 @@
 
     FOLDER/flight.json             version of the format and of heronry, name and digest of the spec
     FOLDER/NAME.dg.yaml            the spec
-    FOLDER/00000001.log            frames, as candump -L writes them; the next file begins when this one has its size
-    FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`), in the monotonic clock of that computer
+    FOLDER/00000001.log            frames, as candump -L writes them; when this file is full, the next pair begins
+    FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`); times are those of the monotonic clock of
+                                   the computer that made the recording
 
 The oldest pair of files is deleted when the next pair would exceed the limit of the whole folder. Every pair but the
 first begins with the event `resumed`, a complete snapshot, so the remaining files can be read without the deleted ones.

@@ -65,7 +65,7 @@ def check(script: Script) -> None:
 
 
 def _is_of_a_radio(script: Script, deed: Deed) -> bool:
-    """Tell whether a deed is a fault of a bus that every flight simulates as a software bus."""
+    """Tell whether a deed is a fault that a hub can cause (`bad_radios`), on another bus than the managers' bus."""
     return deed.fault is not None and deed.fault.kind in KINDS and deed.fault.name != script.spec.manager.bus
 
 
