@@ -125,7 +125,7 @@ def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> No
 
 
 def _first(node: ast.ClassDef) -> int:
-    """Return the index of the first line of a class, decorators included."""
+    """Return the number of the first line of a class, counted from 1, decorators included."""
     return min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
 
 

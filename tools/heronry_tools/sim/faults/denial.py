@@ -82,7 +82,7 @@ _NMT_ID = 0
 
 
 class Forgery:
-    """Makes the frames of one kind of forger, from what it has heard on the bus."""
+    """Makes forged frames of one kind; some of them repeat what PEs have reported on the bus (`hear`)."""
 
     def __init__(self, random: Random, *, spec: Spec, kind: str) -> None:
         """Begin with nothing heard; `kind` is one of `DENIALS`."""

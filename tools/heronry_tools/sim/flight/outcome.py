@@ -91,7 +91,7 @@ def play(
 ) -> Outcome:
     """Simulate a flight to its end, and return its outcome.
 
-    begun: is called when the first configuration runs, with that time.
+    begun: is called once the first configuration runs, with the simulation and the time (ns) at which it began to run.
     second_passed: is called for each second of virtual time in which faults are injected.
     """
     has_key = scenario.keyed or need_key(scenario.faults)

@@ -168,7 +168,7 @@ class Simulation:
         self.truth.failed(f"device:{device}")
 
     def break_channel(self, channel: str) -> None:
-        """Break a channel of a replicated bus for all nodes (`can0.1`)."""
+        """Break a channel of a replicated bus, for example `can0.1`, for all nodes."""
         self.wiring.channel(channel).break_wire()
         self.truth.failed(f"channel:{channel}")
 
@@ -202,9 +202,10 @@ class Simulation:
     def settle(self) -> list[Violation]:
         """Simulate without further faults until the aircraft has converged, and return every violation.
 
-        The aircraft has converged when none of these rules (`unsettled`) was violated for a certain time: the longest
-        time for which a silent PE or function may stay undetected. If the aircraft does not converge in the time
-        allowed, the simulation ends, too, and the violations of the last moment are among those returned.
+        The aircraft has converged when, for a certain time, no rule for the end of a flight (`unsettled`) was violated,
+        no epoch was activated, and no queue has grown. This time is the longest for which a silent PE or function may
+        stay undetected. If the aircraft does not converge in the time allowed, the simulation ends, too, and the
+        violations of the last moment are among those returned.
 
         The oracle `planned_load` counts data only in the second half of this certain time. In the first half a
         controller may still send queued frames, and a PE that returns may send the data of what it ran before.

@@ -15,7 +15,7 @@ from heronry_tools.sim.oracles.waivers import REPORTS, Waivers
 
 
 class Truth:
-    """The real situation."""
+    """The real situation of one flight, as the simulator causes it."""
 
     def __init__(self, spec: Spec, checks: Checks, waivers: Waivers) -> None:
         """Begin with an aircraft on which everything is healthy."""
@@ -73,7 +73,8 @@ class Truth:
     def excuse(self, module: str) -> None:
         """Allow false reports about a healthy module and its device: a servo that no module drives may look stuck.
 
-        If no branch of a DEMUX is left, its surface stands still, so the sensors of that surface may look stuck, too.
+        If no branch of a DEMUX is left, the surface that it drives stands still, so the sensors of this surface may
+        look stuck, too.
         """
         spec, excusable = self._spec, self.excusable
         devices = {spec.modules[module].device}

@@ -281,7 +281,7 @@ class Checks:
         return stopped_by_silence(self._spec, targets, self.witness, span_ns, self._known.left_out)
 
     def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
-        """Return a violation for each critical function that was silent without need.
+        """Return a violation for each critical function that was silent although a plan could have served it.
 
         injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """

@@ -52,7 +52,7 @@ class Losses:
         self._losses = dict.fromkeys(spec.pes, 0)
 
     def alive(self, t_ns: int, message: Alive) -> None:
-        """Read an ALIVE; that of a manager that is not active has no effect."""
+        """Read an ALIVE; an ALIVE of a manager that is not active has no effect."""
         before = self._mastership.number
         if not self._mastership.named(t_ns, message.term):
             return

@@ -32,7 +32,7 @@ _Key = tuple[str, str]  # bus and sender
 
 @dataclass(slots=True)
 class _Told:
-    """The epoch that a node has reported, since when it reports it, and the epoch that it reported before."""
+    """The epoch that a node reports, the time since which it does so, and the epoch that it reported before."""
 
     epoch: int
     incarnation: int

@@ -275,7 +275,7 @@ class ServiceCheck(Oracle):
         return [found for (since_ns, found), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
     def silences(self, outages: Iterable[Outage], injected: Sequence[Injected], end_ns: int) -> list[Violation]:
-        """Return a violation for each critical function that was silent for too long without need.
+        """Return a violation for each critical function that was silent too long although a plan could have served it.
 
         injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """

@@ -50,7 +50,7 @@ class Solitude:
             self._end(t_ns, {pe})
 
     def split(self, t_ns: int, bus: str) -> None:
-        """Record that a bus has broken or was repaired; every PE on it may have missed a command."""
+        """Record that a bus has broken or was repaired; every PE on this bus may have missed a command."""
         self._end(t_ns, self._on[bus])
 
     def _end(self, t_ns: int, pes: set[str]) -> None:

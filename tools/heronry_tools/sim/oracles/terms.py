@@ -61,8 +61,8 @@ class TermCheck(Oracle):
     def bus_split(self, _t_ns: int, bus: str, is_split: bool) -> None:
         """Record that a bus has broken in the middle, or was repaired.
 
-        While the managers' bus is broken, two managers may use one term. After the repair they get T_lease anew to
-        notice each other.
+        While the managers' bus is broken, two managers may use one term. After the repair they again get twice T_lease
+        to notice each other.
         """
         if bus == self._bus:
             self._is_split = is_split

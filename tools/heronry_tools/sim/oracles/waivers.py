@@ -28,7 +28,7 @@ class Waivers:
     """All waivers of one flight."""
 
     def __init__(self, settling_ns: int) -> None:
-        """Begin without waivers; each one is to be extended by `settling_ns` after the end of its fault."""
+        """Begin without waivers; each waiver will end `settling_ns` after the end of its fault."""
         self._settling_ns = settling_ns
         self._all: list[Waiver] = []
 

@@ -49,7 +49,7 @@ class Evaluation:
         self._spec, self._heard, self._start_ns, self._slack_ns = spec, heard, start_ns, slack_ns
 
     def verdict(self, one: Expectation) -> Verdict:
-        """Evaluate one expectation."""
+        """Return whether an expectation holds, with a sentence on what was heard."""
         if one.state in ("silent", "unchanged") or one.subject == "nothing":
             last_ns = self._last_against(one)
             within = last_ns is None or last_ns <= self._ns(one.from_ns + one.within_ns)

@@ -92,7 +92,7 @@ class Tampering:
     """How a bus must deliver one frame.
 
     copies: how often the frame is received; 0 if not at all
-    receiver: the station that this concerns; None for all stations
+    receiver: the only station that receives so many copies; None: every station receives so many
     """
 
     copies: int
@@ -100,7 +100,7 @@ class Tampering:
 
 
 class SimulatedBus:
-    """One CAN segment."""
+    """A bus, or one channel of a replicated bus, with its stations."""
 
     def __init__(self, name: str, bitrate: int, clock: Clock, random: Random, faults: Faults) -> None:
         """Create a bus without stations; a fault that needs a random value takes it from `random`."""
@@ -230,7 +230,7 @@ class SimulatedBus:
                 self._refill(station)
 
     def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
-        """Lower the time until which the transmission of a frame may start.
+        """Lower the time until which the transmission of a frame may start; an earlier limit stays.
 
         `frame` must be the object that was offered.
         """

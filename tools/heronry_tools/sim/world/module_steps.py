@@ -123,7 +123,7 @@ class ModuleSteps:
         return StepMeasured(action.module, action.release, spent_ns)
 
     def wait(self, actions: Sequence[Action]) -> None:
-        """Queue steps that must wait for the processor; their time of request is now."""
+        """Record that the steps among these actions are requested now, but must wait for the processor."""
         for action in actions:
             if type(action) is StepModule:
                 self._requested_ns.setdefault(action.release, self._clock.now_ns)

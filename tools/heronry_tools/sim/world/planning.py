@@ -104,7 +104,7 @@ class Planners(Enum):
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
     """Return the exact planner's plan for a situation; raises InvariantError if the verifier refuses the plan.
 
-    running: what runs, of which levels 4 and 5 depend; None if nothing runs
+    running: what runs, which counts at level 4; None if nothing runs
     """
     question = _question(spec, now)
     key: _Key = (question, None if running is None else frozenset(running.items()))

@@ -119,7 +119,8 @@ class Injections:
     def _element(self, fault: Fault) -> str:
         """Return the element that counts as down during a fault.
 
-        For a fault of a replicated bus at one PE this is the channel that the PE loses, otherwise the target.
+        For a fault of a replicated bus at one PE, it is the channel that the PE loses. For any other fault, it is the
+        target.
         """
         bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].target_kind == "twin_pe" else None
         return fault.target if bus is None else f"channel:{bus}.{fault.level}"

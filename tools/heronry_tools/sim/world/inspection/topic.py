@@ -27,7 +27,7 @@ class Heard:
 
 
 class Topic:
-    """Base of a topic; its methods are generators, like those of `SdoTalk`."""
+    """Base of a topic, which is one part of an inspection; its methods are generators, like those of `SdoTalk`."""
 
     def __init__(self, clock: Clock, table: PeTable, heard: Heard) -> None:
         self._clock, self._table, self._heard = clock, table, heard
