@@ -34,8 +34,9 @@ What is promised, what is not, and why:
   actuator, a monitor that does not know which module drives this actuator may report the idle actuator as stuck.
 - No kind of fault has an actuator as its target: without a monitor no node can know whether a surface moves.
 - `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears no PE loses some PEs before the others, and plans
-  without them. So healthy modules may be stopped (rule `silence`). A manager that has lost all PEs sends nothing. The
-  same rule is not promised for `manager_clock_jump`: all PEs seem to have been silent for the time of the jump.
+  without them, although they are healthy. So a function may fall silent, and rule `silence` is not promised. (When the
+  manager has lost all PEs, it sends nothing.) The same follows from `manager_clock_jump`: all PEs seem to have been
+  silent for the time of the jump.
 - `bus_split`: each half continues with the managers that it has, and may drive anything exclusive, since no node can
   tell whether the other half is cut off or dead. After the repair the halves collide until the manager of the lower
   term has stopped.
@@ -83,7 +84,8 @@ class Kind:
 
     target_kind: (
         str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
-        # element (that the operator may declare failed), latched, phase, place (a module on one PE)
+        # element (that the operator may declare failed), latched, phase, place (a module on one PE). Where a module or
+        # an element is the target, a place may be named, too
     )
     lasts_ms: tuple[int, int]
     description: str

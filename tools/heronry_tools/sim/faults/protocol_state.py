@@ -9,7 +9,8 @@
     orphaned    no active manager can be heard; this takes precedence over all others
     idle        none of these
 
-A fault that waits for a state is injected when this state begins, or immediately if the protocol is in it already.
+A fault that waits for a state is injected shortly after the protocol has entered this state. If the protocol is in the
+state already, the fault is injected shortly after the time of the fault (`injection.schedule`).
 """
 
 from collections import Counter

@@ -101,7 +101,7 @@ class Coverage:
         least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
         lines.append(f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} faults{least}")
         shares = ", ".join(f"{rule} {share:g}%" for rule, share in self.unverified().items())
-        return [*lines, f"not verified, of the time: {shares}"] if shares else lines
+        return [*lines, f"share of the time in which a rule was not verified: {shares}"] if shares else lines
 
     def document(self) -> dict[str, Any]:
         """Return the content of `table` as JSON data."""

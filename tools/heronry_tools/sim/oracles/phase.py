@@ -5,8 +5,8 @@ requested it (EMCY, PHASE_REQUEST), and the active manager has acknowledged the 
 request of a PE has a number. A request counts once, even if it is acknowledged twice. A request does not count if a
 later request of the same PE has already been acknowledged. A PE that restarts numbers its requests from the beginning.
 A *forward only* request (bit 15 of its detail is set) has effect in two cases. In the first case the requested phase
-has a rule, and this rule names the present phase among those that it may follow. In the second case the requested phase
-has no rule, and comes later in the spec than the present phase.
+has a rule, and this rule names the present phase among the phases from which the requested phase may be entered. In the
+second case the requested phase has no rule, and comes later in the spec than the present phase.
 
 The manager sends a phase in HOLDS. For a moment after a change, HOLDS may still name the phase that was just left. If a
 PE requests that former phase at that moment, HOLDS alone does not make the request count: the manager must acknowledge

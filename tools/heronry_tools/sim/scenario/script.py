@@ -198,7 +198,7 @@ class _Reader:
 
     def _finished(self) -> Script:
         if not any(self.why):
-            self._refuse("the file does not say why it exists; begin it with a comment that does")
+            self._refuse("the file does not say why it exists; begin it with a comment that says this")
         if self.spec is None:
             self._refuse("the file names no spec; write for example 'spec big_blue'")
         if self.end_ns is None:
@@ -377,7 +377,7 @@ class _Reader:
                 self._element(subject)
             case _:
                 example = _EXAMPLES.get(kind, _EXAMPLES["function"])
-                self._refuse(f"it cannot be heard whether '{subject}' is '{state}'; write for example '{example}'")
+                self._refuse(f"'{subject}' cannot be expected to be '{state}'; write for example '{example}'")
 
     def _function(self, name: str, by: str | None) -> None:
         assert self.spec is not None
