@@ -2,7 +2,7 @@
 
 A campaign of thousands of flights needs speed, but must fly the cores that fly in an aircraft. mypyc, a part of mypy,
 translates typed Python to C. A copy of all packages is compiled in the user's cache folder; Python imports the compiled
-form of a module if it stands beside the module's source. No module behaves differently because it is compiled.
+form of a module if it stands beside the module's source. No module of a flight asks whether it is compiled.
 
 The folder of a copy is named by the digest of sources, specs, Python and mypy. So changed sources give another copy,
 and no old copy is flown. One process at a time makes a copy under another name, and renames it when it is complete. A

@@ -5,16 +5,16 @@ that raises an exception; each sensor that fails; each PE and device that the op
 failed module that the operator clears; each phase, requested by the operator or by a module; and, with two managers,
 the death of the active manager.
 
-Each story is flown once without a further fault. The management frames are counted, from the first one after the story
-begins to the last one before its last reconfiguration is complete. Then the story is flown again for every *frame
-fault*:
+Each story is flown once without a further fault. The management frames are numbered from 0, from the first one after
+the story begins to the last one before its last reconfiguration is complete. Then the story is flown again for every
+*frame fault*:
 
-    N lost VICTIM       the N-th frame is not received by one node, or by no node
-    N doubled VICTIM    the N-th frame is received twice by one node, or by all
-    N late-MS VICTIM    the N-th frame reaches one node's driver, or all drivers, MS milliseconds late, and so perhaps
-                        after frames that were sent later
-    N crash VICTIM      a node dies when the N-th frame has been received, and is started again
-    N death VICTIM      a node dies when the N-th frame has been received (a PE, or the first of two managers)
+    N lost VICTIM       one node, or every node, does not receive frame N
+    N doubled VICTIM    one node, or every node, receives frame N twice
+    N late-MS VICTIM    frame N reaches one node's driver, or all drivers, MS milliseconds late, and so perhaps after
+                        frames that were sent later
+    N crash VICTIM      a node dies when frame N has been received, and is started again
+    N death VICTIM      a node dies when frame N has been received (a PE, or the first of two managers)
 
 Whatever happens to one message, no oracle may report a violation, and the flight must end in the best configuration.
 There are too many pairs of frame faults to fly them all, so some pairs are drawn at random.

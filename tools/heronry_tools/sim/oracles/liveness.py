@@ -15,7 +15,7 @@
     new epochs      one epoch for each of the last changes (`_LAST_EPOCHS` times a quarter of the patience), and the
                     time for which a silence may stay undetected
 
-So the bound is long only where a PE was lost again and again (quarantine).
+So the bound is long only if a PE was lost again and again (quarantine).
 """
 
 from heronry_dg.model import Spec

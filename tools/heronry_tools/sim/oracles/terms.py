@@ -10,12 +10,13 @@ must notice the other, and one must fall silent. This time does not run in two c
 - while the clash of their frames keeps one of them bus-off. If a manager was silent for `_APART_PERIODS` heartbeat
   periods, the time begins anew for this manager.
 
-With a key a manager believes the other only after the other's TAG. (Two equal frames sent at once are one frame on the
-bus, so neither manager hears the other.)
+Without a key a manager notices the other by its ALIVE, with a key only by its TAG. So these frames show how long both
+have been active. (Two equal frames sent at once are one frame on the bus, so neither manager hears the other.)
 
-*No PE goes back.* An epoch belongs to the term that prepared it first, or to the highest term that has adopted it
-(whose LEASE names it). Within an incarnation a PE never runs an epoch of a lower term after one that was first prepared
-in a higher term. Only states that the PE itself sends count: a gateway may forward states in another order.
+*No PE goes back.* An epoch belongs to the term that prepared it first, or to the highest term that has adopted it (a
+LEASE of this term names the epoch). Within an incarnation a PE never runs an epoch of a lower term after an epoch that
+was first prepared in a higher term. Only states that the PE itself sends count: a gateway may forward states in another
+order.
 
 *No LEASE goes back.* Within a term LEASE never names an older epoch. One case is exempt: the manager has died in
 between, has lost its journal, and has found no PE that runs anything. (Other commands may name an older epoch than

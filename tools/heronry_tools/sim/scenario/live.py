@@ -5,7 +5,7 @@ expectation during the start of a process gets 3 s more, and no golden trace is 
 100 ms by N, and also the time within which an expectation must come true.
 
 Partitions load their code when their first module starts. So the script begins when all functions that the first
-configuration serves have been heard, but no later than LOADING_S after that configuration runs.
+configuration serves have been heard, but no later than `LOADING_S` seconds after this configuration runs.
 
 Only some deeds can be done to processes (`process_deeds`), and a radio can be disturbed (`bad_radios`). Other faults of
 wires, clocks and controllers can be injected only in the simulator.

@@ -6,9 +6,9 @@ best plan. These do not depend on what runs (which counts at level 4), so any pl
 will do.
 
 The planning policy that flies (`heronry_manager.core.planning_policy`) decides which planner gets a request; `Planners`
-names the planners that it has. By default there is only the exact planner, so every answer is the best plan, as if
-every fault had been pre-planned. With `IMMEDIATE` nothing is pre-planned. `GREEDY` is a manager without a solver. `ALL`
-is a manager as equipped for a flight.
+names the planners from which it can choose. By default (`BEST`) there is only the exact planner, so every answer is the
+best plan, as if every fault had been pre-planned. With `IMMEDIATE` nothing is pre-planned. `GREEDY` is a manager
+without a solver. `ALL` is a manager as equipped for a flight.
 """
 
 from collections.abc import Mapping
