@@ -2,15 +2,15 @@
 
 A campaign of thousands of flights needs speed, but must fly the cores that fly in an aircraft. mypyc, a part of mypy,
 translates typed Python to C. A copy of all packages is compiled in the user's cache folder; Python imports the compiled
-form of a module if it stands beside the module's source. No module behaves differently because it is compiled.
+form of a module if it stands beside the module's source. No module of a flight asks whether it is compiled.
 
 The folder of a copy is named by the digest of sources, specs, Python and mypy. So changed sources give another copy,
 and no old copy is flown. One process at a time makes a copy under another name, and renames it when it is complete. A
 copy that was not used for a month is deleted.
 
-Compiled code differs from Python where a type is less exact than the value: a tuple of fixed length has no identity, a
-member of an IntEnum that may be any int is an int, an int passed as a float becomes a float. So `proof_flights` are
-flown in both forms, and must give the same frames; otherwise the copy is not kept.
+Compiled code differs from Python where a declared type is less exact than the value: a tuple of fixed length has no
+identity; a member of an IntEnum that is declared as an int is only an int; an int passed as a float becomes a float. So
+`proof_flights` are flown in both forms, and must give the same frames. If they do not, the copy is not kept.
 """
 
 import fcntl

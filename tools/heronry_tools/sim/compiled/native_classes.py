@@ -14,12 +14,14 @@ A named tuple becomes such a class if the caller requests it. It can then no lon
 checks the copy first, refuses code that does so. Equality, hash, `repr` and matching are those of a dataclass. The copy
 need not enforce that frozen values stay unchanged: mypy has checked that in the source.
 
-A class that is created often is also declared acyclic: an unchanging value that holds only such values cannot refer to
-itself, so the garbage collector need not track it. Its last freed object is used again for the next one.
+A class of which objects are created often is also declared acyclic: an unchanging value that holds only unchanging
+values cannot refer to itself, so the garbage collector need not track it. The memory of the object that was freed last
+is used for the next object.
 
 A name in capitals that a module assigns once is declared `Final`: mypyc looks up any other name at each use.
 
-A class from which Python classes may derive is declared as such to mypyc; so is an exception, which stays Python.
+Two kinds of classes are declared to mypyc: a class from which Python classes may derive, and an exception, which stays
+a Python class.
 
 A class with bases, or with a constructor in its source, is not supported and stays as it is.
 """
@@ -123,7 +125,7 @@ def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> No
 
 
 def _first(node: ast.ClassDef) -> int:
-    """Return the index of the first line of a class, decorators included."""
+    """Return the number of the first line of a class, counted from 1, decorators included."""
     return min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
 
 

@@ -1,17 +1,19 @@
 """An attacker without the key that denies service: one kind of forged frame again and again, at a given share of a bus.
 
-    forged_welcome  WELCOME to every PE with a made-up TAG: a PE that requests a session for each would lose its own
+    forged_welcome  WELCOME to every PE with a made-up TAG: a PE that requests a session after each would lose its
+                    own session
     forged_tag      TAGs of every kind that belong to no command
     forged_beat     page 0 in the name of a PE, with a wrong tag: the manager might doubt the PE
     forged_nonce    page 2 with a made-up nonce: the manager might answer it instead of the PE's nonce
-    forged_epoch    page 0 of a PE in a newer epoch: its neighbours might hold their outputs back
+    forged_epoch    page 0 of a PE in a newer epoch: other PEs might hold their outputs back
     forged_mastership    LEASE, ALIVE and ACTIVATE of either manager under a high term
     forged_restart  page 0 of a PE that seems to have restarted
     forged_refusal  page 1 of a PE that refuses the running configuration
     forged_report   EMCYs of every PE about any element
     forged_order    PING, RENEW, UNLOCK and CLEAR to every PE, and NMT
-    forged_session  against one PE: first ten wrong pages 0; then, after each page 0 of the PE itself, a WELCOME, so
-                    that it requests a session, and six nonces, so that the manager may answer one of these
+    forged_session  against one PE: first ten wrong pages 0 in its name. Then, after each page 0 of the PE itself:
+                    a WELCOME, so that the PE requests a session, and six nonces, so that the manager may answer
+                    one of these
     forged_all      all of these in random order
 
 `Forgery` makes the frames, `Denier` sends them on a simulated bus. The attacker sends only while the bus is free: it
@@ -73,17 +75,17 @@ DENIALS: Mapping[str, str] = {
 
 _NS_PER_S = 1_000_000_000
 _AGAIN_NS = 20_000  # while the bus is busy
-_NEWER = 100  # how far above the running epoch a forged one is, at most
+_NEWER = 100  # how far a forged epoch is above the running epoch, at most
 _WRONG_FIRST = 10
 _NONCES_AFTER_A_WELCOME = 6
 _NMT_ID = 0
 
 
 class Forgery:
-    """Makes the frames of one kind of forger, from what it has heard on the bus."""
+    """Makes forged frames of one kind; some of them repeat what PEs have reported on the bus (`hear`)."""
 
     def __init__(self, random: Random, *, spec: Spec, kind: str) -> None:
-        """`kind`: one of `DENIALS`."""
+        """Begin with nothing heard; `kind` is one of `DENIALS`."""
         self._random = random
         self._nodes = [pe.node_id for pe in spec.pes.values()]
         self._pages: dict[int, StatePage0] = {}  # by node: the last page 0 that it has sent
@@ -129,7 +131,7 @@ class Forgery:
         even_ns = round(exact_bits(frame) * _NS_PER_S / (bitrate * (share_percent / 100)))
         return self._random.randint(even_ns // 2, even_ns * 3 // 2)
 
-    # What it makes up
+    # The frames of each kind
 
     def _node(self) -> int:
         return self._victim if self._kind == "forged_session" else self._random.choice(self._nodes)

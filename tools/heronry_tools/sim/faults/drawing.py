@@ -3,11 +3,11 @@
 A seed first draws the kinds of faults of its flight, about half of all kinds, and how often each occurs. So one flight
 may have only restarts and another only noise, and no kind always hides the effect of another.
 
-A reconfiguration lasts for milliseconds, and the time between two for seconds. So most faults wait for a state of the
-protocol (`protocol_state`), and a state that lasts for a shorter time is drawn more often (`_AIM`). The state *idle* is
-not drawn more often, since every fault that waits for no state is injected in it. The weights come from the tables of
-campaigns (`campaign.Coverage`). They are the same for every seed, so that a seed alone gives the same flight as in its
-campaign.
+A reconfiguration takes milliseconds, and the time between two reconfigurations is seconds. So most faults wait for a
+state of the protocol (`protocol_state`), and a state that lasts for a shorter time is drawn more often (`_AIM`). The
+state *idle* has the lowest weight, since most faults that wait for no state are injected in it. The weights come from
+the tables of campaigns (`campaign.Coverage`). They are the same for every seed, so that a seed flown alone gives the
+same flight as in a campaign.
 
 For a fault that waits for a state other than idle, further faults are drawn that lead to this state: a PE other than
 the target is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost,
@@ -15,9 +15,9 @@ which ends its mastership. For `activating` a PE must release an exclusive outpu
 counts as lost the mastership ends. The next manager then finds the PE in an epoch that it does not know, with the
 outputs that this epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
 
-With two managers, more faults are injected into managers than into anything else: into a given one of the two, or into
-the active one. The kinds that need two managers (`Kind.of_two`) are drawn then, too. So there are more targets and more
-faults. Kinds for flights with a key (`Kind.of_keyed`) are drawn in every flight with a key, and more often than others.
+With two managers, faults of managers are drawn more often: of the active manager, of the primary one or of the standby
+one. The kinds that need two managers (`Kind.of_two`) are then drawn as well. Kinds for flights with a key
+(`Kind.of_keyed`) are drawn in every flight with a key, and more often than others.
 """
 
 from collections.abc import Sequence
@@ -43,8 +43,8 @@ _AIM = {
 }
 _WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
 _MANAGERS_MORE = 2  # times as often as any other kind
-_LATCHED_MORE = 3  # times as often: mostly nothing is latched that could be cleared
-_KEYED_MORE = 4  # times as often: few flights have a key
+_LATCHED_MORE = 3  # times as often, since a drawn order to clear mostly comes when nothing is latched
+_KEYED_MORE = 4  # times as often, since few flights have a key
 _END_OF_MASTERSHIP = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
 _SILENCES = (("crash", (200, 900)), ("cut", (70, 400)))
 _LEADS = (*_SILENCES, ("reboot", (1, 60)))  # a reboot is over before the manager misses the PE
@@ -54,7 +54,7 @@ _LOST_AFTER_MS = 200  # a PE that is cut off is lost by then
 _CUT_ACROSS_MASTERSHIPS_MS = (300, 900)
 _BETWEEN_MASTERSHIPS_MS = (100, 300)
 _MANAGERS_ALONE = 0.05  # share of the seeds with faults of managers only, for the oracle `silence`
-_LAST = 0.9  # share of the flight in which faults are injected; a later one would be ended at once
+_LAST = 0.9  # share of the flight in which faults are injected; a later fault would be ended immediately
 
 
 def drawn_faults(

@@ -1,40 +1,42 @@
 """The kinds of faults that can be injected, and `Fault`: one injected fault, one line of a scenario.
 
-`KINDS` gives, for each kind, its possible targets, its duration in milliseconds (0: it does not end), and the oracle
-rules that cannot be promised while it is present. As text a fault is
+`KINDS` gives, for each kind, its possible targets, its duration in milliseconds (0: it does not end), and the rules of
+the oracles that are not promised, and so not checked, while such a fault is present. As text a fault is
 
     SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]     2.013 pause pe:nav for 0.3 in preparing
 
 SECONDS count from the moment at which the first configuration runs. A fault with a state waits, up to `WAITS_MS`, until
-the protocol is in that state (`protocol_state`).
+the protocol is in this state (`protocol_state`).
 
-What cannot be promised, and why:
+What is promised, what is not, and why:
 
-- `corrupt`, `wrong` and `bias`: the data plane is not authenticated, so a module that reads a wrong number may report a
-  healthy element (rule `blame`). No PE takes data as a command, so every other rule is promised. One exception is
-  `foreign` during `corrupt`: that rule compares the inputs of modules with the frames that were sent, and the altered
-  data were not sent.
-- `forge` alters a management frame past its CRC (about one of 10^10 destroyed frames). Without a key a forged command
-  is a valid command, so nothing is promised until the fault is over. After that the aircraft must converge, unless a
-  forged term was far higher than all others: then the PEs refuse the commands of all managers for a long time. So
-  `forge` is not drawn for a flight without a key. With a key everything is promised.
+- `corrupt`, `wrong` and `bias`: data are not authenticated, so a module that reads a wrong number may report a healthy
+  element (rule `blame`). No PE takes data as a command, so every other rule is promised, except `foreign` during
+  `corrupt`: this rule compares the inputs of modules with the frames that were sent, and the altered data were not
+  sent.
+- `forge` alters a management frame in a way that the CRC does not show (about one of 10^10 destroyed frames). Without a
+  key a forged command is a valid command, so nothing is promised until the fault is over. Afterwards the aircraft must
+  converge, unless a forged term was far higher than all others: then the PEs refuse the commands of all managers for a
+  long time. So `forge` is not drawn for a flight without a key. With a key everything is promised.
 - `attack` is injected only in flights with a key, and everything is promised, with one exception: on a replicated bus a
   frame that the attacker repeats exactly on the other channel is taken for a copy.
-- `forged_...` (`denial`): with a key, everything is promised as for `attack`. Below a tenth of the bus no function may
-  fall silent for it, and no PE may lose its session (oracle `availability`).
+- `forged_...` (`denial`) are injected only in flights with a key, and the same is promised as for `attack`. If the
+  forged frames take less than a tenth of the bus, no function may fall silent because of them, and no PE may lose its
+  session (oracle `availability`).
 - `babble`: a node whose identifier wins every arbitration sends without end, and no other node can send. No function is
-  served; but since no node is heard, no PE may drive anything exclusive, and that is promised.
-- `rogue`: a foreign node that sends under an identifier of the aircraft collides with the owner of that identifier,
+  served. Since no node is heard, no PE may drive anything exclusive; this rule is promised.
+- `rogue`: a foreign node that sends under an identifier of the aircraft collides with the owner of this identifier,
   down to bus-off. This clash is no violation; everything else is promised.
-- `twin`: a second node has a PE's node-ID. The manager takes the second node for that PE, and concludes that the PE has
+- `twin`: a second node has a PE's node-ID. The manager takes the second node for this PE, and concludes that the PE has
   been restarted. The PE gives up everything exclusive as soon as it hears the second node. The two nodes destroy each
   other's frames, down to bus-off.
 - `raise` and `unfit` make a module fail, also after a restart, until its PE gives the module up. If the module drove an
-  actuator, a monitor that does not know which module drives may report the idle actuator as stuck.
-- Actuators do not fail by themselves here: without a monitor no node can know whether a surface moves.
+  actuator, a monitor that does not know which module drives this actuator may report the idle actuator as stuck.
+- No kind of fault has an actuator as its target: without a monitor no node can know whether a surface moves.
 - `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears no PE loses some PEs before the others, and plans
-  without them. (A manager that has lost all PEs sends nothing.) The same follows from `manager_clock_jump`: all PEs
-  seem to have been silent for the time of the jump.
+  without them, although they are healthy. So a function may fall silent, and rule `silence` is not promised. (When the
+  manager has lost all PEs, it sends nothing.) The same follows from `manager_clock_jump`: all PEs seem to have been
+  silent for the time of the jump.
 - `bus_split`: each half continues with the managers that it has, and may drive anything exclusive, since no node can
   tell whether the other half is cut off or dead. After the repair the halves collide until the manager of the lower
   term has stopped.
@@ -44,8 +46,8 @@ What cannot be promised, and why:
   already. If the clash puts the manager bus-off at that time, a PE that ALIVE has not named yet withholds its outputs.
 - `disk_full`: a manager that cannot write to its journal may use a term or an epoch a second time after a restart; with
   a key, also the numbers of its commands.
-- `order_fail`: the active manager plans without a healthy element, and the oracle takes the operator's order as the
-  truth. An actuator that is idle for that reason may be reported as stuck.
+- `order_fail`: the active manager plans without a healthy element, and the oracles, too, take the element as failed. An
+  actuator that is idle because of the order may be reported as stuck.
 - `channel_loss` and `half_cut` take one channel of a replicated bus, from all nodes or from one PE. Everything is
   promised as long as every two nodes have a channel in common.
 - `stuck`: a PE's modules hang while its heartbeat goes on, so its functions are not served. The PE ends the modules and
@@ -78,19 +80,20 @@ _TEXT = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of fault: its targets and duration, how it is drawn, and which rules of the oracles are waived for it."""
+    """A kind of fault: its targets and duration, how it is drawn, and which rules of the oracles it waives."""
 
     target_kind: (
         str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
-        # element (that the operator may fail), latched, phase, place (a module on a PE; a module may also be named so)
+        # element (that the operator may declare failed), latched, phase, place (a module on one PE). Where a module or
+        # an element is the target, a place may be named, too
     )
     lasts_ms: tuple[int, int]
     description: str
     for_good: float = 0.0  # share of the drawn faults that do not end
     levels: tuple[int, ...] = (0,)
     unpromised: frozenset[str] = frozenset()  # rules of the oracles that are waived while it is present
-    excuses: bool = False  # a module may report a healthy element because of it
-    lasting: bool = False  # the waiver has no end
+    excuses: bool = False  # a module may report a healthy element because of such a fault
+    lasting: bool = False  # the waiver goes on until the end of the flight
     promised_with_key: bool = False  # in a flight with a key no rule is waived
     drawn: bool = True  # drawn where the user names no kinds; one more such kind changes the faults of every seed
     of_two: bool = False  # drawn only where there are two managers

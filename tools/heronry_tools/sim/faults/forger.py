@@ -61,7 +61,10 @@ _DUE_NS = (14_000_000, 40_000_000)  # when the next LEASE is due after one, with
 
 
 class Forger:
-    """An attacker that sends forged frames from its creation until it leaves the bus; `attacks` counts the frames."""
+    """An attacker that sends forged frames from its creation until it leaves the bus.
+
+    attacks: number of forgeries so far; a forged command and its TAG count as one
+    """
 
     def __init__(self, clock: Clock, bus: SimulatedBus, random: Random) -> None:
         self.attacks = 0
@@ -127,7 +130,7 @@ class Forger:
         return has_ended and not _DUE_NS[0] < now_ns - self._leased_ns < _DUE_NS[1]
 
     def _made_up(self, manager: int, term: int) -> Frame:
-        """Return a made-up command that would do harm if a PE executed it."""
+        """Return a made-up command that would do harm if a PE accepted it."""
         draw = self._random.randrange
         step, node, epoch = Step.GO_ALL, self._random.choice(PE_NODES), 1 + draw(0xFFFF)
         said: list[tuple[Command, ManagementMessage]] = [

@@ -9,7 +9,8 @@
     orphaned    no active manager can be heard; this takes precedence over all others
     idle        none of these
 
-A fault that waits for a state is injected at the moment at which the state begins.
+A fault that waits for a state is injected shortly after the protocol has entered this state. If the protocol is in the
+state already, the fault is injected shortly after the time of the fault (`injection.schedule`).
 """
 
 from collections import Counter

@@ -1,8 +1,8 @@
 """Campaigns: many flights in parallel, and a table of the protocol states in which they have injected faults.
 
 The number of flight hours says little. What counts is which kinds of faults were injected in which state of the
-protocol (`Coverage`). The table has a cell for each kind in each state: a cell without an injection was never tried,
-and one with fewer than `ENOUGH` injections was hardly tried. Drawn faults aim at all states (`drawing`), with one
+protocol (`Coverage`). The table has a cell for each kind in each state. A cell without an injection was never tried,
+and a cell with fewer than `ENOUGH` injections was hardly tried. Drawn faults aim at all states (`drawing`), with one
 manager and with two, and whether or not the spec has a DEMUX.
 
 Worker processes share nothing: each loads the spec once, and keeps the plans of its flights for its later flights.
@@ -101,7 +101,7 @@ class Coverage:
         least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
         lines.append(f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} faults{least}")
         shares = ", ".join(f"{rule} {share:g}%" for rule, share in self.unverified().items())
-        return [*lines, f"not verified, of the time: {shares}"] if shares else lines
+        return [*lines, f"share of the time in which a rule was not verified: {shares}"] if shares else lines
 
     def document(self) -> dict[str, Any]:
         """Return the content of `table` as JSON data."""

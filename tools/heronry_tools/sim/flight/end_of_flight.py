@@ -1,8 +1,8 @@
 """The end of a flight: the same for drawn flights, scenario files and exhaustive cases.
 
-Rules that hold at all times, and limits for silences, are verified up to the end of the flight. Then every fault that
-can be ended is ended. From then on no fault is injected, until the aircraft has converged or the longest time allowed
-for that is over (`oracles.liveness`).
+When the time for faults is over, every fault that can be ended is ended. The oracle `service` verifies silences of
+critical functions up to this moment. Afterwards no fault is injected, until the aircraft has converged or the longest
+time for converging is over (`oracles.liveness`). All other rules for the whole flight are verified up to this end.
 """
 
 from collections.abc import Collection, Iterable

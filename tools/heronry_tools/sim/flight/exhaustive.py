@@ -1,23 +1,27 @@
 """Exhaustive flights of a small aircraft: each reconfiguration, with each fault in each of its messages.
 
-A *story* is what makes the aircraft reconfigure: its start; each PE's loss, return and reboot; each module that raises;
-each sensor that fails; each PE and device that the operator fails and clears; each failed module that the operator
-clears; each phase, requested by the operator or by a module; and, with two managers, the death of the active one.
+A *story* is one event that makes the aircraft reconfigure: its start; each PE's loss, return and reboot; each module
+that raises an exception; each sensor that fails; each PE and device that the operator declares failed or clears; each
+failed module that the operator clears; each phase, requested by the operator or by a module; and, with two managers,
+the death of the active manager.
 
-Each story is flown once without a further fault. The management frames are counted, from the first one after the story
-begins to the last one before its last reconfiguration is complete. Then the story is flown again for every *frame
-fault*:
+Each story is flown once without a further fault. The management frames are numbered from 0, from the first one after
+the story begins to the last one before its last reconfiguration is complete. Then the story is flown again for every
+*frame fault*:
 
-    N lost VICTIM       the N-th frame is not received by one node, or by no node
-    N doubled VICTIM    the N-th frame is received twice by one node, or by all
-    N late-MS VICTIM    the N-th frame reaches one node's driver, or all drivers, MS later, after frames sent later
-    N crash VICTIM      a node dies when the N-th frame has been received, and is started again
-    N death VICTIM      a node dies when the N-th frame has been received (a PE, or the first of two managers)
+    N lost VICTIM       one node, or every node, does not receive frame N
+    N doubled VICTIM    one node, or every node, receives frame N twice
+    N late-MS VICTIM    frame N reaches one node's driver, or all drivers, MS milliseconds late, and so perhaps after
+                        frames that were sent later
+    N crash VICTIM      a node dies when frame N has been received, and is started again
+    N death VICTIM      a node dies when frame N has been received (a PE, or the first of two managers)
 
 Whatever happens to one message, no oracle may report a violation, and the flight must end in the best configuration.
-There are too many pairs of frame faults to fly them all; pairs are drawn.
+There are too many pairs of frame faults to fly them all, so some pairs are drawn at random.
 
-As text a case is STORY: FAULT, FAULT    for example    crash pe:tail_a: 17 lost pe:flight, 20 crash manager
+As text a *case* (a story and its frame faults) is STORY: FAULT, FAULT
+
+    crash pe:tail_a: 17 lost pe:flight, 20 crash manager
 """
 
 import re

@@ -33,7 +33,7 @@ _OF_A_STANDBY = (
 
 
 class Managers:
-    """Both managers of a flight, or its only one; `running` has those that are alive, by the number of their seat."""
+    """The one or two managers of a flight; `running` has those that run, by the number of their seat."""
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ class Managers:
     def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
         """Start the manager of a seat, with the journal on the seat's disk.
 
-        advise: whether the manager only advises
+        advise: whether the manager only advises: it decides, but sends nothing
         standby: whether it waits while another manager is active; by default it does so if there are two managers
         """
         self.running[seat] = SimulatedManager(
@@ -117,7 +117,7 @@ class Managers:
     def kill(self, seat: int | None = None, *, torn: Random | None = None) -> None:
         """Kill the manager of a seat, or the active manager, now.
 
-        torn: decides which part of the last write to its disk a loss of power destroys; None: it destroys nothing.
+        torn: draws what a loss of power leaves of the last records on its disk; None: all records stay.
         """
         victim = self.foremost if seat is None else self.running.get(seat)
         for number, one in list(self.running.items()):
@@ -155,6 +155,6 @@ def _station(seat: int) -> str:
 
 
 def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
-    """Return the bytes of the journal of the manager at a station; empty if its disk accepts no write."""
+    """Return the bytes of the journal of the manager at a station; None if a write to its disk fails or has failed."""
     disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
     return None if disk.refuses or disk.problem is not None else disk.data

@@ -1,13 +1,14 @@
-"""The operator of a simulated aircraft: gives orders to the active manager, which accepts or refuses each at once.
+"""The operator of a simulated aircraft, who gives orders to the active manager; the manager accepts or refuses each.
 
 For the oracles, an accepted order is the truth: an element that was declared failed counts as down until it is cleared.
 A module that has failed everywhere stays down on every PE until the module itself is cleared; an order to clear one of
 its places changes nothing. Without an active manager no order can be given, with one exception: the order to clear an
 element is kept, and given as soon as a manager is active.
 
-With two managers, a term can end before the other manager has heard of an order, and the protocol does not promise that
-the next manager learns of it. A real operator sees that in the status, and repeats the order. This operator does the
-same after `insist`. It does not repeat orders to a manager that has restarted with its journal.
+With two managers, a term can end before the other manager has heard of an order. The protocol does not promise that the
+next manager learns of this order. A real operator sees in the status that the order is missing, and repeats it. After
+`insist` this operator repeats the orders in each new term. With one manager nothing is repeated, since a manager that
+restarts reads the orders in its journal.
 """
 
 from heronry_dg.losses import lost_elements
@@ -41,7 +42,7 @@ class Operator:
     def __init__(self, spec: Spec, clock: Clock, managers: Managers, checks: Checks, truth: Truth) -> None:
         self._spec, self._clock = spec, clock
         self._managers, self._checks, self._truth = managers, checks, truth
-        self._well: dict[str, int | None] = {}  # cleared elements: the term that got the clearance, or None
+        self._well: dict[str, int | None] = {}  # cleared elements: the term that got the order; None: not yet given
         self._insists = False
 
     @property
@@ -111,7 +112,7 @@ class Operator:
             self._clock.at(self._clock.now_ns + _AGAIN_NS, self._look)
 
     def _is_well(self, element: str, term: int) -> None:
-        """Update the truth after an order to clear an element: the active manager does not have it latched any more."""
+        """Update the truth after an order to clear an element, which the active manager has not latched any more."""
         if not self._has_failed_everywhere(element):
             everywhere = not self._managers.are_two
             self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)

@@ -63,9 +63,9 @@ class Outcome:
 
 
 def lossy(share: float) -> Faults:
-    """Return the quality of a bus that destroys this share of all frames.
+    """Return the quality of a bus that destroys the share `share` of all frames.
 
-    A receiver misses a tenth of this share of frames, and gets a tenth of it twice.
+    A receiver misses a tenth as many frames, and gets a tenth as many twice.
     """
     return Faults(share, share / 10, share / 10)
 
@@ -76,11 +76,11 @@ def need_key(faults: Iterable[Fault]) -> bool:
 
 
 def _nothing(_simulation: Simulation, _start_ns: int) -> None:
-    """Do nothing."""
+    """Do nothing: the default of `begun`."""
 
 
 def _no_one() -> None:
-    """Show nothing."""
+    """Do nothing: the default of `second_passed`."""
 
 
 def play(
@@ -91,7 +91,7 @@ def play(
 ) -> Outcome:
     """Simulate a flight to its end, and return its outcome.
 
-    begun: is called when the first configuration runs, with that time.
+    begun: is called once the first configuration runs, with the simulation and the time (ns) at which it began to run.
     second_passed: is called for each second of virtual time in which faults are injected.
     """
     has_key = scenario.keyed or need_key(scenario.faults)

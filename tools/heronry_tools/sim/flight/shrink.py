@@ -37,7 +37,7 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Return a flight that fails and lasts until all its faults are over, as `--act` makes it.
+    """Return a failing flight that lasts until all its faults are over, as a flight with `--act` does.
 
     If the longer flight does not fail, return `outcome`.
     """

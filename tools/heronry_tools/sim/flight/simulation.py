@@ -78,7 +78,8 @@ class Simulation:
         absent: PEs that are started only later, by `Fleet.arrive`
         aloft_ns: time of the scripted flight at which the simulation starts
         plant: what the devices read and move; None: the scripted flight
-        observed: whether the oracles observe the flight; if not, `broken`, `unsettled` and `settle` mean nothing
+        observed: whether the oracles observe the flight; if not, the results of `broken`, `unsettled` and `settle` have
+            no meaning
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
@@ -167,7 +168,7 @@ class Simulation:
         self.truth.failed(f"device:{device}")
 
     def break_channel(self, channel: str) -> None:
-        """Break a channel of a replicated bus for all nodes (`can0.1`)."""
+        """Break a channel of a replicated bus, for example `can0.1`, for all nodes."""
         self.wiring.channel(channel).break_wire()
         self.truth.failed(f"channel:{channel}")
 
@@ -191,20 +192,23 @@ class Simulation:
     # What the oracles have found
 
     def broken(self) -> list[Violation]:
-        """Return the violations so far of rules that hold at all times."""
+        """Return the violations so far of the rules that must hold during the whole flight."""
         return self.checks.broken(self.truth.situation, self.wiring.clashes())
 
     def unsettled(self) -> list[Violation]:
-        """Return the present violations of rules that hold once the aircraft has converged."""
+        """Return the rules for the end of a flight (`oracles.end_state`) that are violated now."""
         return self.checks.unsettled(self.truth.situation, self.now_ns)
 
     def settle(self) -> list[Violation]:
         """Simulate without further faults until the aircraft has converged, and return every violation.
 
-        The aircraft has converged when no requirement was violated for a certain time: the longest time for which a
-        silent PE or function may stay undetected. If the aircraft does not converge in the time allowed, the simulation
-        ends too. The oracle `planned_load` counts data only in the second half of that certain time. In the first half
-        a controller may still send queued frames, and a PE that returns may send the data of what it ran before.
+        The aircraft has converged when, for a certain time, no rule for the end of a flight (`unsettled`) was violated,
+        no epoch was activated, and no queue has grown. This time is the longest for which a silent PE or function may
+        stay undetected. If the aircraft does not converge in the time allowed, the simulation ends, too, and the
+        violations of the last moment are among those returned.
+
+        The oracle `planned_load` counts data only in the second half of this certain time. In the first half a
+        controller may still send queued frames, and a PE that returns may send the data of what it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)

@@ -1,9 +1,9 @@
 """The real situation of one flight, known only to the simulator and its oracles.
 
-An element is down if it has failed, is cut off, was declared failed by the operator, or is healthy but was reported by
-a module that had an excuse. `excuse` gives an excuse; so does a present fault because of which modules may report
-healthy elements. As in the manager, a module that has failed on one PE is down on that PE, and after a second PE
-everywhere.
+An element is down if it has failed, is cut off, or was declared failed by the operator. A healthy element is down, too,
+if a PE has reported it as failed and this false report is excused. `excuse` excuses reports about one module and its
+device. A fault of some kinds (`Kind.excuses`) excuses every report while it is present. As in the manager, a module
+that has failed on one PE is down on this PE. When it has failed on a second PE, it is down everywhere.
 """
 
 from collections import Counter
@@ -15,7 +15,7 @@ from heronry_tools.sim.oracles.waivers import REPORTS, Waivers
 
 
 class Truth:
-    """The real situation."""
+    """The real situation of one flight, as the simulator causes it."""
 
     def __init__(self, spec: Spec, checks: Checks, waivers: Waivers) -> None:
         """Begin with an aircraft on which everything is healthy."""
@@ -45,7 +45,7 @@ class Truth:
         self.failed(self._place(module, pe))
 
     def lacks(self, module: str, pe: str) -> None:
-        """Set the code of a module as missing on a PE; clearing the module does not change that."""
+        """Set the code of a module as missing on a PE; the code stays missing when the module is cleared."""
         self._lacking.add(self._place(module, pe))
 
     def _place(self, module: str, pe: str) -> str:
@@ -73,7 +73,8 @@ class Truth:
     def excuse(self, module: str) -> None:
         """Allow false reports about a healthy module and its device: a servo that no module drives may look stuck.
 
-        If no branch of a DEMUX is left, its surface stands still, so the sensors of that surface may look stuck, too.
+        If no branch of a DEMUX is left, the surface that it drives stands still, so the sensors of this surface may
+        look stuck, too.
         """
         spec, excusable = self._spec, self.excusable
         devices = {spec.modules[module].device}

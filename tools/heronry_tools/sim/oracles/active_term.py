@@ -1,12 +1,12 @@
 """Determines the active term from the frames on the managers' bus: it is the highest term that a command names.
 
-A term stays active until no manager has named it for T_lease. After that it counts as over: its manager may have been
-active where no PE heard it, and may be dead. Then the term of the next manager that sends is active.
+A term stays active until no manager has named it for T_lease. Then the term counts as over: its manager may have died,
+or may have been active where no PE heard it. Afterwards the term of the next manager that sends is active.
 
-With a key a PE believes no command before its TAG. A PE that does not know the manager first requests a proof from that
-manager, and gets it. So a new term is only *claimed* until its manager has sent a second TAG, half a heartbeat period
-or more after the first. Until then PEs may accept the claimed term and the term before. If no second TAG comes, the
-term before stays active.
+With a key a PE accepts no command before its TAG. A PE that does not know the manager first requests a session from
+this manager, and gets it. So a new term is only *claimed* until its manager has sent a second TAG, half a heartbeat
+period or more after the first one. Until then PEs may accept the claimed term and the term before it. If no second TAG
+comes, the term before stays active.
 """
 
 from heronry_dg.model import Spec

@@ -10,19 +10,19 @@ send in the name of a PE, so a forwarded frame proves nothing.) A report of a PE
     it has taken a step       page 0, epoch and state    an ACTIVATE or LEASE of that epoch with that step
     it withdraws a fault      EMCY RESET                 a CLEAR of that element, a short time ago
 
-Each report must be explained by a proven command that was fresh for the PE when it was sent. A command is *fresh* if
-its number is higher than that of every command that the PE has certainly accepted. The oracle knows a lower bound of
-this number: the earliest command that explains the PE's reports so far. One LEASE explains one acceptance, so a replay
-is detected as soon as a PE has accepted more LEASEs than were sent.
+Each report must be explained by a proven command that was fresh for the PE when the command was sent. A command is
+*fresh* if its number is higher than the number of every command that the PE has certainly accepted. For this the oracle
+takes the earliest commands that explain the PE's reports so far. One LEASE explains one acceptance, so a replay is
+detected as soon as a PE has accepted more LEASEs than were sent.
 
 A PE that has restarted can only have heard commands sent since its start. Its first page 0 shows the restart, but comes
-up to a heartbeat period after the start, and the PE may have received a WELCOME and a PREPARE before. If that page 0
-waited in the controller, the page 2 that requested the WELCOME shows when the PE started. A manager may reuse numbers
-of its term (`may_count_again`); then a lower number may be new to a restarted PE.
+up to a heartbeat period after the start, and the PE may have received a WELCOME and a PREPARE before. If this page 0
+has waited in the controller, the page 2 that requested the WELCOME shows when the PE started. After some faults a
+manager may reuse numbers of its term (`may_count_again`); then a lower number may be new to a restarted PE.
 
-"A short time" is T_lease of the slowest bus on the way to the PE, and the time that the report may wait in the queues
-of the PE and of a gateway. A report of a LEASE without explanation is a violation only if the PE repeats the report for
-that long.
+"A short time" is 1.5 times T_lease for a LEASE, and three times T_lease for a CLEAR, since a report may wait in the
+queues of the PE and of a gateway. T_lease is that of the slowest bus on the way to the PE. A report of a LEASE that
+nothing explains is a violation only if the PE repeats the report for more than twice T_lease.
 """
 
 from dataclasses import dataclass, field

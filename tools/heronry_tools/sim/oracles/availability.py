@@ -3,12 +3,12 @@
 The oracle verifies flights with a key whose only faults are forged frames on less than a tenth of a bus. It requires
 that
 
-- no function that was heard falls silent for longer than T_lease (or than its own patience, where that is longer);
+- no function that was heard is silent for longer than T_lease, or than the longest silence of a served function
+  (`Witness.patience_ns`), if this is longer;
 - each ALIVE of the active manager names every PE that its ALIVEs have named before;
 - the active manager ends no session (RENEW).
 
-Not verified: a flight with any other fault or order. There the other oracles decide, which make no exception for an
-attacker.
+Not verified: a flight with any other fault or order; only the other oracles verify such a flight.
 """
 
 from collections.abc import Collection

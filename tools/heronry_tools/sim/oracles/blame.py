@@ -1,8 +1,8 @@
 """No healthy element is reported as failed: every fault that a PE reports on a bus was really injected.
 
-The manager latches a reported fault. So a false report takes a healthy element out of use until the operator clears it.
-Which faults were injected is known only at the end. An injected fault stays, so the reports are compared with the
-injected faults once, when `unfounded` is called.
+The manager latches a reported fault. So a false report takes a healthy element out of use until the operator clears the
+element. The oracle collects the reports, and `unfounded` compares all of them with the elements that are down at that
+time. This is enough, since an element that was rightly reported stays down until it is cleared.
 
 The oracle reads the EMCYs that a PE itself sends, on any bus. It does not read EMCYs that a gateway forwards: each of
 them was read before, beyond the gateway, or was sent by a foreign node. With a key no manager believes the EMCY of a
@@ -42,7 +42,7 @@ class BlameCheck(Oracle):
         self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
 
     def emergency(self, sent: Sent, _pe: str, _message: Emergency | Malformed) -> None:
-        """Read the EMCY of a PE: record the element that it reports, or drop the one whose report it withdraws."""
+        """Read the EMCY of a PE, and record the element that it reports as failed."""
         element, detail = self._reported_by(sent)
         if element is None:
             return
@@ -50,9 +50,9 @@ class BlameCheck(Oracle):
         self._reported.setdefault(element, Violation(sent.end_ns, "blame", story))
 
     def handed_on(self, sent: Sent) -> None:
-        """Record again the report of a cleared element, if a gateway forwards a late EMCY about it.
+        """Record again the report of a cleared element, if a gateway forwards a late EMCY about this element.
 
-        The manager believes that EMCY.
+        The manager takes the late EMCY for a new report.
         """
         element, _ = self._reported_by(sent)
         if element in self._cleared:

@@ -8,7 +8,7 @@ bytes. It verifies:
                transmission that both channels have delivered. (Two equal transmissions within half a heartbeat period
                may be taken for copies of one.)
     channels   A PE that reports a lost channel has received nothing on it, or sent nothing on it, for more heartbeats
-               than the bus may miss. This gap is no older than the delay of the report allows.
+               than the bus may miss. This gap still lasts, or has ended so lately that the report may come from it.
 """
 
 from collections import deque
@@ -72,7 +72,7 @@ class ChannelCheck(Oracle):
         self._sign(copy.t_ns, copy.node, copy.bus, copy.channel, "in")
 
     def _equal(self, sending: _Sending, within_ns: int) -> list[_Sending]:
-        """Return the transmissions that a node may take for the same one as `sending`, which is among them."""
+        """Return the transmissions that a node may take for copies of `sending`, and `sending` itself."""
         known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
         return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
 

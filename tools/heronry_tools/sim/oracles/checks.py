@@ -57,7 +57,10 @@ class Checks:
         self._inspections: list[Violation] = []
 
     def rest(self) -> None:
-        """Stop giving frames and steps to the oracles; what they find after this call means nothing."""
+        """Give the oracles no more steps, movements and frames of single channels: the run is not observed.
+
+        The caller also calls `see` no more. What the oracles report after this call has no meaning.
+        """
         self._of_copies = self._of_channels = self._of_driving = self._of_looks = self._of_moves = ()
 
     # What is seen
@@ -130,7 +133,7 @@ class Checks:
             oracle.may_count_again()
 
     def may_forget_phase(self) -> None:
-        """Allow a manager, from now on, to begin its mastership without all that was known of the phase."""
+        """Allow a manager, from now on, to begin its mastership with an earlier phase than the last one."""
         for oracle in self._oracles:
             oracle.may_forget_phase()
 
@@ -225,7 +228,7 @@ class Checks:
     # What was found
 
     def broken(self, truth: Situation, clashes: list[Clash]) -> list[Violation]:
-        """Return the violations so far of rules that hold at all times.
+        """Return the violations so far of the rules that must hold during the whole flight.
 
         clashes: arbitrations in which two stations sent under one identifier.
         """
@@ -251,7 +254,7 @@ class Checks:
         return end_state(self._spec, truth, now_ns, seen)
 
     def is_well(self, t_ns: int) -> None:
-        """Begin to count data frames for the oracle `planned_load`, since the aircraft has converged."""
+        """Record that the aircraft has converged: the oracle `planned_load` counts data frames from now on."""
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
@@ -264,7 +267,8 @@ class Checks:
     def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
         """Return what forged frames alone have denied in a flight with a key.
 
-        faults: everything that was injected. has_others: whether anything else was done. span_ns: begin and end.
+        faults: everything that was injected. has_others: whether anything else was done to the aircraft. span_ns: begin
+        and end of the time that is verified.
         """
         check = self._known.availability
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
@@ -277,7 +281,7 @@ class Checks:
         return stopped_by_silence(self._spec, targets, self.witness, span_ns, self._known.left_out)
 
     def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
-        """Return a violation for each critical function that was silent without need.
+        """Return a violation for each critical function that was silent although a plan could have served it.
 
         injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """

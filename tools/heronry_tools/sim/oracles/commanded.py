@@ -4,15 +4,16 @@ PREPARE opens an epoch. Each SLICE has a first frame, the *head*, and further fr
 that takes part in the epoch, the length of its slice, and a digest. The bodies bring the bytes of the slice, unless the
 digest names bytes that were sent before or are on board. If PREPARE names a contingency by its number, a PE without a
 head takes the slice that its table has under that number. While an epoch is being prepared, a manager may still send
-slices of the epoch before to a PE that is late. Each command names its epoch, so the oracle can tell the two apart.
+slices of the epoch before to a PE that is late. Each command names its epoch, so the oracle can tell the slices of the
+two epochs apart.
 
 From the first ACTIVATE of an epoch on, its configuration is put together as soon as all slices have been seen. The
 manager does not wait for a PE beyond a radio, so the slice of that PE may come later.
 
 Epochs that a manager prepares while it is not active are kept apart: no PE has to accept their commands. A later active
-manager may adopt such an epoch; its LEASE then names, in a higher term, what was prepared in a lower one.
+manager may adopt such an epoch: the LEASE of this manager names the epoch in a higher term.
 
-Nothing here is read from a manager: a slice that was never on the bus cannot be put together.
+All is read from frames. So if a slice was never on the bus, the configuration cannot be put together (`Epoch.flaw`).
 """
 
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""What must hold once no more faults are injected, compared with the true situation and the best plan for it.
+"""What must hold once no more faults are injected, compared with the true situation and its best plan.
 
 - Every healthy PE reports within its heartbeat period that it is ACTIVE, and all are in one epoch. A PE is healthy if
   it runs and can reach the manager's bus.
@@ -63,7 +63,7 @@ def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Vio
 
 
 def unnoticed_ns(spec: Spec) -> int:
-    """Return the longest time in ns for which a PE or a function can be silent before any node detects that."""
+    """Return the longest time in ns for which a PE or a function can be silent before any node detects the silence."""
     beats_ns = max(bus.heartbeat_ns * (bus.misses + 1) for bus in spec.buses.values())
     outputs = (spec.modules[module] for function in spec.functions.values() for module in function.outputs)
     slowest_ns = max(10**12 // mode.rate_mhz for module in outputs for mode in module.modes.values())

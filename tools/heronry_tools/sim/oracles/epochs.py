@@ -39,7 +39,7 @@ class EpochCheck(Oracle):
         self._digests: dict[int, int] = {}
 
     def changed_page(self, sent: Sent) -> StatePage0 | StatePage1 | None:
-        """Verify a state frame, and return its page 1, or its page 0 if that has changed; else None."""
+        """Verify a state frame, and return it if it is a page 1 or a changed page 0; None if it is not."""
         key = (sent.bus, sent.frame.can_id)
         data = sent.frame.data
         meaning = without_sequence(data)

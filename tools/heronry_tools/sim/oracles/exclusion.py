@@ -1,26 +1,28 @@
 """Break before make: nothing exclusive ever has two drivers.
 
 Exclusive are the branches of a DEMUX, the ends of its `to`, an actuator without a DEMUX before it, and an identifier on
-one bus; each is called a *thing* here. Each thing has a *holder*. The holder of an identifier is the node that sent it
-last. The holder of a DEMUX, of its ends or of an actuator is the module and PE that moved it last. If the module has no
-device, the step in which it computed counts as a movement. Another holder may take a thing over, and the first holder
-may get it back with a later handover. Without a handover in between, the first holder must not drive the thing again;
-if it does, two holders have driven at one time. So the oracle detects two modules that drive in turn at the second
-turn, whatever their rates are.
+one bus. Each is called a *thing* here, and each thing has a *holder*. The holder of an identifier is the node that sent
+it last. The holder of a DEMUX, of its ends or of an actuator is the module, with its PE, that moved it last. If the
+module has no device, each of its steps counts as a movement.
 
-A *handover* is a GO of the newest epoch of its term, or the GO_ALL that follows it for outputs that had to wait. The
-first epoch of a term may have any number: a manager without its journal may begin with an older one, and when a higher
-term falls silent the term before continues with its own numbers. BREAK is no handover. Until GO every thing belongs to
-the epoch before, and a holder of that epoch may drive for the first time after BREAK (its frame may wait in its
-controller).
+Another holder may take a thing over. After that the former holder may drive the thing again only if there was a
+handover in between. Without a handover, two holders have driven the thing at one time. So if two modules drive a thing
+alternately, the oracle detects this when the first module drives again, whatever their rates are.
 
-A holder may also have released a thing by itself. That is possible if for T_lease no manager was active and the PE of
-that holder was not heard. Then the holder before it may drive again. If the silent holder has not released the thing,
-the oracle detects that when that holder drives next.
+A *handover* is a GO of the newest epoch of its term, or the GO_ALL that follows this GO, for outputs that had to wait.
+The first epoch of a term may have any number: a manager without its journal may begin with an older number, and when a
+higher term falls silent the term before continues with its own numbers. BREAK is no handover. Until GO every thing
+belongs to the epoch before, and a holder of that epoch may drive for the first time after BREAK (its frame may have
+waited in its controller).
+
+A holder may also have released a thing by itself. This is possible if, for T_lease, no manager was active and the PE of
+this holder was not heard. Then the former holder may drive again without a handover. If the silent holder has not
+released the thing, the oracle detects this when the silent holder drives next.
 
 The oracle does not verify what a PE drives within T_lease after one of these frames of a foreign node:
 
-- an ALIVE that names the PE. A repeated ALIVE is valid for a PE that was cut off when the ALIVE was sent first;
+- an ALIVE that names the PE. A PE that was cut off when this ALIVE was sent first takes the repeated ALIVE for a new
+  one;
 - a state in the name of the PE, which shows a restart. The manager then does not wait for the PE, though the PE may
   still run unheard (docs/limits.md).
 """
@@ -40,7 +42,7 @@ _Holder = tuple[str, str]
 
 
 class ExclusionCheck(Oracle):
-    """Records who drives each exclusive output and identifier, and verifies that no two drive it at one time."""
+    """Records the holder of each exclusive output and identifier, and verifies that there are no two at one time."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -95,9 +97,9 @@ class ExclusionCheck(Oracle):
             self._follow(moved.t_ns, thing, (moved.module, moved.pe))
 
     def driven(self, driven: Driven) -> None:
-        """Verify a step of a module that drives an output.
+        """Verify a step of a module that drives an output, if the module has no device.
 
-        If the module has no device, only the values of the step show that it drives.
+        For a module with a device, the movements of the device are verified (`moved`).
         """
         if driven.module not in self._moving:
             for thing in self._things_of[driven.module]:

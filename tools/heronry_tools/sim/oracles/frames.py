@@ -1,8 +1,11 @@
 """Gives the frames on a flight's buses to the oracles: each identifier is looked up once, each frame decoded once.
 
-A state or command is passed on only if it differs from the one before. `terms` decides which manager is active; the
-commands of other managers are kept apart (`commanded`) and passed to no oracle. Frames of foreign nodes are passed only
-to the method `misled` of an oracle.
+Page 0 of a state is passed on only if it differs from the page 0 before, a LEASE only if it differs from the LEASE
+before. The methods `state_sent`, `manager_heard` and `leased` are called for every such frame.
+
+`terms` decides which manager is active. The commands of other managers are kept apart (`commanded`). Of these commands,
+the oracles are told only that they were sent (`manager_heard`, `leased`). Frames of foreign nodes are passed only to
+the method `misled` of an oracle.
 """
 
 from collections.abc import Callable, Collection

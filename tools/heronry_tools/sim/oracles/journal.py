@@ -1,6 +1,6 @@
-"""The journal on a manager's disk agrees with what that manager sends, at each moment at which it sends something new.
+"""The journal on a manager's disk agrees with what the manager sends, whenever the manager sends something new.
 
-A manager that restarts knows only the bytes on its disk. The oracle reads the bytes as that manager would
+A manager that restarts knows only the bytes on its disk. The oracle reads the bytes as a restarted manager would
 (`recovered`), and compares them with the manager's frames in the present mastership:
 
     term         for a frame that names a term: the journal has this term or a higher one. A term that is used before it
@@ -14,13 +14,15 @@ A manager that restarts knows only the bytes on its disk. The oracle reads the b
 When a manager has died (`manager_died`), term and epochs are compared again with what a power cut has left on the disk:
 numbers are synced before they are used. Phase and faults need not survive a power cut.
 
-A manager may be started on a copy of another manager's disk (`manager_copied`). Then its journal must also agree with
-what that other manager has sent until then. What was sent from the earlier disk of its station no longer matters.
+A manager may be started on a copy of another manager's disk (`manager_copied`). Then the copy must also agree with what
+the other manager has sent until the start. What the station of the new manager has sent before no longer matters.
+
+A frame may have waited in the controller, so it may be older than the last write to the journal. The journal may
+therefore have a newer epoch than the frame. For a phase or a fault it is enough that the journal agreed with the frame
+when the oracle read it last, or agreed a few records ago.
 
 Not verified: a disk that accepts no write (the caller gives no bytes), a standby manager that has sent nothing yet, and
-the frames of a deposed manager (the caller does not report them). A frame may have waited since before the last write.
-So an epoch in the journal may be newer than the one in the frame, and a phase or fault may be as in the journal that
-was read last, or as in one of its last records.
+the frames of a deposed manager (the caller does not report them).
 """
 
 from collections.abc import Callable

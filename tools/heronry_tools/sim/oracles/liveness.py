@@ -15,7 +15,7 @@
     new epochs      one epoch for each of the last changes (`_LAST_EPOCHS` times a quarter of the patience), and the
                     time for which a silence may stay undetected
 
-So the bound is long only where a PE was lost again and again (quarantine).
+So the bound is long only if a PE was lost again and again (quarantine).
 """
 
 from heronry_dg.model import Spec
@@ -52,7 +52,7 @@ class Losses:
         self._losses = dict.fromkeys(spec.pes, 0)
 
     def alive(self, t_ns: int, message: Alive) -> None:
-        """Read an ALIVE; that of a manager that is not active has no effect."""
+        """Read an ALIVE; an ALIVE of a manager that is not active has no effect."""
         before = self._mastership.number
         if not self._mastership.named(t_ns, message.term):
             return

@@ -93,12 +93,12 @@ class Oracle:
         """Called when any manager has sent a LEASE on the managers' bus."""
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
-        """Called when the active manager, at this station, has sent a new command."""
+        """Called when the active manager, at this station, has sent a command; not if it repeats its last LEASE."""
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
         """Called once per epoch, after its first ACTIVATE.
 
-        At that time its configuration was read back from the frames, or certainly cannot be.
+        By then the configuration was read back from the frames, or it is certain that it cannot be (`epoch.flaw`).
         """
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
@@ -145,7 +145,7 @@ class Oracle:
         """Called when a manager may, from now on, reuse command numbers of its present term."""
 
     def may_forget_phase(self) -> None:
-        """Called when a manager may, from now on, begin its mastership without all that was known of the phase."""
+        """Called when a manager may, from now on, begin its mastership with an earlier phase than the last one."""
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
         """Called when a manager has accepted, in this term, the operator's order for a phase."""

@@ -1,7 +1,7 @@
 """A PE without a manager follows its policy; verified from its state frames and from the LEASEs on the managers' bus.
 
-The oracle begins to verify when no manager was on the bus for T_lease, and for the time in which PEs report this. Then
-two rules hold:
+The oracle begins to verify when no manager has sent for T_lease and two more heartbeat periods, in which the PEs report
+the silence. Then two rules hold:
 
 - No PE reports that it hears a LEASE, except in a state frame that was queued while the PE was cut off.
 - With the policy `keep` every PE keeps what it runs: state, epoch and digest stay as they are until the PE restarts or

@@ -4,9 +4,9 @@ A phase counts as requested in two cases. Either the manager has accepted the op
 requested it (EMCY, PHASE_REQUEST), and the active manager has acknowledged the request or sends that phase. Each
 request of a PE has a number. A request counts once, even if it is acknowledged twice. A request does not count if a
 later request of the same PE has already been acknowledged. A PE that restarts numbers its requests from the beginning.
-A *forward only* request (bit 15 of its detail is set) has effect in two cases: its phase has a rule, and the rule names
-the present phase as one from which it leads; or its phase has no rule, and comes later in the spec than the present
-one.
+A *forward only* request (bit 15 of its detail is set) has effect in two cases. In the first case the requested phase
+has a rule, and this rule names the present phase among the phases from which the requested phase may be entered. In the
+second case the requested phase has no rule, and comes later in the spec than the present phase.
 
 The manager sends a phase in HOLDS. For a moment after a change, HOLDS may still name the phase that was just left. If a
 PE requests that former phase at that moment, HOLDS alone does not make the request count: the manager must acknowledge
@@ -16,13 +16,13 @@ phase count. In this case the ordered phase counts again as soon as HOLDS names 
 A new mastership knows what its manager remembers, or has heard as a standby manager. It may also have heard a request
 that the previous manager did not acknowledge before it failed. The first phase that a new mastership sends counts as
 the true one from then on. With one manager and an intact journal, that phase must be the phase before, or one that is
-still requested. Otherwise it may also be an earlier phase. A request that was acknowledged in an earlier term may then
-count again, if the new mastership sends its phase.
+still requested. With two managers or a damaged journal it may also be an earlier phase. A request that was acknowledged
+in an earlier term may then count again, if the new mastership sends the requested phase.
 
-Two kinds of managers need not know the true phase. The first has begun a higher term and was not heard for a while: it
-need not know what a deposed manager has acknowledged meanwhile, since no PE has accepted that. The second continues in
-a lower term because it hears no node: it need not know the phase of a higher term whose manager has fallen silent, and
-what it sends has no effect.
+Two kinds of managers need not know the true phase. A manager of the first kind has begun a higher term and was not
+heard for a while. It need not know what a deposed manager has acknowledged meanwhile: no PE has accepted these
+acknowledgements. A manager of the second kind continues in a lower term because it hears no node. It need not know the
+phase of a higher term whose manager has fallen silent, and its own commands have no effect.
 """
 
 from collections.abc import Callable
@@ -69,7 +69,7 @@ class PhaseCheck(Oracle):
         self._stories: set[str] = set()
 
     def may_forget_phase(self) -> None:
-        """Allow a manager, from now on, to begin its mastership without all that was known of the phase."""
+        """Allow a manager, from now on, to begin its mastership with an earlier phase than the last one."""
         self._may_forget = True
 
     def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
@@ -178,6 +178,6 @@ class PhaseCheck(Oracle):
             self._entered(t_ns, phase)
 
     def _complain(self, t_ns: int, story: str) -> None:
-        if story not in self._stories:  # the manager may repeat it for a long time
+        if story not in self._stories:  # the manager may repeat the wrong phase for a long time
             self._stories.add(story)
             self.violations.append(Violation(t_ns, "phase", story))

@@ -1,9 +1,10 @@
 """Which element counts as failed after a PE's report; the oracles derive it from the frames, as a manager does.
 
 A PE reports a failed module of its own by the module's index. If the module can run on other PEs too, it counts as
-failed on that PE alone (`module:NAME@PE`). It counts as failed everywhere when it fails on a second PE, or when another
-module reports it. Missing code does not count as a failure. CLEAR and HOLDS name the PE by its node-ID. If a module
-reports a PE or a bus, that is a suspicion, and nothing counts as failed.
+failed on this PE alone (`module:NAME@PE`). It counts as failed everywhere when it fails on a second PE, or when another
+module reports it. If only the code of the module is missing on a PE, the module counts as failed on this PE alone,
+however many such PEs there are. CLEAR and HOLDS name the PE by its node-ID. If a module reports a PE or a bus, this is
+a suspicion, and nothing counts as failed.
 """
 
 from heronry_dg.model import Spec

@@ -1,8 +1,8 @@
 """Once the aircraft has converged, the buses carry the planned data and no other.
 
 `begin` starts the counting of frames. No source of the last epoch may send more than its rate, and no other source may
-send anything. (The oracles of the functions detect a source that sends less.) A PE that cannot reach the manager gets
-no plan, so its data on its own side of the break are not counted.
+send anything. (Other oracles detect a source that sends less: `freshness`, `service` and `end_state`.) A PE that cannot
+reach the manager gets no plan, so its data are not counted.
 """
 
 from collections import Counter

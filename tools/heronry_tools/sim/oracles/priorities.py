@@ -5,14 +5,14 @@ and announces in CLEAR that a function has the priority of the spec again. All o
 (`current`). It must be one of these:
 
 - the priority that the operator has ordered last for the function. While an order stands, no request counts;
-- one that a PE has requested (EMCY, PRIORITY_REQUEST), within the `priority_range` of the spec. Within one term, two
-  changes that PEs have requested are at least CHANGE_NS apart;
+- a priority that a PE has requested (EMCY, PRIORITY_REQUEST), within the `priority_range` of the spec. Within one term,
+  two changes that PEs have requested are at least `_CHANGE_NS` apart;
 - the priority of the spec, if the operator has ordered it or a PE has requested it.
 
 For a moment after an order an older HOLDS may still be on its way. A new mastership knows what its manager remembers,
 or has heard as a standby manager. So its first announcement about a function may be any priority that was ever ordered
-or requested, and is no change: a request may change it at once. The time between two changes is that of the manager's
-clock, which runs ahead of true time if it jumps.
+or requested. This announcement does not count as a change: a requested change may follow immediately. The time between
+two changes is measured by the manager's clock, so a jump of this clock counts as time.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,7 +39,7 @@ class PriorityCheck(Oracle):
         self._asked: dict[str, set[int]] = {}  # by function: all that PEs have requested
         self._orders: dict[str, list[int]] = {}  # by function: all orders, the last one last
         self._ordered_ns: dict[str, int] = {}
-        self._stands: dict[str, bool] = {}  # whether the last order is not that of the spec's priority
+        self._stands: dict[str, bool] = {}  # whether the last order is for another priority than that of the spec
         self._last: dict[int, int] = {}  # by term: when a requested priority was told first
         self._jumps: list[tuple[int, int]] = []  # of the clock of any manager: when, and by how much
         self._told_in: dict[str, int] = {}  # by function: the term that told it last

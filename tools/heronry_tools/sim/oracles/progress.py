@@ -9,7 +9,8 @@ answers that a manager is given. A request is *in vain* if the manager replaces 
 another request in the same step in which it is given a plan other than what runs. A violation is more than `_IN_A_ROW`
 requests in vain, one after the other, over more than `_STORM_NS`, without one ACTIVATE.
 
-Fewer epochs or requests are allowed, since the manager answers each change by a plan for the newest situation.
+Up to these limits, epochs and requests may follow each other, since the manager answers each change by a plan for the
+newest situation.
 
 Not verified: whether the manager was right to abandon a single epoch or request, and a request that is never answered
 (`end_state` detects that if a plan was needed).
@@ -64,7 +65,7 @@ class ProgressCheck(Oracle):
                 self._epochs.clear()
 
     def planning(self, seen: PlanningSeen) -> None:
-        """Count a request if the request before it was in vain; else count from zero again."""
+        """At a new request, count the manager's last request if it was in vain; if not, count from zero again."""
         requests = self._requests.setdefault(seen.station, _Requests())
         match seen:
             case PlanGiven(request=number):

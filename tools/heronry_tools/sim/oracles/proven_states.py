@@ -32,7 +32,7 @@ class ProvenStates:
             opened.append(Session(manager, control.term, control.a << 16 | control.b))
 
     def read(self, node: int, page: StatePage1, digests: Iterable[int]) -> StatePage1:
-        """Return `page` with the one of `digests` that its tag proves, or with 0 if it proves none of them."""
+        """Return `page` with the digest that its tag proves: one of `digests`, or 0 if the tag proves none of them."""
         said, tag = split_state(page.encode())
         sessions, meant = self._sessions.get(node, deque()), [*digests, 0]
         for session in reversed(sessions):

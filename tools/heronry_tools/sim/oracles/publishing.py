@@ -1,13 +1,15 @@
 """No node publishes data that its epoch does not require of it; verified against the commanded configurations.
 
-The state of a node names the epoch that the node follows, and the node reports a change of epoch immediately. This
-epoch must let the node publish each data frame that it sends on a bus. A gateway may also forward what the epoch routes
-over the bus. A node that has restarted and follows no epoch must publish nothing.
+The state of a node names the epoch that the node follows, and the node reports a change of epoch immediately. A node
+may send a data frame on a bus only if this epoch requires it: from a module on the node itself or, if the node is a
+gateway, from any module whose data the epoch routes over the bus. A node that has restarted and follows no epoch must
+publish nothing.
 
 A frame may also belong to another epoch than the reported one:
 
 - to the epoch before, for T_lease after the change: the frame was queued;
-- to an epoch activated since the last state: after bus-off, a datum in the mailbox goes out before the state.
+- to an epoch that was activated after the node's last state: after bus-off, a datum in the mailbox is sent before the
+  next state.
 
 Not verified: an epoch whose configuration could not be read back from the frames.
 """
@@ -30,7 +32,7 @@ _Key = tuple[str, str]  # bus and sender
 
 @dataclass(slots=True)
 class _Told:
-    """The epoch that a node has reported, since when it reports it, and the epoch that it reported before."""
+    """The epoch that a node reports, the time since which it does so, and the epoch that it reported before."""
 
     epoch: int
     incarnation: int

@@ -3,13 +3,14 @@
     age     a datum that a gateway sends by radio had reached the gateway no longer ago than T_lease and one heartbeat
             period of the radio (the time of a frame in a controller), however slow the radio is. So no queue has grown
     load    the data on a radio stay, second by second, within the budget for the usable share that its gateway has
-            reported. The largest report of the last seconds counts, since time passes after a fall: the manager must
-            confirm it and plan, and the PEs must take their steps. A quarter more is tolerated, as in `load`
+            reported. The largest report of the last seconds counts: when the share falls, the manager must confirm the
+            fall and plan, and the PEs must take their steps. A quarter more is tolerated, as in `load`
 
 A frame is recognized by its bytes. Where injected errors alter data undetected by the CRC, a frame that arrived lately
 and differs in one byte may be the same frame.
 
-Not verified: seconds in which a gateway reports its radio as gone, or reports nothing. A PE beyond it may still send.
+Not verified: seconds in which a gateway reports its radio as gone, or reports nothing. A PE beyond the radio may still
+send in that time.
 """
 
 from collections import defaultdict

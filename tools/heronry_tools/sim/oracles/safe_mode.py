@@ -1,7 +1,7 @@
 """With `without_manager: safe_mode`, a PE that hears no manager sends and drives nothing that is not critical.
 
-A PE becomes *orphaned* with its next state frame that reports no LEASE, once no LEASE was on the managers' bus for
-T_lease. It stays orphaned until the next LEASE. While it is orphaned, a module that serves no critical function in the
+When no LEASE was on the managers' bus for T_lease, a PE becomes *orphaned* with its next state frame that reports no
+LEASE. The PE stays orphaned until the next LEASE. Meanwhile each of its modules that serves no critical function in the
 PE's epoch must send no datum and no echo, and must not drive. A frame that was queued before may still go out for
 T_lease.
 
@@ -57,12 +57,12 @@ class SafeModeCheck(Oracle):
         self._rests: dict[tuple[int, str], frozenset[str]] = {}  # by epoch and PE
 
     def leased(self, t_ns: int) -> None:
-        """Set every PE as no longer orphaned, since a manager has sent a LEASE."""
+        """Record that no PE is orphaned any more, since a manager has sent a LEASE."""
         self._leased_ns = t_ns
         self._orphans.clear()
 
     def told(self, state: StateSaid) -> None:
-        """Set a PE as orphaned (without a manager) if it reports no LEASE and none was on the bus for T_lease."""
+        """Record that a PE is orphaned if it reports no LEASE and no LEASE was on the bus for T_lease."""
         pe, t_ns, page = state.pe, state.t_ns, state.page
         alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
         if self._applies and alone and PeFlags.HEARS_LEASE not in page.flags and pe not in self._orphans:

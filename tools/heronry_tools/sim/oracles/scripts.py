@@ -1,8 +1,8 @@
 """A script of the operator is announced only in the term in which a manager accepted it, and not after its release.
 
 While a script is held, the aircraft may be worse than the best plan on every level but the first; the oracle
-`end_state` asks here whether a script is held. Only the announcements (CONTROL, HOLDS) show that. They are repeated, so
-when none has come for `ANNOUNCED_WITHIN_NS`, no script is held.
+`end_state` asks here whether a script is held. Only the announcements (CONTROL, HOLDS) show this. Announcements are
+repeated, so when none has come for `ANNOUNCED_WITHIN_NS`, no script is held.
 """
 
 from heronry_tools.sim.oracles.oracle import Oracle
@@ -32,7 +32,7 @@ class ScriptCheck(Oracle):
             self._told_ns = None
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
-        """Follow an announcement."""
+        """Verify the announcement of a script (HOLDS), and record when it was made."""
         match message:
             case Control(term, _, Operation.HOLDS, ElementKind.SCRIPT) if term == self._ordered_in:
                 self._told_ns = t_ns

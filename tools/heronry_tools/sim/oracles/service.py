@@ -1,29 +1,31 @@
 """No critical function is dropped without need: the oracle compares what is served with what a plan could serve.
 
-The oracle compares at two occasions.
+The oracle compares on two occasions.
 
-*When a configuration is activated*, it must serve by criticality at least what the best plan serves. That plan is for
-the situation that the manager can know. PEs that take no part are down. An element counts as failed from the moment at
-which its failure was acknowledged, or declared by the operator, until it is cleared. The known failures and the phase
-may be those of any moment from shortly before PREPARE on. Two cases are special:
+*When a configuration is activated*, it must serve by criticality at least what the best plan serves. The best plan is
+made for the situation that the manager can know. In this situation, PEs that take no part in the epoch are down. An
+element counts as failed from the moment at which its failure was acknowledged, or declared by the operator, until it is
+cleared. The known failures and the phase may be those of any moment from shortly before PREPARE on. Two cases are
+special:
 
 - A contingency that PREPARE names by its number is staged by every PE that hears PREPARE. Which PEs take part is shown
   only by the next ALIVE. In three cases ALIVE does not show it, and nothing is compared: the manager dies before that
   ALIVE; that ALIVE comes so late that a PE may have been lost and have rejoined; or an ALIVE was late within the last
   period, since delayed frames then go out in the order of their identifiers.
-- A manager that adopts the running configuration drops no function by that, so an adopted epoch is not compared.
+- A manager that adopts the running configuration drops no function by adopting, so an adopted epoch is not compared.
 
 *While no more faults are injected*, a critical function that was heard must not stay silent for longer than
-`longest_ns`: one patience, and a second for planning, steps and first values. The oracle plans for a situation in which
-everything is down that in that time had a fault injected, counts as failed, or is not named as available by ALIVE. If
-that plan serves every wanted function of this class and of those above, every plan with less down serves them, too.
+`longest_ns`: one patience, and a second for planning, steps and first values. The oracle makes the best plan for the
+worst situation that is possible during the silence. In this situation an element is down if it has an injected fault,
+counts as failed, or is a PE that ALIVE does not name. If this plan serves every wanted function of this class and of
+the classes above, so does the best plan for any situation in which less is down.
 
 Not verified are silences
 
 - while a bus or a manager has a fault, or any measurement may be wrong;
-- in the start-up window of a mastership, as long as no PE runs a module. A manager that hears no such PE cannot tell
-  this from an aircraft that has just been switched on: it waits for PEs that it has not heard, and makes no plan before
-  they are heard or the window ends. The window counts from the first ALIVE of the mastership.
+- in the start-up window of a mastership, as long as no PE runs a module. To a manager that hears no running PE, the
+  aircraft looks as if it had just been switched on. So the manager waits for PEs that it has not heard, and makes no
+  plan before they are heard or the window ends. The window counts from the first ALIVE of the mastership.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -273,7 +275,7 @@ class ServiceCheck(Oracle):
         return [found for (since_ns, found), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
     def silences(self, outages: Iterable[Outage], injected: Sequence[Injected], end_ns: int) -> list[Violation]:
-        """Return a violation for each critical function that was silent for too long without need.
+        """Return a violation for each critical function that was silent too long although a plan could have served it.
 
         injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """

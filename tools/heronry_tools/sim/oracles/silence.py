@@ -47,7 +47,7 @@ class LeftOut:
     def explains(self, outage: Outage, patience_ns: int) -> bool:
         """Tell whether an activated epoch rightly leaves out, or moves, the function that has fallen silent.
 
-        patience_ns: the time after its last output within which the function had to be heard again
+        patience_ns: the time after the function's last output within which it had to be heard again
         """
         running = [
             (epoch, epoch.configuration)
@@ -85,9 +85,9 @@ def stopped_by_silence(
 ) -> list[Violation]:
     """Return a violation for each function that was silent though nothing but managers has failed.
 
-    If any of `targets`, into which faults were injected, is no manager, nothing is returned.
-
-    witness: has the silences of all functions. span_ns: begin and end of the time that is verified.
+    targets: all targets into which faults were injected; if one of them is not a manager, there is no violation
+    witness: has the silences of all functions
+    span_ns: begin and end of the time that is verified
     """
     if any(target not in MANAGERS for target in targets):
         return []

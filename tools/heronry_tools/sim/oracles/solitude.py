@@ -1,8 +1,9 @@
-"""Which PEs heard no node for T_lease, and when that ended: they may have missed a command (protocol rule 8).
+"""Which PEs heard no node for T_lease, and when this silence ended: they may have missed a command (protocol rule 8).
 
-The oracle derives it from the frames on a PE's uplink: either no other node sent there, or the PE itself did not send,
-because its wire was broken or it was paused. A PE that has restarted knows nothing of the time before. While a bus is
-broken into two parts the frames do not show which node heard which, so every PE on the bus counts.
+The silence is derived from the frames on a PE's uplink: either no other node sent there, or the PE itself did not send,
+because its wire was broken or it was paused. A restart also counts as the end of a silence, since a restarted PE knows
+nothing of the time before. When a bus breaks in the middle, or is repaired, the frames do not show which node heard
+which, so this counts as the end of a silence for every PE on the bus.
 """
 
 from heronry_dg.model import Spec
@@ -49,7 +50,7 @@ class Solitude:
             self._end(t_ns, {pe})
 
     def split(self, t_ns: int, bus: str) -> None:
-        """Record that a bus has broken or was repaired; every PE on it may have missed a command."""
+        """Record that a bus has broken or was repaired; every PE on this bus may have missed a command."""
         self._end(t_ns, self._on[bus])
 
     def _end(self, t_ns: int, pes: set[str]) -> None:

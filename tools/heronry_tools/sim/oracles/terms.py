@@ -7,19 +7,20 @@ Two managers with the same node-ID may use one term, but only for a time: within
 must notice the other, and one must fall silent. This time does not run in two cases:
 
 - while their bus is broken in the middle: both may then be active in one term, each on its half;
-- while the clash of their frames keeps one of them bus-off. If a manager was silent for `_APART_PERIODS`, the time
-  begins anew for it.
+- while the clash of their frames keeps one of them bus-off. If a manager was silent for `_APART_PERIODS` heartbeat
+  periods, the time begins anew for this manager.
 
-With a key a manager believes the other only after the other's TAG. (Two equal frames sent at once are one frame on the
-bus, so neither manager hears the other.)
+Without a key a manager notices the other by its ALIVE, with a key only by its TAG. So these frames show how long both
+have been active. (Two equal frames sent at once are one frame on the bus, so neither manager hears the other.)
 
-*No PE goes back.* An epoch belongs to the term that prepared it first, or to the highest term that has adopted it
-(whose LEASE names it). Within an incarnation a PE never runs an epoch of a lower term after one that was first prepared
-in a higher term. Only states that the PE itself sends count: a gateway may forward states in another order.
+*No PE goes back.* An epoch belongs to the term that prepared it first, or to the highest term that has adopted it (a
+LEASE of this term names the epoch). Within an incarnation a PE never runs an epoch of a lower term after an epoch that
+was first prepared in a higher term. Only states that the PE itself sends count: a gateway may forward states in another
+order.
 
-*No LEASE goes back.* Within a term LEASE never names an older epoch. One case is exempt: the manager has died since,
-has lost its journal, and found no PE that runs anything. (Other commands may wait in the controller until LEASE names a
-newer epoch.)
+*No LEASE goes back.* Within a term LEASE never names an older epoch. One case is exempt: the manager has died in
+between, has lost its journal, and has found no PE that runs anything. (Other commands may name an older epoch than
+LEASE, since they may have waited in the controller.)
 
 *No epoch has two meanings.* A later term may prepare an epoch again, for a PE that joins late, but with the same
 digest. One case is exempt: two stations have copies of one journal (`manager_copied`), and neither can know the numbers
@@ -61,8 +62,8 @@ class TermCheck(Oracle):
     def bus_split(self, _t_ns: int, bus: str, is_split: bool) -> None:
         """Record that a bus has broken in the middle, or was repaired.
 
-        While the managers' bus is broken, two managers may use one term. After the repair they get T_lease anew to
-        notice each other.
+        While the managers' bus is broken, two managers may use one term. After the repair they again get twice T_lease
+        to notice each other.
         """
         if bus == self._bus:
             self._is_split = is_split

@@ -1,8 +1,8 @@
 """No bus exceeds its budget during a transition, in whichever order the PEs take the steps.
 
 At the first GO or GO_ALL of an epoch, the oracle knows from state frames what every PE runs; PEs in state BROKEN have
-stopped already. `heronry_dg.verify_transition` goes through every order in which the PEs may take the remaining steps,
-and must find that the data fit on each bus at every moment.
+already stopped what they must give up. `heronry_dg.verify_transition` goes through every order in which the PEs may
+take the remaining steps, and must find that the data fit on each bus at every moment.
 
 The oracle verifies an epoch only if the configuration before it is known: all PEs that take part and run anything are
 ACTIVE in one epoch that was read back from its frames, or BROKEN in the next one. A radio counts with its whole budget

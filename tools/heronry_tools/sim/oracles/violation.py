@@ -10,7 +10,7 @@ class Violation(NamedTuple):
     """One violation of a rule, and when the oracle saw it."""
 
     t_ns: int
-    rule: str  # exclusion, clash, digest, epoch, served, active
+    rule: str  # for example exclusion, clash, digest, served
     story: str
     since_ns: int | None = None  # the earliest moment at which the violation may have begun; None: it began at t_ns
 

@@ -2,8 +2,8 @@
 
 A waiver begins when its fault is injected, and ends one settling time after the end of that fault. The settling time is
 the longest time for which a critical function may be silent: one patience, and a second for planning, steps and first
-values. A waiver covers a violation that was seen during the waiver, or that may have begun during the waiver. Where a
-fault has consequences that appear much later (`lasting`), its waiver has no end.
+values. A waiver covers a violation that was seen during the waiver, or that may have begun during the waiver. If a kind
+of fault has consequences that appear much later (`Kind.lasting`), its waiver has no end.
 """
 
 from collections.abc import Iterable
@@ -28,7 +28,7 @@ class Waivers:
     """All waivers of one flight."""
 
     def __init__(self, settling_ns: int) -> None:
-        """Begin without waivers; each one is to be extended by `settling_ns` after the end of its fault."""
+        """Begin without waivers; each waiver will end `settling_ns` after the end of its fault."""
         self._settling_ns = settling_ns
         self._all: list[Waiver] = []
 

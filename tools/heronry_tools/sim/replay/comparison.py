@@ -15,8 +15,8 @@ Taken = Literal["both", "recorded", "replayed"]
 class Compared:
     """A decision in the recording, in the replay, or in both.
 
-    taken: in which of the two it is
-    late_ns: how much later it is in the replay than in the recording, if it is in both
+    taken: whether the decision is in both, or only in the recording or the replay
+    late_ns: how much later the decision is in the replay than in the recording, if it is in both
     """
 
     decision: Decision

@@ -1,11 +1,13 @@
-"""Finds the heartbeat period with which a recording was flown, where the flight has stretched that of the spec.
+"""Finds the heartbeat period with which a recording was flown: that of the spec, or a longer one.
 
-On a computer that cannot keep the spec's heartbeat period, `heronry demo` uses a longer one: the spec's, doubled as
-often as needed (`kept_heartbeat_ns`). Every time of the protocol follows from that period, so the core that replays
-needs it. The recording shows it, since a manager sends one LEASE in each period. Even if some LEASEs were late, half of
-the intervals between two LEASEs are shorter than a period and half are longer. So the flight used the possible period
-that is nearest to the median interval. A recording with fewer than `_FEWEST` intervals shows nothing, and is replayed
-with the spec's own period.
+On a computer that cannot keep the spec's heartbeat period, `heronry demo` uses a longer one: the usual period
+(`USUAL_HEARTBEAT_NS`), doubled as often as needed. Every time of the protocol follows from the period of the flight, so
+the core that replays must use the same period.
+
+The recording shows the period, since a manager sends one LEASE in each period. Even if some LEASEs were late, half of
+the intervals between two LEASEs are shorter than a period and half are longer. So of all possible periods, the one that
+is nearest to the median interval is taken. A recording with fewer than `_FEWEST` intervals shows nothing, and is
+replayed with the spec's own period.
 """
 
 from itertools import pairwise

@@ -9,8 +9,9 @@ recorded WELCOMEs have opened.
     an EMCY            comes after the page 0 that has proven it
     pages 2 and 3      are left out, as is every state that is not proven
 
-A manager that had just restarted could not believe some states that count here, if the session before was still open.
-So a PE may become available in the replay a few periods sooner than in the flight.
+A manager that has restarted does not know the sessions from before its restart, so in flight it cannot authenticate
+states of such a session. Here these states count. So a PE may become available in the replay a few periods sooner than
+in the flight.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -2,8 +2,9 @@
 
     FOLDER/flight.json             version of the format and of heronry, name and digest of the spec
     FOLDER/NAME.dg.yaml            the spec
-    FOLDER/00000001.log            frames, as candump -L writes them; the next file begins when this one has its size
-    FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`), in the monotonic clock of that computer
+    FOLDER/00000001.log            frames, as candump -L writes them; when this file is full, the next pair begins
+    FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`); times are those of the monotonic clock of
+                                   the computer that made the recording
 
 The oldest pair of files is deleted when the next pair would exceed the limit of the whole folder. Every pair but the
 first begins with the event `resumed`, a complete snapshot, so the remaining files can be read without the deleted ones.
@@ -38,10 +39,13 @@ def head_of(folder: Path) -> dict[str, Any]:
         version = head["v"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(
-            f"{folder / HEAD} cannot be read ({error}): name the log in that folder, and its spec"
+            f"{folder / HEAD} cannot be read ({error}): instead of the folder, give a log in it and its spec"
         ) from None
     if version != FORMAT:
-        raise UserError(f"{folder} has format {version}, and this version of heronry reads format {FORMAT}")
+        raise UserError(
+            f"{folder} has format {version}, but this version of heronry reads only format {FORMAT}: use the version "
+            "that has recorded the flight"
+        )
     return dict(head)
 
 
@@ -59,7 +63,7 @@ def expect_spec_of(told: Mapping[str, Any], spec: Spec, remedy: str, name: str) 
     """Raise UserError if the recording `name` was made with another spec; `told`: the content of its flight.json."""
     flown, digest = told["spec"], told["spec_digest"]
     if digest != spec.digest:
-        other = "another text of it" if flown == spec.name else f"'{spec.name}' ({_short(spec.digest)})"
+        other = "another version of this spec" if flown == spec.name else f"'{spec.name}' ({_short(spec.digest)})"
         raise UserError(f"{name} is a flight of '{flown}' ({_short(digest)}), and SPEC is {other}; {remedy}")
 
 

@@ -1,15 +1,16 @@
 """Reads a recording: the masterships of its managers, and for each what the manager commanded and heard.
 
-A *mastership* is identified by its LEASEs: their sender (126 or 127) and their term. It begins T_lease before the first
-LEASE, since a manager listens for so long, and ends with the last LEASE. A *decision* is the first PREPARE of an epoch,
-or the first ACTIVATE with a step; repetitions are no decisions.
+A *mastership* is identified by its LEASEs: their sender (126 or 127) and their term. It begins T_lease before its first
+LEASE, since a manager listens for T_lease before it sends, and ends with its last LEASE. A *decision* is the first
+PREPARE of an epoch, or the first ACTIVATE of an epoch with a certain step; repetitions are no decisions.
 
 A mastership whose beginning was not recorded cannot be replayed: decisions before the recording are unknown. Such a
 mastership is recognized by its first LEASE, which already names an epoch.
 
 Lines that are no frames are counted. A recording may hold several buses, which differ in the name of the channel. The
-manager's bus is the channel that the user names; without that, the channel named as in the spec, or the only one. For a
-replicated bus the user may name both channels, separated by a comma; each frame then counts once.
+manager's bus is the channel that the user names. If the user names none, it is the channel with the bus's name in the
+spec, or the only channel. For a replicated bus the user may name both channels, separated by a comma; each frame then
+counts once.
 """
 
 from collections.abc import Sequence

@@ -4,20 +4,20 @@ The core gets the frames that the manager heard, at their recorded times; betwee
 deadlines. The bus does not show when the planner answered, nor with which plan. Both are derived from what the manager
 prepared next:
 
-- If the prepared digest is that of the best plan, of the greedy plan, or of a contingency, that plan is the answer. It
-  was given at the time of the PREPARE.
-- If the prepared configuration is another one, but legal in the situation of the core's request, the core gets it, so
-  that the replay can continue. A remark reports the difference, and the value of both plans.
-- If nothing prepared later is legal in that situation, there was no answer in time: the next request replaced it, or
-  the plan was no better than what ran.
-- If a LEASE names a configuration that would be planned now, the manager adopted it.
+- If the prepared digest is that of the best plan, of the greedy plan, or of a contingency, this plan is the answer. The
+  answer was given at the time of the PREPARE.
+- If the prepared configuration is another one, but legal in the situation of the core's request, the core gets this
+  configuration, so that the replay can continue. A remark reports the difference, and the value of both plans.
+- If the configuration prepared next is not legal in this situation, or none was prepared, there was no answer in time:
+  the next request replaced this request, or the plan was no better than what ran.
+- If a LEASE names a configuration that would be planned now, the manager adopted this configuration.
 
 If the whole bus is silent for longer than two heartbeat periods, nothing ran on the manager's computer, or the bus was
-lost. A manager that wakes takes the frames that have come before it handles a deadline. So deadlines in such a silence
-are due when the manager sends again.
+lost. A manager that runs again first takes the frames that have come meanwhile, and then handles its deadlines. So
+deadlines in such a silence are due when the manager sends again.
 
-The operator's orders are not on the bus. Their consequences are shown as recorded, but neither they nor anything that
-depends on them is replayed.
+The operator's orders are not on the bus, so they are not replayed. Decisions that the manager took because of an order
+are shown as decisions that only the recording has, and so are decisions that depend on these.
 """
 
 from collections.abc import Iterator, Mapping
@@ -119,7 +119,7 @@ class Planners:
                     yield _NAMES[answer.source], answer.answer.plan
 
     def _answers(self, policy: PlanningPolicy, instruction: Instruction) -> Iterator[Answer]:
-        """Return the answers of a planning policy, with those of the exact planner if the policy requests them."""
+        """Yield the answers of a planning policy, and those of the exact planner if the policy requests them."""
         match instruction:
             case Answer():
                 yield instruction
@@ -225,7 +225,7 @@ class Rerun:
     def _adopted(self, now_ns: int, following: Decision | None) -> int | None:
         """Return the digest of the configuration that the manager adopted; None if it adopted none.
 
-        It is the one that a LEASE names before any PREPARE of this mastership.
+        An adopted configuration is named by a LEASE before any PREPARE of this mastership.
         """
         if self.decisions:
             return None

@@ -44,9 +44,9 @@ class BadRadios:
     """The disturbed buses of one flight; as a context manager it closes its connections to their hubs at the end."""
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:
-        """Connect to the hubs; `channels` gives the path of the hub for each bus or channel, by name.
+        """Connect to the hubs of all buses and channels into which `deeds` inject a fault.
 
-        A fault of a bus that is not in `channels` has no effect.
+        channels: path of the hub of each of these buses or channels, by name
         """
         self._faults: dict[str, list[Deed]] = {}
         for deed in deeds:
@@ -77,7 +77,7 @@ class BadRadios:
         return min(times, default=None)
 
     def follow(self, elapsed_ns: int) -> None:
-        """Disturb the buses as it is due at this time of the script (ns)."""
+        """Set the disturbance of each bus to that of this time of the script (ns)."""
         for bus, deeds in self._faults.items():
             wanted = disturbance(deeds, elapsed_ns)
             if wanted != self._now[bus]:

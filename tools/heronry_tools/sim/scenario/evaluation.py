@@ -1,8 +1,8 @@
 """Evaluates the expectations of a scenario by the frames that were heard, and says what was heard instead.
 
-An expectation *holds since* the first frame of an unbroken chain of frames that agree with it. The chain must last to
-the end of the expectation's time. It breaks at a frame that contradicts the expectation, and where no frame comes for
-longer than this:
+An expectation *holds since* the first frame of an unbroken chain of frames that agree with the expectation. The chain
+must last to the end of the expectation's time. The chain is broken by a frame that contradicts the expectation, and by
+a gap between two frames that is longer than this:
 
     outputs     two and a half periods of the slowest mode that makes them, so that one output may be missing
     data        two and a half periods likewise
@@ -49,7 +49,7 @@ class Evaluation:
         self._spec, self._heard, self._start_ns, self._slack_ns = spec, heard, start_ns, slack_ns
 
     def verdict(self, one: Expectation) -> Verdict:
-        """Evaluate one expectation."""
+        """Return whether an expectation holds, with a sentence on what was heard."""
         if one.state in ("silent", "unchanged") or one.subject == "nothing":
             last_ns = self._last_against(one)
             within = last_ns is None or last_ns <= self._ns(one.from_ns + one.within_ns)

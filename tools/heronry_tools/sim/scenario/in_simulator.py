@@ -1,7 +1,7 @@
 """Flies a script in the simulator: virtual time, the cores that fly, all random values from the script's seed.
 
 Besides the script's expectations, the oracles of the simulator verify the flight as they verify a drawn flight
-(`end_of_flight`). They verify the rules that always hold, and that no function was silent without need. After the
+(`end_of_flight`). They verify the rules that must always hold, and that no function was silent without need. After the
 script every fault that can be ended is ended, and the oracles verify that the aircraft converges. An exception of a
 core ends the flight, which then fails.
 """
@@ -41,7 +41,7 @@ def _take_off(script: Script) -> Simulation:
 
 
 def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation], None] | None = None) -> Flown:
-    """Fly a script and return the result; raises UserError if the script asks for something impossible at its time.
+    """Fly a script and return the result; raises UserError if the aircraft does not start, or refuses an order.
 
     is_compared: whether to compare the trace with the golden one, if there is one
     watch: is called with the simulation before the flight begins

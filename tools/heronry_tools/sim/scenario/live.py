@@ -5,7 +5,7 @@ expectation during the start of a process gets 3 s more, and no golden trace is 
 100 ms by N, and also the time within which an expectation must come true.
 
 Partitions load their code when their first module starts. So the script begins when all functions that the first
-configuration serves have been heard, but no later than LOADING_S after that configuration runs.
+configuration serves have been heard, but no later than `LOADING_S` seconds after this configuration runs.
 
 Only some deeds can be done to processes (`process_deeds`), and a radio can be disturbed (`bad_radios`). Other faults of
 wires, clocks and controllers can be injected only in the simulator.
@@ -65,7 +65,7 @@ def check(script: Script) -> None:
 
 
 def _is_of_a_radio(script: Script, deed: Deed) -> bool:
-    """Tell whether a deed is a fault of a bus that every flight simulates as a software bus."""
+    """Tell whether a deed is a fault that a hub can cause (`bad_radios`), on another bus than the managers' bus."""
     return deed.fault is not None and deed.fault.kind in KINDS and deed.fault.name != script.spec.manager.bus
 
 

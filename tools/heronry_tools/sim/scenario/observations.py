@@ -1,4 +1,4 @@
-"""Everything that was heard on the managers' bus, with times: the only input of expectations.
+"""Everything that was heard on the managers' bus, with times: expectations are evaluated by this alone.
 
 Outputs come from the witness (echoes of actuators, frames of outputs). Data, states of PEs, EMCYs and LEASEs come from
 their frames. Events of a manager are not used. All observations are kept until the flight is over and evaluated then,

@@ -22,13 +22,14 @@ Times are seconds from the moment at which the first configuration runs. What ca
     phase NAME       fail|clear KIND:NAME       priority FUNCTION N|default     (orders of the operator)
     script FILE      release                    (orders as well; FILE.pcs.script, from the scenario's folder)
     stick device:NAME                  the device still answers, but with its last reading (simulator)
+    wait                               nothing is done; the expectations below count from this time
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
 
-The time of an expectation counts from the last `at` above it. It is evaluated until something else is done, or to the
-end of the script:
+The time of an expectation counts from the last `at` above the expectation. The expectation is evaluated up to the time
+of the next `at`, or to the end of the script:
 
     function:F served [by MODULE] within TIME|throughout        function:F silent within TIME
-    variable:V heard|silent within TIME (heard throughout)      a datum, as its readers on that bus get it
+    variable:V heard|silent within TIME (heard throughout)      a datum, as its readers on the managers' bus get it
     pe:P active|partial|broken|unconfigured|silent within TIME|throughout
     manager heard|silent within TIME|throughout
     epoch new within TIME               epoch unchanged
@@ -98,7 +99,7 @@ _EXAMPLES = {
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """An action of a scenario: if `what` is "fault", `fault` is injected, else `what` is done to `target`."""
+    """An action of a scenario: if `what` is "fault", `fault` is injected; if not, `what` is done to `target`."""
 
     line: int
     at_ns: int
@@ -197,7 +198,7 @@ class _Reader:
 
     def _finished(self) -> Script:
         if not any(self.why):
-            self._refuse("the file does not say why it exists; begin it with a comment that does")
+            self._refuse("the file does not say why it exists; begin it with a comment that says this")
         if self.spec is None:
             self._refuse("the file names no spec; write for example 'spec big_blue'")
         if self.end_ns is None:
@@ -376,7 +377,7 @@ class _Reader:
                 self._element(subject)
             case _:
                 example = _EXAMPLES.get(kind, _EXAMPLES["function"])
-                self._refuse(f"it cannot be heard whether '{subject}' is '{state}'; write for example '{example}'")
+                self._refuse(f"'{subject}' cannot be expected to be '{state}'; write for example '{example}'")
 
     def _function(self, name: str, by: str | None) -> None:
         assert self.spec is not None

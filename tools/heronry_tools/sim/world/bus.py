@@ -2,25 +2,28 @@
 
 Each station has one frame in its mailbox (`station`). When the bus is free, the most urgent of these frames is sent. It
 takes the exact time of its bits, with stuffing and intermission, and is then received by every other station that wants
-its identifier. A frame that is offered at the instant at which the bus becomes free takes part in that arbitration.
+its identifier. A frame that is offered at the instant at which the bus becomes free takes part in the arbitration of
+this instant.
 
-A frame is destroyed by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival. Then the bus is busy
-for the bits that were sent and an error frame, the sender and all receivers count an error, and the frame is sent
-again. Two stations that win one arbitration with the same bits send one frame together; with different bits they
-destroy each other's frames. Both cases are recorded in `clashes`.
+A frame is destroyed by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival: a station that sends
+under the same identifier at the same time. After the bits that were sent, an error frame occupies the bus. The sender
+and all receivers count an error, and the sender repeats the frame.
 
-A frame that is not destroyed may still be missed by one receiver, or reach it twice: CAN is not an atomic broadcast,
-since a receiver accepts a frame at the last bit but one of the frame, and the sender only at the last bit. Very rarely
-a receiver gets another frame than the one sent (`corrupt`). See `Faults.omission`, `Faults.doubled`, and `tamper` for
-one frame at a time.
+If a station and its rival send the same bits, they send one frame together. If the bits differ, both frames are
+destroyed. Both cases are recorded in `clashes`.
+
+CAN is not an atomic broadcast: a receiver accepts a frame at the last bit but one, the sender only at the last bit. So
+one receiver may miss a frame that was sent (`Faults.omission`), or receive the frame twice (`Faults.doubled`). `tamper`
+has these effects on a chosen frame. `corrupt` replaces a frame that was sent by another one for all receivers, like an
+error that the checksum does not detect.
 
 A station that leaves while it sends destroys its frame. `slowdown` lengthens all bits, as for a radio far from its
 base. A wire that is `broken` carries nothing and causes no errors; frames wait until the wire is mended. A bus that is
-broken in the middle (`apart`) has two sides that do not hear each other. Even so, only one station of both sides sends
-at a time. So the two sides share the capacity of one bus, although each half of a real bus would have that capacity to
-itself.
+broken in the middle (`apart`) has two sides that do not hear each other. In the simulator the two sides still share the
+capacity of one bus: only one station of both sides sends at a time. Each half of a real bus would have the whole
+capacity.
 
-A replicated bus consists of two of these (`replicated_port`). Errors in single bits are not modelled.
+A replicated bus consists of two simulated buses (`replicated_port`). Errors in single bits are not modelled.
 """
 
 from collections.abc import Callable, Container
@@ -76,7 +79,7 @@ class Sent(NamedTuple):
 
 
 class Clash(NamedTuple):
-    """Two stations had frames with one identifier in the same arbitration."""
+    """Two stations had frames with the same identifier in one arbitration."""
 
     t_ns: int
     bus: str
@@ -89,7 +92,7 @@ class Tampering:
     """How a bus must deliver one frame.
 
     copies: how often the frame is received; 0 if not at all
-    receiver: the station that this concerns; None for all stations
+    receiver: the only station that receives so many copies; None: every station receives so many
     """
 
     copies: int
@@ -97,7 +100,7 @@ class Tampering:
 
 
 class SimulatedBus:
-    """One CAN segment."""
+    """A bus, or one channel of a replicated bus, with its stations."""
 
     def __init__(self, name: str, bitrate: int, clock: Clock, random: Random, faults: Faults) -> None:
         """Create a bus without stations; a fault that needs a random value takes it from `random`."""
@@ -105,7 +108,7 @@ class SimulatedBus:
         self.slowdown = 1
         self.broken = 0  # number of breaks in the wire now
         self.noisy = 0  # number of bursts that destroy every frame now
-        self.corrupt: Callable[[Sent], Frame | None] | None = None  # gives what is received instead
+        self.corrupt: Callable[[Sent], Frame | None] | None = None  # gives the frame received instead; None: no change
         self.tamper: Callable[[Sent], Tampering | None] | None = None
         self.apart: Callable[[str, str], bool] | None = None  # tells for sender and receiver whether they are apart
         self.busy_bits = 0  # bits sent so far
@@ -223,11 +226,11 @@ class SimulatedBus:
                 self._wait_for_bus(station)
         else:
             heappush(station.queue, (waiting.key, offer, waiting))
-            if may_go:  # a frame that has waited through bus-off or `stand_back` goes first
+            if may_go:  # a more urgent frame that has waited through bus-off or `stand_back` goes first
                 self._refill(station)
 
     def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
-        """Lower the time until which the transmission of a frame may start.
+        """Lower the time until which the transmission of a frame may start; an earlier limit stays.
 
         `frame` must be the object that was offered.
         """
@@ -329,7 +332,8 @@ class SimulatedBus:
     def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
         """Find another station that sends under the same identifier at the same time.
 
-        Returns whether both frames are destroyed, and after how many bits.
+        Returns whether both frames are destroyed, and how many bits are sent. Without such a station, these are False
+        and `bits`, the length of the frame.
         """
         rival = self._head()
         if rival is None or rival.key != head.key or rival.station is head.station:

@@ -1,8 +1,8 @@
 """Virtual time: a queue of callbacks, ordered by time.
 
 Two callbacks of one instant are called in the order in which they were scheduled. Arbitration is the one exception: it
-comes after all other callbacks of its instant, when each node has sent its frames (`at_last`). So one seed gives one
-flight.
+comes after all other callbacks of its instant, when each node has sent its frames (`at_last`). So a seed always gives
+the same flight.
 """
 
 from collections import deque

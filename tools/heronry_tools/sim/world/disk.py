@@ -1,11 +1,11 @@
 """The disk with a simulated manager's journal: the bytes that a real manager would write, and effects of power cuts.
 
-Terms and reserved numbers are on the disk at once. Other records reach it `SYNCED_AFTER_NS` later, when the manager's
-frames have been sent; until then a power cut may leave any part of them (`torn`). If only the manager is killed,
-nothing is lost.
+Terms, and numbers that are reserved for later use, are on the disk immediately. Other records reach the disk
+`SYNCED_AFTER_NS` later, when the manager's frames have been sent. If the power is cut before (`torn`), any part of
+these records may be on the disk. If only the manager is killed, nothing is lost.
 
-A full or read-only disk (`refuses`) may write a part of the first line that it refuses, and writes nothing after that.
-With each later record, and at each start of a manager, the whole journal is written again if the disk permits.
+A full or read-only disk (`refuses`) writes a part of the first line that it refuses, and nothing after this part. With
+each later record, and at each start of a manager, the whole journal is written again if the disk permits.
 """
 
 from collections import deque
@@ -57,7 +57,7 @@ class Disk:
             self._sync(now_ns)
 
     def torn(self, random: Random, now_ns: int) -> None:
-        """Cut the power: of the records that are not synced, a random part remains, with some bytes of noise in it."""
+        """Cut the power: a random part of the records that are not synced remains, with some random bytes in it."""
         while self._unsynced and self._unsynced[0][0] <= now_ns - SYNCED_AFTER_NS:
             self._sync(self._unsynced[0][0])
         begin, end = self._synced, random.randint(self._synced, len(self.data))

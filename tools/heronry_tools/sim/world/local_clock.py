@@ -1,10 +1,10 @@
-"""The clock of one node: it starts at its own moment, is a little fast or slow, and may jump ahead.
+"""The clock of one node: it differs from virtual time, is a little fast or slow, and may jump ahead.
 
-A node's monotonic clock never goes back. `ahead_ns` is its lead over virtual time at the start; `ppm` is how fast it
-is, in millionths. The clock of a computer jumps ahead when the computer has been suspended and its programs did not
-notice.
+A node's monotonic clock never goes back. `ahead_ns` is its lead over virtual time at the start. `ppm` is the error of
+its rate in millionths; a positive number is a fast clock. A jump stands for a computer that was suspended without
+notice to its programs: after it, the clock is ahead.
 
-The clock is read several times for each frame, so the time of an instant is computed once, with small numbers.
+The clock is read several times for each frame, so its time at an instant is computed only once.
 """
 
 from random import Random
@@ -35,7 +35,7 @@ class LocalClock:
         return self._shown_ns
 
     def when_ns(self, local_ns: int) -> int:
-        """Return the virtual time at which this clock, without a jump before, shows at least `local_ns`."""
+        """Return the virtual time at which this clock shows at least `local_ns`, if it does not jump until then."""
         if not self._ppm:
             return local_ns - self._ahead_ns
         passed_ns, tick = local_ns - self._ahead_ns - self._since_ns, _MILLION + self._ppm

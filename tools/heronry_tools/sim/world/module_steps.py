@@ -72,7 +72,7 @@ class ModuleSteps:
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
-        """Begin; the parameters are those of `SimulatedPe`."""
+        """Begin; `drive`, `look`, `broken` and `broke` are explained at `SimulatedPe`."""
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
         self._drive, self._look = drive, look
         self._broken, self._broke = broken, broke
@@ -123,7 +123,7 @@ class ModuleSteps:
         return StepMeasured(action.module, action.release, spent_ns)
 
     def wait(self, actions: Sequence[Action]) -> None:
-        """Queue steps that must wait for the processor; their time of request is now."""
+        """Record that the steps among these actions are requested now, but must wait for the processor."""
         for action in actions:
             if type(action) is StepModule:
                 self._requested_ns.setdefault(action.release, self._clock.now_ns)

@@ -1,8 +1,8 @@
 """Base of simulated nodes: a clock of the node's own, one timer, and a processor that may be paused.
 
-A node uses a `Station` and the virtual `Clock` as a real driver uses a socket and a timer. While its processor is
-paused, its controllers work on: the frame in the mailbox is sent, and frames that arrive are kept, up to the capacity
-of a socket. The core gets them after the pause, with their age, and before any deadline.
+A node uses a `Station` and the virtual `Clock` as a real driver uses a socket and a timer. While the node's processor
+is paused, its CAN controllers keep working: the frame in the mailbox is sent, and frames that arrive are kept, up to
+the capacity of a socket. After the pause the core gets the kept frames, with their age, before any deadline.
 """
 
 from collections.abc import Callable, Container, Sequence
@@ -19,7 +19,7 @@ from heronry_wire.pe_table import Port
 from heronry_wire.sansio import NEVER_NS, Received, require
 
 RECEIVE_BUFFER = 300  # frames; about as many as a socket with Linux's default buffer holds before it drops frames
-VALIDATED_EVERY = 16  # one of so many calls with routine work only is followed by a check of the core's invariants
+VALIDATED_EVERY = 16  # after one of so many calls with only routine work, the core's invariants are checked
 _MOST_RINGS_AT_ONCE = 1000
 
 
@@ -63,7 +63,7 @@ class Node:
         self._offers.append(twin.offer)
 
     def stop(self) -> None:
-        """Let the node die: it is silent at once, and its queued frames are lost; no effect on a dead node."""
+        """Stop the node for good: it leaves its buses, and its queued frames are lost; no effect if it has stopped."""
         if not self.running:
             return
         self.running = False
@@ -117,7 +117,7 @@ class Node:
         if len(self._kept) < RECEIVE_BUFFER:
             self._kept.append((self._clock.now_ns, event))
 
-    # The timer: an alarm that was replaced by another is ignored
+    # The timer: an alarm that was replaced by a later alarm is ignored
 
     def _arm(self, due_ns: int) -> None:
         """Set the timer to this time on the node's own clock."""

@@ -1,8 +1,8 @@
 """The sending side of a simulated PE: gives frames to its controllers, with their age limits.
 
-Each frame has an age limit, which is measured by the PE's own clock. It comes from the core, or is `lease_ns`. The core
-also learns how long each frame to a radio took to leave. A fault can delay the frames that a gateway forwards
-(`delays`).
+Each frame has an age limit, which is measured by the PE's own clock. The core gives the limit with the frame; if it
+gives none, the limit is `lease_ns`. The core is also told how long each frame to a radio took to leave. A fault can
+delay the frames that a gateway forwards (`delays`).
 """
 
 from collections import Counter
@@ -64,7 +64,7 @@ class PeOutbox:
             bus.withdraw(station, action.identifiers)
 
     def stand_back(self, action: StandBack) -> None:
-        """Hold the data frames of a port back for the time that the action gives."""
+        """Hold the data frames of a port back until the time that the action gives."""
         for bus, station in self._stations:
             if station.port == action.port:
                 bus.stand_back(station, self._time.when_ns(action.until_ns))

@@ -6,9 +6,9 @@ best plan. These do not depend on what runs (which counts at level 4), so any pl
 will do.
 
 The planning policy that flies (`heronry_manager.core.planning_policy`) decides which planner gets a request; `Planners`
-names the planners that it has. By default there is only the exact planner, so every answer is the best plan, as if
-every fault had been pre-planned. With `IMMEDIATE` nothing is pre-planned. `GREEDY` is a manager without a solver. `ALL`
-is a manager as equipped for a flight.
+names the planners from which it can choose. By default (`BEST`) there is only the exact planner, so every answer is the
+best plan, as if every fault had been pre-planned. With `IMMEDIATE` nothing is pre-planned. `GREEDY` is a manager
+without a solver. `ALL` is a manager as equipped for a flight.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,11 @@ _GREEDY: dict[str, Greedy] = {}  # by digest of the spec
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """The tables of an aircraft's PEs, and its contingencies if it has any."""
+    """The tables of an aircraft's PEs, and its contingencies.
+
+    made: the contingencies; None if there are none
+    numbers: the numbers by which PREPARE names a contingency on board; None if there are none
+    """
 
     tables: Mapping[str, PeTable]
     made: ContingencyTable | None = None
@@ -98,7 +102,10 @@ class Planners(Enum):
 
 
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
-    """Return the best legal plan; raises InvariantError if the verifier refuses it."""
+    """Return the exact planner's plan for a situation; raises InvariantError if the verifier refuses the plan.
+
+    running: what runs, which counts at level 4; None if nothing runs
+    """
     question = _question(spec, now)
     key: _Key = (question, None if running is None else frozenset(running.items()))
     known = KNOWN_PLANS.get(key)

@@ -50,8 +50,8 @@ class PlanningDriver:
         """Begin with no request.
 
         decide_ns: returns the time that a planning process takes for its next plan
-        tell: is called with each answer when it arrives. It must give a FromPlanner to `take` as soon as the manager
-            is awake
+        tell: is called with each answer when the answer arrives. It must give an answer of type FromPlanner to `take`
+            as soon as the manager is awake
         """
         self._clock, self._spec, self._planners = clock, spec, planners
         self._decide_ns, self._tell = decide_ns, tell

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class PlanRequested(NamedTuple):
-    """A manager has requested a plan, under this number; it drops answers to its earlier requests."""
+    """A manager has requested a plan, under this number; the manager drops answers to its earlier requests."""
 
     t_ns: int
     station: str

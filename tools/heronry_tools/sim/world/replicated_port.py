@@ -1,9 +1,9 @@
 """The port of a simulated node on a replicated bus; on a real node this is `heronry_wire.replicated_link`.
 
-Each frame is offered to both channels as one Python object. By that object an observer recognizes the copies of one
-transmission; the node does not use it. The code that flies (`ChannelMerge`, `ChannelWatch`) decides on each received
-frame whether it is new. When one copy has been sent, the time limit of the other copy is shortened. A simulated
-controller can abort a frame that it has not begun to send, so no late copy is sent here.
+Each frame is offered to both channels as one Python object. From this object an observer recognizes the copies of one
+transmission; the node does not use the object. The code that flies (`ChannelMerge`, `ChannelWatch`) decides whether a
+received frame is new. When one copy has been sent, the time limit of the other copy is shortened. A simulated
+controller can abort a frame that it has not begun to send, so in the simulator no copy is sent after its time limit.
 
 To the node this is one port. `listener` is called with each frame once, `left` when the first copy of a frame was sent,
 and `told` with the channels that are lost. `witness` is called with every copy and the decision on it, for the oracles.
@@ -23,7 +23,10 @@ from heronry_wire.sansio import NEVER_NS, Received
 
 
 class Copy(NamedTuple):
-    """A copy of a frame that a channel (0 or 1) has delivered to a node."""
+    """A copy of a frame that a channel (0 or 1) has delivered to a node.
+
+    is_taken: the node has taken the copy as a new frame; False if it has taken the copy as a repetition
+    """
 
     t_ns: int
     node: str

@@ -72,7 +72,7 @@ class WrongAnswerError(Exception):
 
 
 class SdoTalk:
-    """The SDO client of one node."""
+    """An SDO client that talks to one server, the node with the node-ID `node`."""
 
     def __init__(self, node: int) -> None:
         self._request_id, self._response_id = sdo_request_id(node), sdo_response_id(node)
@@ -85,7 +85,7 @@ class SdoTalk:
         return answer
 
     def hear(self) -> Talk[bytes]:
-        """Wait for the server's next message, which needs no request, and return it."""
+        """Return the server's next message, for which no request is sent; raises WrongAnswerError if none comes."""
         answer = yield None, self._response_id, PATIENCE_NS
         if answer is None:
             raise WrongAnswerError("the server does not send its next message")

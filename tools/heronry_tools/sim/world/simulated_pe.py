@@ -1,8 +1,8 @@
 """The driver of a simulated PE: its core, its stations, its modules, and its timer on the virtual clock.
 
 Core and modules are those that fly. A PE has its own clock (`LocalClock`): the processors of an aircraft are not
-switched on at one moment, so the periods of two PEs are shifted against each other, and the shift has effects.
-`module_steps` models the time of steps, `pe_outbox` the sending of frames.
+switched on at the same moment, so the heartbeat periods of two PEs begin at different times. The effect of a fault may
+depend on this difference. `module_steps` models the time of steps, `pe_outbox` the sending of frames.
 
 The core's invariants are checked after every call that did more than send a frame or release a module, and at every
 sixteenth deadline.
@@ -74,8 +74,8 @@ class SimulatedPe(Node):
         drive: is called with every step of a module that drives an output
         look: is called with some steps of other modules
         move: is called when the PE allows a device to move
-        broken: by module, or by NAME@PE, how it fails at its next step, or which phase it requests (ASKS)
-        broke: is called when a module has failed
+        broken: by module, or by NAME@PE: how the module fails in its steps, or ASKS and the phase that it requests
+        broke: is called with the name of a module that has raised an error or given a value outside its type's range
         witness: is called with every copy of a frame on a replicated bus
         lacks: modules whose code is missing on this PE
         """
@@ -113,7 +113,7 @@ class SimulatedPe(Node):
         self._arm(self.core.next_deadline_ns())
 
     def lack(self, module: str) -> None:
-        """Let the code of a module turn out to be missing."""
+        """Report to the core that the code of a module is missing on this PE."""
         self.give(ImagesMissing({self._images[module]: _TAKEN_AWAY}))
 
     def unstick(self) -> None:

@@ -3,8 +3,8 @@
 The node keeps its frames in its own queue, by priority, and moves one at a time to the mailbox (protocol rule 13). A
 frame in the mailbox cannot be overtaken by a more urgent frame of the same node. It is repeated until it is sent
 without error (automatic retransmission), or until its time limit has passed and the node aborts it. (Most controllers
-can abort. SocketCAN has no call for that, so there one stale frame may be sent when a wire is mended. No consumer
-accepts it: by then its sender is not the source of the datum.)
+can abort a frame, but SocketCAN has no call for it. So a real node may send one old frame when a wire is mended. No
+consumer accepts this frame: by then its sender is not the source of the datum.)
 
 Error counters follow ISO 11898-1 12.1.4, without the rules for single bits: a failed frame adds 8 at its sender and 1
 at every receiver, and a frame without error subtracts 1. Above 127 the controller is *error-passive*: it waits for 8

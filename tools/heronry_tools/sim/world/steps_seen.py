@@ -1,7 +1,7 @@
 """The reports of a simulated PE about its modules: observed steps, and orders to devices.
 
-A step is reported (`Driven`) with its inputs. This holds for every step of a module that drives an actuator or is a
-branch of a DEMUX, and for every eighth of all other steps. Every order of the PE to a device is reported (`Moved`); the
+Every step of a module that drives an actuator, or is a branch of a DEMUX, is reported with its inputs (`Driven`). Of
+all other steps with inputs, every eighth is reported. Every order of the PE to a device is reported (`Moved`). The
 order may come much later than the module's step, or never.
 """
 

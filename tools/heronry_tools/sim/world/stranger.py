@@ -1,6 +1,6 @@
 """A foreign node: it repeats one frame, without pause or with a period.
 
-The oracles recognize a foreign node by its name: it begins with a word with which no name of a spec's node begins.
+The oracles recognize a foreign node by its name, which begins with `STRANGER`; no node of a spec has such a name.
 """
 
 from heronry_tools.sim.world.bus import SimulatedBus
@@ -16,7 +16,7 @@ class Stranger:
     """A foreign node, which sends from its creation until `leave`."""
 
     def __init__(self, clock: Clock, bus: SimulatedBus, frame: Frame, every_ns: int | None = None) -> None:
-        """Send `frame` every `every_ns`; without pause if that is None."""
+        """Send `frame` with the period `every_ns`; None: without pause."""
         self._clock, self._bus, self._frame = clock, bus, frame
         self._every_ns = every_ns or exact_bits(frame) * _NS_PER_S // bus.bitrate
         self._station = bus.join(f"{STRANGER}{frame.can_id}", 0, lambda _: None, ())

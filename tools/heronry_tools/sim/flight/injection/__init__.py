@@ -1,1 +1,1 @@
-"""Injects faults into a flight: `schedule` at the right time, the other files each for one kind of target."""
+"""Injects faults into a flight: `schedule` decides when; each other file has the faults of one kind of target."""

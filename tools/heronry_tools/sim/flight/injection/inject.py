@@ -15,15 +15,15 @@ End = Callable[[], None]
 Inject = Callable[[Simulation, Fault, Random], End | None]
 
 _PLUGS = ((True, False), (False, True), (True, True), (False, False))  # transmit failed, receive failed
-_PLUG_HOLDS_MS = (6, 40, 200)  # longest time in one of these states; one of these is drawn
+_PLUG_HOLDS_MS = (6, 40, 200)  # longest times in such a state, of which one is drawn each time
 
 
 def nothing() -> None:
-    """Do nothing; this function ends faults that end by themselves."""
+    """Do nothing: the function that ends a fault which takes no time or ends by itself."""
 
 
 def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
-    """Call `turn` again and again until the fault is ended; the first call comes at once.
+    """Call `turn` immediately, and then again and again until the fault is ended.
 
     Each call of `turn` returns the time in ns to the next call; None if there is to be no further call.
     """

@@ -14,7 +14,7 @@ _OF_REPLAYED_COUNTERS = frozenset(("silence",))  # PEs with a key reject reused 
 def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
     """Make an injection of `do`, which is done to the running manager that the fault names.
 
-    The fault is ended only if the same incarnation of the manager still runs then.
+    The function that `do` returns must have no effect if this manager no longer runs.
     """
     return _in_seat(lambda simulation, seat, fault, random: do(simulation.managers.running[seat], fault, random))
 

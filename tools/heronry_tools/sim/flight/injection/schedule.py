@@ -1,6 +1,6 @@
-"""Injects the faults of one flight, each at its time or in the state for which it waits, and ends each in time.
+"""Injects the faults of one flight, each at its time or in the state for which it waits, and ends each at its time.
 
-The functions that inject each kind are in the files beside this one. The oracles read from `injected` what was
+The functions that inject each kind are in the other files of this folder. The oracles read from `injected` what was
 injected, and when.
 
 Each fault has its own random generator, whose seed consists of the flight's seed and the text of the fault. So removing
@@ -96,7 +96,10 @@ class Injections:
             self._note(fault, self._simulation.now_ns)
 
     def _note(self, fault: Fault, to_ns: int | None) -> None:
-        """Record a fault for the oracles; a fault that takes no time and has no lasting effect is not recorded."""
+        """Record a fault for the oracles, and set the end of its waiver.
+
+        to_ns: when the fault was ended; None if it takes no time or does not end
+        """
         kind = KINDS[fault.kind]
         of_one = kind.target_kind in _OF_ONE_ELEMENT and not kind.excuses
         from_ns = self._begun[fault]
@@ -116,7 +119,8 @@ class Injections:
     def _element(self, fault: Fault) -> str:
         """Return the element that counts as down during a fault.
 
-        For a fault of a replicated bus at one PE this is the channel that the PE loses, otherwise the target.
+        For a fault of a replicated bus at one PE, it is the channel that the PE loses. For any other fault, it is the
+        target.
         """
         bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].target_kind == "twin_pe" else None
         return fault.target if bus is None else f"channel:{bus}.{fault.level}"

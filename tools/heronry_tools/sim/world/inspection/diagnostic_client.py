@@ -7,8 +7,8 @@ and has no access to a core. The first wrong answer is reported (`wrong`) and en
     in flight   the PE is configured: everything can be read, NMT commands and tables are refused
     on a desk   the PE runs nothing and hears no manager: NMT commands work, and the PE's own table may be written again
 
-The state in the PE's heartbeat decides which of the two is inspected. An inspection takes some seconds; the client sets
-everything that it has changed back to the old value.
+The epoch in the PE's state frames decides which of the two cases is inspected. An inspection takes some seconds; the
+client sets everything that it has changed back to the old value.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +32,7 @@ from heronry_wire.state_frames import StatePage0, StatePage1, decode_state
 
 
 class DiagnosticClient:
-    """Inspects one PE from its creation, until all topics are done or until `leave`."""
+    """Inspects one PE. The inspection begins when the client is created, and ends with the last topic or `leave`."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class DiagnosticClient:
 
     @property
     def is_done(self) -> bool:
-        """Tell whether all topics are done."""
+        """Tell whether the inspection has ended: after the last topic, a wrong answer, or `leave`."""
         return self._talk is None
 
     def leave(self) -> None:
@@ -115,7 +115,7 @@ class DiagnosticClient:
 
 
 def _inspection(clock: Clock, table: PeTable, heard: Heard, running: Callable[[], Mapping[str, str]]) -> Talk[None]:
-    """Inspect every topic, one after the other; a generator like those of `SdoTalk`."""
+    """Inspect every topic, one after the other; a generator of requests like those of `SdoTalk`."""
     objects, transfers = Objects(clock, table, heard, running), Transfers(clock, table, heard)
     services, nmt = NodeServices(clock, table, heard), Nmt(clock, table, heard)
     yield from objects.wait(1_100)  # a heartbeat, and all pages of the state

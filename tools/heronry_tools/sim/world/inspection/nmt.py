@@ -1,6 +1,7 @@
 """The topic CANopen NMT and heartbeat (CiA 301, 7.2.8).
 
-In flight the PE must refuse every NMT command, and on a desk execute it; the heartbeat time can be set in both cases.
+In flight the PE must refuse every NMT command. On a desk it must execute each command that is addressed to it. The
+heartbeat time can be set in both cases.
 """
 
 from heronry_tools.sim.world.inspection.topic import (
@@ -29,7 +30,7 @@ class Nmt(Topic):
     """Sends NMT commands to the PE, and verifies its heartbeat."""
 
     def heartbeat_time(self) -> Talk[None]:
-        """Demand that the heartbeat comes with the period in object 1017h, and does not come if that is 0."""
+        """Demand that the heartbeat comes with the period in object 1017h, and does not come if the period is 0."""
         for time_ms in (SHORT_MS, 0, SLOW_MS, HEARTBEAT_MS):
             found = yield from self._sdo.download(HEARTBEAT_TIME, 0, time_ms.to_bytes(2, "little"))
             demand(found is None, f"a heartbeat time of {time_ms} ms is refused: {found}")
@@ -48,7 +49,7 @@ class Nmt(Topic):
         demand(states == {OPERATIONAL}, f"after NMT commands in flight the heartbeat reports states {states}")
 
     def on_a_desk(self) -> Talk[None]:
-        """Demand that the PE executes each NMT command that is addressed to it, and no other."""
+        """Demand that the PE executes each known NMT command that is addressed to it, and no other command."""
         yield from self._sdo.download(HEARTBEAT_TIME, 0, SHORT_MS.to_bytes(2, "little"))
         yield from self._commanded(_START, self._node, [OPERATIONAL])
         yield from self._commanded(_STOP, self._node + 1, [OPERATIONAL])

@@ -69,7 +69,10 @@ class NodeServices(Topic):
         demand(code == result.message_code, f"an interval of {time_ms} ms for {identifier} is answered with {code}")
 
     def _state_transmission(self) -> Talk[None]:
-        """Verify service STS: the PE sends both pages of its state at once, but only once in a heartbeat period."""
+        """Verify service STS: on request the PE sends pages 0 and 1 of its state immediately.
+
+        Further requests within one heartbeat period must have no effect.
+        """
         period_ns = self._table.ports[self._table.uplink].heartbeat_ns
         yield from self.wait(2 * period_ns // MS)
         seen, begun_ns = len(self._heard.pages_0), self._clock.now_ns

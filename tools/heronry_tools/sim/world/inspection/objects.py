@@ -45,7 +45,11 @@ class Objects(Topic):
         self._running = running
 
     def constants(self) -> Talk[None]:
-        """Demand that every constant has the right value, length and access rights, and that no other object exists."""
+        """Demand that the dictionary's fixed properties are right.
+
+        These are the value of each constant, the length of each variable, and the objects that can only be written.
+        Objects and sub-indices that are not in the dictionary must not exist.
+        """
         for entry in OBJECTS:
             last = entry.most if entry.kind is Kind.ARRAY else len(entry.variables)
             every = (0,) if entry.kind in (Kind.VAR, Kind.DOMAIN) else range(last + 2)
@@ -120,7 +124,7 @@ class Objects(Topic):
         demand(found is Abort.NO_OBJECT, "object 5000h exists")
 
     def refusals(self, *, is_flying: bool) -> Talk[None]:
-        """Demand that a write that is not allowed, or not in this form, is refused with the right abort code."""
+        """Demand that a forbidden write, or a write with a wrong length or value, gets the right abort code."""
         wrong: tuple[tuple[int, int, bytes, Abort], ...] = (
             (DEVICE_NAME, 0, b"mine", Abort.READ_ONLY),
             (STATE, 1, b"\1", Abort.READ_ONLY),
@@ -145,7 +149,7 @@ class Objects(Topic):
             yield from self._sdo.refused(huge, Abort.OUT_OF_MEMORY, TABLE)
 
     def own_table(self) -> Talk[None]:
-        """Demand that the PE accepts no table but its own, and accepts this one by every kind of transfer."""
+        """Demand that the PE accepts its own table by every kind of transfer, and refuses any other table."""
         own, sdo = self._table.to_json().encode(), self._sdo
         for written in (own, b" " + own + b"\n"):
             found = yield from sdo.download(TABLE, 0, written)

@@ -27,7 +27,7 @@ class Heard:
 
 
 class Topic:
-    """Base of a topic; its methods are generators, like those of `SdoTalk`."""
+    """Base of a topic, which is one part of an inspection; its methods are generators, like those of `SdoTalk`."""
 
     def __init__(self, clock: Clock, table: PeTable, heard: Heard) -> None:
         self._clock, self._table, self._heard = clock, table, heard
@@ -39,7 +39,10 @@ class Topic:
         yield None, -1, ms * MS
 
     def read(self, index: int, sub_index: int, wanted: bytes | int | Abort) -> Talk[None]:
-        """Read an object and demand that it has the value `wanted`; a number must have as many bytes as the object."""
+        """Read an object and demand that it has the value `wanted`.
+
+        wanted: the bytes; or a number, which may have any length; or the reason for which reading must be refused
+        """
         found = yield from self._sdo.upload(index, sub_index)
         same = wanted == (
             int.from_bytes(found, "little") if isinstance(wanted, int) and isinstance(found, bytes) else found
@@ -63,6 +66,6 @@ class Topic:
 
 
 def demand(holds: bool, story: str) -> None:
-    """End the inspection as failed with the sentence `story` if `holds` is False."""
+    """Raise WrongAnswerError with the sentence `story` if `holds` is False; the error ends the inspection."""
     if not holds:
         raise WrongAnswerError(story)
