@@ -108,6 +108,6 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.runtime.demo.play import play  # noqa: PLC0415 - loads everything
 
     for name in ("starlette", "uvicorn") if arguments.web else ():
-        if find_spec(name) is None:  # the page is a process of its own, which would say it later
+        if find_spec(name) is None:  # checked now: the process of the page would report it later
             raise ModuleNotFoundError(name=name)
     return play(arguments)

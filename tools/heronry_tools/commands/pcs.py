@@ -28,14 +28,14 @@ shipped spec: its graph is that of its best plan with everything up, or of --pla
 examples:
   heronry pcs check g_eav --at Kfms,Kc,Km,Kuav --require configuration,cycle_bound
   heronry pcs check big_blue                                  is every critical plant on a control path?
-  heronry pcs graph elevator_and_chute --level pe             what follows from its best plan
+  heronry pcs graph elevator_and_chute --level pe             the graph of its best plan, one symbol for each PE
   heronry pcs graph g_star -o g_star.svg                      a picture; bold: loops through the physical world
   heronry pcs edit g_eav combine g_max --write both.pcs.json       two systems as one graph
   heronry pcs apply dg_specs/polymorphic/g_star.pcs.script both.pcs.json
-  heronry pcs script both.pcs.json g_star                     what has to be done to get there
-  heronry pcs apply moved.pcs.script big_blue --live          fly it with the running manager
-  heronry pcs release                                         what was flown so is held until then
-  heronry pcs cut g_star                                      what the radio carries at least
+  heronry pcs script both.pcs.json g_star                     the script that leads from one graph to the other
+  heronry pcs apply moved.pcs.script big_blue --live          let the running manager carry a script out, and hold it
+  heronry pcs release                                         ... until this command: then better plans are sought again
+  heronry pcs cut g_star                                      the least bandwidth that the radio must carry
 """
 _OPERATIONS = ("cprune", "removal", "addition", "addEdge", "combine", "contract", "expand")
 _EDIT_EPILOG = """\

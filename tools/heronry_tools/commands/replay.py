@@ -109,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _spec_of(recording: Path, text: str | None) -> "Spec":
-    """Give the spec of the flight; raises UserError where the recording is of another one, or none is named."""
+    """Give the spec of the flight; raises UserError if the recording is of another spec, or if no spec is named."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.recorded_folder import is_recorded_folder, spec_of  # noqa: PLC0415

@@ -1,7 +1,8 @@
 """Gives a script of component graphs to a running manager, and waits for its result.
 
-The manager answers as soon as it has understood the script. Then it requests the best plan, compares the script's
-configuration with it, and deploys that configuration or refuses the script. Its status shows the progress.
+The manager answers as soon as it has understood the script. Then it requests the best plan, and compares the
+configuration that the script makes with this plan. It deploys the configuration, or refuses the script. The status of
+the manager shows the progress.
 """
 
 import time

@@ -26,7 +26,7 @@ from heronry_wire.sansio import NEVER_NS
 
 _MODULE = 0
 _NS_PER_S = 1_000_000_000
-_AGAIN_S = 0.5  # code that catches everything is ended again
+_AGAIN_S = 0.5  # code that catches the exception by which it is ended gets the exception again after this time
 
 
 @dataclass(slots=True)
@@ -86,7 +86,10 @@ def expect_there(image: str) -> None:
 def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int, limit_s: float) -> Trial:
     """Build a module and step it; code that ends its process, or exceeds the limit, has failed, as on a PE.
 
-    Raises UnknownImageError where there is no such code.
+    orders: the module's image, mode and period.
+    inputs, reading: the variables, and the value of the device (None: no answer), that every step gets.
+    limit_s: limit of time for the whole trial, in s.
+    Raises UnknownImageError if there is no code of this image.
     """
     trial = Trial()
     try:
@@ -164,7 +167,7 @@ def read_value(text: str) -> Value:
 
 
 def period_ns(rate_hz: float) -> int:
-    """Give the time between two steps."""
+    """Give the time between two steps, in ns, for a rate in steps per second."""
     return round(_NS_PER_S / rate_hz)
 
 

@@ -242,8 +242,8 @@ class _Placing:
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
         """Give the x at which an edge meets its target, or passes the column whose left side is `left`.
 
-        into: height at which the edge ends, from the top of the target. An edge meets a circle later near its top and
-        bottom.
+        into: height at which the edge ends, from the top of the target. The side of a circle is farther to the right
+        near the top and the bottom of the circle, so an edge ends farther to the right there.
         """
         if not segment.last:
             return left

@@ -1,7 +1,7 @@
 """The symbols of a graph that are dead in a situation, and those that a plan has chosen.
 
 A symbol is dead if it could not run even with unlimited resources (`heronry_dg.why_not.feasible`). Chosen are the
-modules that run and the inputs that are wired. A gate is chosen if the wired inputs below it make it hold.
+modules that run and the inputs that are wired. A gate is chosen if it holds because of the wired inputs below it.
 """
 
 from dataclasses import dataclass, field
@@ -47,7 +47,7 @@ class Marks:
         return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 
     def running(self, module: Module) -> Running | None:
-        """Give the part of the configuration about a module; None if the module does not run."""
+        """Give PE, mode and wires of a module in the configuration; None if the module does not run."""
         return self.configuration.modules.get(module.name)
 
     def runs(self, module: Module, mode: Mode) -> bool:
