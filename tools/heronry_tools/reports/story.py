@@ -116,7 +116,7 @@ class Story:
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
     _lost: dict[str, int] = field(default_factory=dict)  # when each PE was lost that has not joined since
-    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by PE or process -> time, length of last line
+    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by PE or process: the last line
     _stood_still: tuple[int, int] = (0, 0)  # the last standstill of this computer: when, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path

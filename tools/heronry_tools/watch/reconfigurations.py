@@ -77,7 +77,11 @@ def _served(snapshot: Snapshot) -> set[str]:
 
 
 def _places(snapshot: Snapshot, known: Mapping[str, Place]) -> Mapping[str, Place]:
-    """Give the places of the modules that run; `known` itself if nothing has changed, since a hundred are kept."""
+    """Give the places of the modules that run.
+
+    If nothing has changed, the result is the mapping `known` itself: the many reconfigurations that a snapshot keeps
+    then share one mapping.
+    """
     found = {
         name: _place(module.pe, module.mode)
         for name, module in snapshot.modules.items()

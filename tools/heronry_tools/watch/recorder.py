@@ -23,11 +23,11 @@ from heronry_tools.watch.snapshot import Source, document
 from heronry_wire.command_parser import program_version
 from heronry_wire.frame import LoggedFrame, format_log_line
 
-PAIRS = 8  # into which the limit is divided
-LEAST_BYTES = 16_000_000  # so that a pair holds much more than the snapshot with which it begins
+PAIRS = 8  # pairs of files for which the limit has room
+LEAST_BYTES = 16_000_000  # least limit: a pair then holds much more than the snapshot with which it begins
 
 
-_DIGITS = 8  # of the number of a pair
+_DIGITS = 8  # of the number of a pair in the names of its files
 
 
 class Recorder:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
   heronry {command}                                   the manager on this computer, or of the demo beside this
   heronry {command} --of big_blue-demo                where several managers run
-  heronry {command} big_blue -i socketcan -c can0     the bus alone, listening only: all but why
+  heronry {command} big_blue -i socketcan -c can0     the bus alone, listening only; no causes
   heronry {command} --log flight.log big_blue         a recorded flight
 """
 

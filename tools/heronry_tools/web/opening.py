@@ -81,7 +81,7 @@ def _opened(arguments: argparse.Namespace) -> Opened:
         return Opened(source.spec, _spec_file(arguments), shown, frames=source.frames)
     live = Live(Reducer(source.spec), source.source)
     if isinstance(source, FollowedManager):
-        assert source.spec_file is not None  # a manager tells it
+        assert source.spec_file is not None  # a manager names the file of its spec
         return Opened(source.spec, source.spec_file, live, lambda: source, manager_socket(arguments))
     return Opened(source.spec, spec_path(arguments.spec), live, lambda: source)
 

@@ -42,7 +42,7 @@ def _node(graph: ComponentGraph, name: str, found: Loops, kinds: Mapping[str, Ki
 
 
 def _device_kinds(graph: ComponentGraph) -> dict[str, Kind]:
-    """Give the kind of each device in a plan's graph: a sensor has an edge to a module, an actuator one from a module."""
+    """Give the kind of each device in a plan's graph: edges lead from sensors to modules, from modules to actuators."""
     kinds: dict[str, Kind] = {}
     for start, end in graph.edges:
         for vertex, kind in ((start, "sensor"), (end, "actuator")):

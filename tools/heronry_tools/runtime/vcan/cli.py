@@ -119,9 +119,9 @@ def _can_utils() -> Path | None:
 
 
 def _can_utils_if_to_be_had() -> Path | None:
-    """Do as `_can_utils`, but go on without the tools if they cannot be fetched.
+    """Give the folder with candump and cansend, fetched if needed; None if they are installed or cannot be fetched.
 
-    The command may not need them.
+    A failure to fetch them gives a message only, since the command may not need them.
     """
     try:
         return _can_utils()

@@ -34,7 +34,7 @@ up, down       select a PE                    d   all details of it, and of the 
 ?              this page                      q   quit
 
 of a recording:  left, right   one second     [, ]   the reconfiguration before, the next one
-                 p   play at 1x, 4x, 16x      home, end   to its begin, to its end
+                 p   play at 1x, 4x, 16x      home, end   to its start, to its end
 """
 
 
@@ -270,7 +270,7 @@ class TopApp(App[None]):
         self._recorded().play()
 
     def action_end(self, which: int) -> None:
-        """Move the cursor to the begin (0) or the end (1) of the recording."""
+        """Move the cursor to the start (0) or the end (1) of the recording."""
         timeline = self._recorded().timeline
         self._recorded().move_to(timeline.ends_ns if which else timeline.begins_ns)
         self.paint()

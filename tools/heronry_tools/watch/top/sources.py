@@ -83,7 +83,7 @@ class RecordedSource:
         self.at_ns = min(max(at_ns, self.timeline.begins_ns), self.timeline.ends_ns)
 
     def to_reconfiguration(self, *, is_next: bool) -> None:
-        """Move the cursor to the next or the previous reconfiguration; without one, to the end or the begin."""
+        """Move the cursor to the next or previous reconfiguration; if there is none, to the end or start."""
         times = self.timeline.reconfigurations()
         if is_next:
             self.move_to(min((t for t in times if t > self.at_ns), default=self.timeline.ends_ns))
