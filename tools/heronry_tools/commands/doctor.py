@@ -1,4 +1,4 @@
-"""`heronry doctor`: whether this node is fit to fly, and which command helps where it is not.
+"""`heronry doctor`: whether this computer is fit to fly as a node, and for each problem a command that helps.
 
 Exit codes: 0 everything is right, 1 something is not, 2 the command line cannot be used.
 """

@@ -78,7 +78,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the manager until it is stopped; returns 0, or 1 where it ended by itself."""
+    """Run the manager; returns 0 if it was stopped, and 1 if it ended by itself."""
     from heronry_tools.runtime.manager_process import mastership  # noqa: PLC0415 - loads everything
 
     return mastership(arguments)

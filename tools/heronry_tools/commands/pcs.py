@@ -190,7 +190,7 @@ def run_graph(arguments: argparse.Namespace) -> int:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Assess a graph; returns 0 if every requirement holds, else 1."""
+    """Assess a graph; returns 0 if every requirement holds, and 1 if one does not."""
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
     from heronry_tools.reports.control import assessment_text  # noqa: PLC0415
 
@@ -310,7 +310,8 @@ def _compared(text: str, spec: str | None) -> "Graph":
 def run_apply(arguments: argparse.Namespace) -> int:
     """Try a script, or with --live give it to the manager.
 
-    Returns 0 if the script has no error, or if the manager executes it and holds its result; else 1.
+    Returns 0 if the script has no error, or with --live if the manager executes the script and holds its result; 1 in
+    any other case.
     """
     if arguments.live:
         return _fly(arguments)
@@ -390,7 +391,10 @@ def _assessed(graph: "Graph", view: "Sequence[str] | None", path: "Sequence[str]
 
 
 def _refused(error: "PcsError", arguments: argparse.Namespace) -> int:
-    """Print why something cannot be done; returns 2 where a name was typed that the graph does not have, else 1."""
+    """Print why something cannot be done.
+
+    Returns 2 if the user typed a name that the graph does not have, and 1 for any other reason.
+    """
     if arguments.json:
         print(json.dumps({"error": error.error}))
     else:

@@ -139,7 +139,7 @@ def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Na
 
 
 def _stretched(own: "Spec", flown: "Spec") -> str | None:
-    """Give a sentence if the flight had a longer heartbeat period than the spec; else None."""
+    """Give a sentence for a flight with a longer heartbeat period than its spec has; None for any other flight."""
     from heronry_tools.sim.replay.flown_heartbeat import period_ns  # noqa: PLC0415
 
     if flown is own:

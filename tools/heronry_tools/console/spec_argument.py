@@ -22,7 +22,7 @@ FLOWN = ("eav",)  # shipped for 'heronry fly'; every other command accepts them,
 
 
 def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = None) -> None:
-    """Add SPEC; with a default it is optional."""
+    """Add the argument SPEC; the user may leave it out if there is a default."""
     parser.add_argument(
         "spec",
         metavar="SPEC",

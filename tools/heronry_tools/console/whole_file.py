@@ -26,7 +26,7 @@ def write_whole(file: Path, data: bytes) -> None:
     """Write a file; a reader, even after a crash, finds either all of the new content or the old file.
 
     Raises UserError if the file cannot be written, and `Interrupted` if the command was interrupted while it computed
-    the data; then the old file stays.
+    the data. In both cases the old file stays.
     """
     interruption.expect_none()
     expect_writable(file)

@@ -164,7 +164,7 @@ class Story:
                 pass
 
     def _follow(self, event: Mapping[str, Any]) -> None:
-        """Keep the plan of the event: the running plan, and those that are being deployed."""
+        """Note the plans that events bring: the running plan, and the plans that are being deployed."""
         match event["event"]:
             case "plan_ready":
                 self._next = event["plan"]
@@ -189,9 +189,11 @@ class Story:
     def _needs_a_line(self, event: Mapping[str, Any]) -> bool:
         """Tell whether a standstill needs a line of its own, and if so, remember it.
 
-        A busy computer stands still many times in a row. So a standstill gets a line only in these cases: its computer
-        has had no line yet, or none since a PE was lost (the standstill may be the cause of the loss); it is longer
-        than the one that had the last line; or that line is two seconds old, or older.
+        A busy computer stands still many times in a row. So a standstill gets a line only in these cases:
+
+            its computer has had no line yet, or none since a PE was lost: the standstill may be the cause of the loss
+            the standstill is longer than the one in the last line of its computer
+            the last line of its computer is at least two seconds old
         """
         told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
         needs_one = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
@@ -316,7 +318,7 @@ class Story:
                 yield from self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for an outage when it is over; for a long outage, also one while it lasts."""
+        """Give a line for an outage when it is over; for a long outage, also a line while it lasts."""
         self._silences += 1
         if event.get("gathered"):
             return

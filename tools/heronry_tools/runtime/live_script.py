@@ -42,7 +42,7 @@ def fly(path: Path, text: str, spec: Spec) -> Answer:
 
 
 def _outcome(status: dict[str, Any]) -> Answer | None:
-    """Give the result of the last script; None while it is still on its way."""
+    """Give the result of the last script; None while the manager is still working on the script."""
     script = status["script"]
     match script["state"]:
         case "held" if status["next"] is None and status["stage"] == Stage.DONE.value:

@@ -1,9 +1,9 @@
-"""Runs one module without a bus: builds it, and steps it some times with the same inputs, as its partition would.
+"""Runs one module without a bus: builds it, and lets it compute some steps with the same inputs, as a partition would.
 
 The module runs in this process, by the code that runs it in a partition (`heronry_agent.shell.module_runner`). Time is
-the module's own: each step is one period after the one before, however long it takes here. A value that a partition
-would refuse to send counts as a failure. So does code that has not ended after a limit of time, since an agent kills
-the partition of a module that hangs.
+the module's own: each step is one period after the step before, however long the computation takes here. A value that a
+partition would refuse to send counts as a failure. So does code that has not ended after a limit of time, since an
+agent kills the partition of a module that hangs.
 """
 
 import signal
@@ -69,7 +69,7 @@ class Trial:
 def expect_there(image: str) -> None:
     """Look for the code of an image, also in the present folder; raises UnknownImageError where there is none.
 
-    Code that is there and fails when it is imported is a result of the trial.
+    Code that exists, but fails when it is imported, raises nothing here: the trial finds the failure again.
     """
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))

@@ -75,7 +75,7 @@ class Situations:
         )
 
     def shown(self, snapshot: Snapshot, running: RunningPlan) -> Snapshot:
-        """Return the snapshot with all that follows from a configuration in the snapshot's situation."""
+        """Return the snapshot with what follows from this running configuration in the snapshot's situation."""
         now = self._situation(snapshot)
         return replace(
             snapshot,

@@ -49,7 +49,7 @@ class EpochsOnTheBus:
         self._lost = t_ns, t_ns if last_heard_ns is None else last_heard_ns
 
     def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[dict[str, Any]]:
-        """Take a command of a manager; yields what it shows: another manager or term, or an epoch that now runs."""
+        """Take a command of a manager; yields an event if the command shows another manager or term, or a new epoch."""
         message = decode_command(command, data)
         if isinstance(message, Malformed):
             return

@@ -22,7 +22,7 @@ def edge_key(edge: Edge) -> str:
 
 
 class LiveGraphs:
-    """Finds the live parts of one spec's graph; what could run in a situation is computed once."""
+    """Finds the live parts of one spec's graph; what could run in a situation is remembered."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec

@@ -228,7 +228,7 @@ class Graph:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """An event as a view lists it; it is event `number` of the feed."""
+    """An event as a view lists it; `number` is its number in the feed."""
 
     number: int
     t_ns: int

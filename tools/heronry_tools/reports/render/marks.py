@@ -73,5 +73,5 @@ class Marks:
 
 
 def marks(spec: Spec, now: Situation, configuration: Configuration | None = None) -> Marks:
-    """Work out the marks; the configuration must name nothing that the spec lacks."""
+    """Work out the marks; every module, mode and PE in the configuration must be one of the spec."""
     return Marks(spec, feasible(spec, now), configuration or Configuration())

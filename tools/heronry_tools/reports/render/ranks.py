@@ -46,7 +46,7 @@ def ranked(graph: Graph) -> Ranks:
 def _feedback(graph: Graph) -> frozenset[int]:
     """Find the edges to leave out, all of them out of variables with an initial value, so that no cycle is left.
 
-    No edge is left out without need: each of them alone would close a cycle again.
+    Only necessary edges are left out: any one of them, put back alone, would close a cycle.
     """
     successors: dict[str, list[str]] = {key: [] for key in graph.nodes}
     for edge in graph.edges:

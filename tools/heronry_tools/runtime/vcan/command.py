@@ -13,7 +13,7 @@ class ExpiredError(Exception):
 
 
 class NotFoundError(CannotRunError):
-    """There is no such command."""
+    """The command that the user named does not exist, or is not executable."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,7 +114,7 @@ def run_command(job: "Job") -> int:
 
 
 def drain_terminal(job: "Job") -> None:
-    """Wait until the command's output has left the guest; setting a terminal's modes waits for that, too."""
+    """Wait until the command's output has left the guest: stty sets a mode of a terminal only after that."""
     busybox(job, "stty", "-F", TERMINAL, "-opost")
 
 
@@ -137,7 +137,7 @@ def carry_out(job: "Job") -> "Result":
 def main() -> None:
     """Do the job whose file is the only argument, write its result, and power off.
 
-    The result is written under another name and then renamed, so that it is never read when it is not complete.
+    The result is written under another name and then renamed, so that a reader finds only a complete result.
     """
     with open(sys.argv[1], encoding="utf-8") as file:
         job: Job = json.load(file)

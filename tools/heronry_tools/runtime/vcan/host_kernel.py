@@ -21,7 +21,7 @@ GRACE_S = 5.0  # time that a command has to end after SIGTERM, before SIGKILL
 
 
 class UnavailableError(Exception):
-    """This kernel has no such interface, and this program cannot make one."""
+    """An interface is missing on this kernel, and this program cannot make it."""
 
 
 @contextmanager

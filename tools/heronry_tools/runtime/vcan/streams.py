@@ -61,7 +61,7 @@ class Streams:
         self._routes.append((os.open(file, os.O_RDONLY), ours))
 
     def pump(self) -> bool:
-        """Copy what has come since the last call; tell whether there was any."""
+        """Copy the output that has come since the last call; returns whether there was any."""
         moved = self._type()
         for source, sink in self._routes:
             while chunk := _read_now(source):

@@ -144,7 +144,7 @@ class TopApp(App[None]):
         self.paint()
 
     def on_resize(self) -> None:
-        """Show all of the lower panels side by side if there is room, else one of them."""
+        """Show all lower panels side by side if there is room; if there is not, show one of them."""
         self._arrange()
         self.call_after_refresh(self.paint)
 
@@ -155,7 +155,7 @@ class TopApp(App[None]):
     def _take(self) -> None:
         """Take the events that have come, and wait for more on the descriptors that the source now has.
 
-        If the terminal has closed, the program ends: a closed terminal can be read without end and gives nothing.
+        If the terminal has closed, the program ends, since a closed terminal always counts as readable.
         """
         if not (self.is_headless or os.isatty(_STANDARD_INPUT)):
             self.exit()
