@@ -50,7 +50,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--given-up",
         action="store_true",
-        help="also list sets after which the best plan of a phase gives the function up",
+        help="also list sets after which the best plan of a phase leaves the function out",
     )
     parser.add_argument("--phase", metavar="NAME", help="the phase for --given-up (default: the first one of the spec)")
     parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")

@@ -53,7 +53,7 @@ def _outage(event: Mapping[str, Any]) -> str:
 
 
 def _requested(event: Mapping[str, Any]) -> str:
-    return f"a plan is requested without {', '.join(event['down']) or 'any fault'}: {'; '.join(event['causes'])}"
+    return f"a plan with {', '.join(event['down']) or 'no element'} down is requested: {'; '.join(event['causes'])}"
 
 
 def _control_paths(event: Mapping[str, Any]) -> str:

@@ -56,7 +56,7 @@ class Desk:
                 case {"ask": "why", "function": str(function)}:
                     return self._why(function, question)
                 case _:
-                    return {"refused": "this is no question"}
+                    return {"refused": "the planner's process does not know this question"}
         except HeronryError as error:
             return {"refused": str(error)}
 
