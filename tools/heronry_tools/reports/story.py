@@ -1,7 +1,7 @@
 """The story of a flight: the sentences that tell its events.
 
-`Story` gets the events one by one, and gives the lines for each. It depends on nothing but the events, so the story is
-the same live, from a recorded stream, and in a test. A line has a tone, which chooses its colour on a terminal.
+`Story` gets the events one by one, and gives the lines for each event. The lines depend only on the events, so a story
+is the same live, from a recorded stream, and in a test. A line has a tone, which selects its colour on a terminal.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -1,4 +1,4 @@
-"""Gives a script of component graphs to a running manager, and waits for its result.
+"""Gives a reconfiguration script (`heronry_pcs`) to a running manager, and waits for the result.
 
 The manager answers as soon as it has understood the script. Then it requests the best plan, and compares the
 configuration that the script makes with this plan. It deploys the configuration, or refuses the script. The status of

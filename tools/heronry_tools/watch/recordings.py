@@ -2,8 +2,8 @@
 
 A log has only frames, so its events are computed. `listening` gives the events that frames show. The manager's own
 events, with their causes, come from running the manager's core again on the log (`sim.replay`). This needs the solver,
-a log that begins before the manager starts, and a core that decides as recorded. If one of these is missing, the feed
-has no causes. A folder has the events that were recorded in flight.
+a log that begins before the manager starts, and a core that decides as recorded. If one of these conditions does not
+hold, the feed has no causes. A folder has the events that were recorded in flight.
 """
 
 import json

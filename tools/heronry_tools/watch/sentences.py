@@ -1,7 +1,7 @@
 """Events as views list them: a severity and one sentence each.
 
-An event for which `reports.story` has a sentence of its own gets that sentence. A PE that is suspected, and answers in
-time, is not listed: on a busy computer this happens all the time.
+An event for which `reports.story` has a sentence of its own gets that sentence. A suspected PE that answers in time is
+not listed, since a busy computer delays answers often.
 """
 
 from collections.abc import Callable, Mapping

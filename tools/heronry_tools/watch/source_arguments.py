@@ -1,6 +1,6 @@
 """The source that a view watches, in its command line: a manager on this computer, a bus, or a recording.
 
-It is the same for all views.
+All views have the same arguments:
 
 nothing              the manager of this computer, found as 'heronry status' finds it
 --log FILE [SPEC]    a candump log, a folder of 'heronry record', a scenario, or events as JSON lines

@@ -1,10 +1,10 @@
 """The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
 Symbols stand in columns. An edge that passes a column has a *way-point* there (ordering.py), and each piece of it, from
-one column to the next, is a *segment*. Within a column every symbol should be at the height of the symbols to which
-edges join it, and no two symbols may be closer than a gap. This least-squares problem has an exact solution (pool
-adjacent violators); it is computed column by column, from left to right and back. Between two columns an edge is one
-curve. Across a column it is straight, at a height of its own. Feedback edges run back below the graph.
+one column to the next, is a *segment*. Within a column every symbol is as close as possible, by least squares, to the
+height of the symbols to which edges join it, with at least a gap between any two symbols. The exact solution (pool
+adjacent violators) is computed column by column, from left to right and back. Between two columns an edge is one curve.
+Across a column the edge is straight, at a height of its own. Feedback edges run back below the graph.
 """
 
 from collections.abc import Iterator, Mapping

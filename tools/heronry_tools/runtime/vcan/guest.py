@@ -1,10 +1,10 @@
 """The first process inside a user-mode Linux: it makes the CAN interfaces, runs a command, and powers off.
 
-The guest's kernel starts it as `python -I -S guest.py JOB`, over the host's own file system. It imports only json, and
-modules that json or a starting Python has loaded already (no pathlib, no subprocess, no module of this package): an
-import takes up to 0.1 s here.
+The guest's kernel starts this file as `python -I -S guest.py JOB`, over the host's own file system. The file imports
+only json, and modules that json or a starting Python has loaded already (no pathlib, no subprocess, no module of this
+package), since an import takes up to 0.1 s here.
 
-It sets the guest up, runs the command, and powers the guest off, in this order. An error before the command runs
+The process sets the guest up, runs the command, and powers the guest off. An error before the command runs
 becomes the `failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds
 no result. The command runs as the calling user, so that its files belong to that user; only this process is root in the
 guest.

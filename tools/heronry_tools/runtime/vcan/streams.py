@@ -6,8 +6,8 @@ command sees no terminal, and no byte is lost when the guest stops. If stdout an
 file, which keeps their order.
 
 If stdin and stdout are a terminal, what the user types goes to the command, by a second pipe into the same console. The
-user's terminal is raw then, so that the guest's terminal interprets every key, and Ctrl-C. Otherwise the command's
-standard input is empty.
+user's terminal is raw meanwhile, so that the guest's terminal interprets every key, Ctrl-C included. If stdin or stdout
+is no terminal, the command's standard input is empty.
 """
 
 import os

@@ -1,8 +1,8 @@
 """Runs one command inside a user-mode Linux: a kernel that is a process, with vcan, over the host's own file system.
 
 This file boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out while it
-is written, and returns the exit code that the guest left. No privilege is used: to the host's files the guest can do
-what its caller can.
+is written, and returns the exit code that the guest left. The guest has no privilege: it can change only those files of
+the host that its caller can change.
 
 Three things can go wrong: the guest's kernel stops early (no result file: its last output is shown), the command runs
 too long (ExpiredError), or a signal stops this program (an exception from its handler). In each case the guest's
