@@ -94,7 +94,10 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def _seconds(text: str) -> float:
-    """Read a time in seconds; argparse shows the name of this function to the user."""
+    """Read a time in seconds, 0 to LONGEST_SECONDS.
+
+    Raises ArgumentTypeError for any other number, and ValueError for a text that is no number.
+    """
     seconds = float(text)
     if not 0 <= seconds <= LONGEST_SECONDS:
         raise argparse.ArgumentTypeError(

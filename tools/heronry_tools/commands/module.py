@@ -63,7 +63,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def _limit(text: str) -> float:
-    """Read a limit in seconds; argparse shows the sentence to the user."""
+    """Read a limit in seconds; raises ArgumentTypeError with a sentence for the user."""
     try:
         limit_s = float(text)
     except ValueError:

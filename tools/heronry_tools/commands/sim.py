@@ -334,7 +334,7 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
 
 
 def seconds(text: str) -> float:
-    """Read the length of a flight in seconds; argparse shows the name of this function to the user."""
+    """Read the length of a flight in seconds, 0 to LONGEST_S; raises ArgumentTypeError for any other text."""
     try:
         duration = float(text)
     except ValueError:
@@ -345,7 +345,7 @@ def seconds(text: str) -> float:
 
 
 def share(text: str) -> float:
-    """Read a share of frames, from 0 to 0.5; argparse shows the name of this function to the user."""
+    """Read a share of frames, from 0 to 0.5; raises ArgumentTypeError for any other text."""
     probability = read_share(text)
     if probability is None:
         raise argparse.ArgumentTypeError(f"{text} is not a share of frames that a bus survives; write 0 to 0.5")

@@ -77,7 +77,7 @@ def _flushed(program: Callable[[], int | None]) -> int:
 def _drop_output() -> None:
     """Discard output that could not be written.
 
-    Python would try again when it ends, and print an error of its own.
+    Python would try to write it again at its end, and print an error of its own.
     """
     try:
         sys.stdout.flush()

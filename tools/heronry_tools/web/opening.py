@@ -30,7 +30,7 @@ from heronry_wire.frame import LoggedFrame
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """What is shown, and where it comes from.
+    """The live state or recording that a page shows, and its source.
 
     spec, file: the spec, and its file.
     shown: the live state or the recording.

@@ -172,7 +172,7 @@ class _Placing:
                 y.update(zip(column, _apart(offsets, wanted), strict=True))
 
     def _offsets(self, column: tuple[str, ...]) -> list[int]:
-        """Give the least distances of the symbols of a column from its first one."""
+        """Give the least distance of each symbol of a column from the first symbol."""
         offsets = [0]
         for key in column[:-1]:
             offsets.append(offsets[-1] + (self._shapes[key].height + _ROW_GAP) * _FINE)
@@ -263,10 +263,11 @@ class _Placing:
 
 
 def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
-    """Give the heights at which no two symbols of a column overlap, nearest to the wanted ones.
+    """Give the heights at which no two symbols of a column overlap, nearest to the wanted heights.
 
-    offsets: the least distances of the symbols from the first one. Each wanted height has a weight. Results are rounded
-    down.
+    offsets: the least distance of each symbol from the first symbol.
+    wanted: the wanted height of each symbol, and its weight.
+    The heights are rounded down.
     """
     blocks: list[tuple[int, int, int]] = []  # sum of weighted heights, sum of weights, members
     for (height, weight), offset in zip(wanted, offsets, strict=True):

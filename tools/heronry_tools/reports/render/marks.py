@@ -42,7 +42,7 @@ class Marks:
         return not self.found.can_hold(gate, before=len(self.found.lost) + 2)
 
     def demux_dead(self, demux: Demux) -> bool:
-        """Tell whether a DEMUX has no input, or no end that can run."""
+        """Tell whether no module can give the variable of a DEMUX, or none of its ends can run."""
         ends = (self.spec.modules[end] for end in demux.ends)
         return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 

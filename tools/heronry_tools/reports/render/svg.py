@@ -95,7 +95,7 @@ def _numbers(piece: Curve | Loop) -> tuple[int, ...]:
 
 
 def _rank(graph: Graph, piece: Curve | Loop) -> int:
-    """Give the highest rank of the edges that share a segment: 0 dead, 1 as specified, 2 chosen."""
+    """Give the highest rank of the edges that share a segment: 2 for a chosen edge, 0 for a dead one, 1 for others."""
     return max(_liveliness(graph.edges[number]) for number in _numbers(piece))
 
 

@@ -9,7 +9,7 @@ from heronry_tools.runtime.vcan.errors import CannotRunError
 
 
 class ExpiredError(Exception):
-    """The command's time limit has passed."""
+    """The command has not ended within its time limit."""
 
 
 class NotFoundError(CannotRunError):

@@ -77,7 +77,7 @@ class Streams:
         return bool(typed)
 
     def close(self) -> None:
-        """Close this program's ends; the files themselves are removed with their folder."""
+        """Close this program's ends of files and pipes; the files themselves are removed with their folder."""
         for source, _ in self._routes:
             os.close(source)
         for end in (self.console, self.keyboard, self._typed):

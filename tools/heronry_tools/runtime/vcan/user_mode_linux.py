@@ -214,7 +214,7 @@ def _die_with_parent() -> None:
 
 
 def _adopt_orphans() -> None:
-    """Let this process reap the guest's orphans, since the first process of a container may not do that."""
+    """Let this process reap the guest's orphans, since the first process of a container may not reap them."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 

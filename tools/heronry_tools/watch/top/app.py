@@ -44,7 +44,7 @@ _OWN_ACTIONS = frozenset(
 
 
 def _shown(key: str, action: str, words: str | None = None) -> Binding:
-    """Bind a key to an action before the widgets get it, and show it in the footer; `words` are its label there."""
+    """Bind a key to an action, so that no widget gets the key, and show the key in the footer, labelled `words`."""
     return Binding(key, action, action if words is None else words, priority=True)
 
 
@@ -174,7 +174,7 @@ class TopApp(App[None]):
             self.query_one(f"#{name}-box").display = is_large or number == self._tab
 
     def paint(self) -> None:
-        """Write the panels, if they are mounted: a timer may call this before they are, and when the program ends."""
+        """Write the panels, if they are mounted: a timer may call this before that, and while the program ends."""
         if not self.query("#modules"):
             return
         view, width = self.snapshot(), self.size.width
@@ -256,7 +256,7 @@ class TopApp(App[None]):
         self.paint()
 
     def action_move(self, seconds: int) -> None:
-        """Move the cursor of a recording by a number of steps."""
+        """Move the cursor of a recording by so many seconds, backwards if the number is negative."""
         self._recorded().move(seconds * _STEP_NS)
         self.paint()
 
@@ -266,7 +266,7 @@ class TopApp(App[None]):
         self.paint()
 
     def action_play(self) -> None:
-        """Let the cursor run at the next higher speed; after the highest speed, stop it."""
+        """Let the cursor run at the next higher speed; after the highest speed, stop the cursor."""
         self._recorded().play()
 
     def action_end(self, which: int) -> None:

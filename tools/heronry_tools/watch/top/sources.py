@@ -68,7 +68,7 @@ class RecordedSource:
         self._ran_ns = now_ns
 
     def play(self) -> None:
-        """Let the cursor run at the next higher speed; after the highest one it stops."""
+        """Let the cursor run at the next higher speed, at the end from the start; after the highest speed, stop it."""
         faster = [speed for speed in SPEEDS if speed > self._speed]
         if self.at_ns >= self.timeline.ends_ns:
             self.at_ns = self.timeline.begins_ns
