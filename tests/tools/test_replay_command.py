@@ -226,7 +226,7 @@ def test_a_key_is_named_where_there_was_one_and_where_there_was_none_it_is_not(
     assert "without a key: leave --key out" in refused(capsys, str(log), SPEC, "--key", str(key_file))
     key_file.write_text(f"{'11' * KEY_BYTES}\n")
     told = refused(capsys, str(keyed), SPEC, "--key", str(key_file))
-    assert f"there is no LEASE to begin from that {key_file} proves" in told
+    assert f"the recording has no LEASE that {key_file} proves" in told
 
 
 class OnlyNothing(Planners):
@@ -263,7 +263,7 @@ def test_repetitions_are_no_decisions_and_lines_that_are_no_frames_are_counted(
     code, document = replayed(capsys, file)
     assert (code, document["lines_that_are_no_frames"]) == (0, 1)
     assert main(["replay", str(file), SPEC]) == 0
-    assert capsys.readouterr().out.startswith("1 lines are no frames\n")
+    assert capsys.readouterr().out.startswith("lines without a frame: 1\n")
 
 
 @pytest.mark.parametrize("channel", ["can0", "vcan7"])

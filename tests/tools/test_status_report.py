@@ -65,7 +65,7 @@ def test_a_pe_that_was_failed_is_not_shown_as_if_it_flew(manager: OneManager) ->
     told(manager, FailElement("pe:right"))
     manager.pass_time(100 * MS)
     (line,) = (line for line in told(manager) if line.startswith("  right "))
-    assert line.startswith("  right        down       no plan uses it; it said last: ACTIVE in epoch 1")
+    assert line.startswith("  right        down       no plan uses it; its last report: ACTIVE in epoch 1")
 
 
 def test_failures_of_modules_and_standstills_of_computers_are_shown() -> None:

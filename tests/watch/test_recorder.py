@@ -89,7 +89,7 @@ def test_a_recording_that_is_not_there_or_is_no_recording_is_named(
     assert main(["top", "--log", str(tmp_path / "nowhere"), "--json"]) == 2
     assert "nowhere: No such file or directory; name a log" in capsys.readouterr().err
     assert main(["replay", "my.dg.yaml", str(tmp_path)]) == 2
-    assert "my.dg.yaml is a spec, and no recording" in capsys.readouterr().err
+    assert "my.dg.yaml is a spec, not a recording" in capsys.readouterr().err
     assert main(["replay", str(tmp_path / "flight.log")]) == 2
     assert "does not name its spec" in capsys.readouterr().err
 

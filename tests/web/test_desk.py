@@ -74,7 +74,7 @@ def test_why_is_that_of_the_command(capsys):
         ({"ask": "plan", "down": ["pe:nap"]}, "did you mean 'nav'?"),
         ({"ask": "plan", "phase": "war"}, "no phase is named 'war'"),
         ({"ask": "why", "function": "flaps"}, "no function is named 'flaps'"),
-        ({"ask": "the oracle"}, "this is no question"),
+        ({"ask": "the oracle"}, "the planner's process does not know this question"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(question, sentence):

@@ -297,7 +297,7 @@ def test_every_other_order_is_given_from_the_page(chromium):
         watched.page.click("text=Leave it")
         watched.page.click('#pes [data-pe="air"] header button')
         said = expect_order(watched, given, '[data-order="unlock pe:air"]', {"do": "unlock", "what": "pe:air"})
-        assert "the planner cannot know that" in said
+        assert "the planner cannot foresee that" in said
         running = {
             name: {"pe": one["pe"], "mode": one["mode"], "inputs": one["wires"]}
             for name, one in watched.known()["modules"].items()

@@ -1,14 +1,13 @@
 """The command `heronry`: one parser, one file per command.
 
-A module that loads slowly is imported only when it is needed.
+`command_table` lists the commands; `heronry --help` needs no other file. The file of a command has a function
+`add_parsers(subparsers)`. It adds the parsers of the command, and sets `run` (arguments -> exit code) on each of them.
+A Python module that loads slowly is imported only when a command needs it. With -o FILE, everything that a command
+prints goes into FILE (`console.output`).
 
-`command_table` names the commands, which is all that `heronry --help` needs. A command file has
-`add_parsers(subparsers)`, which sets `run` (arguments -> exit code) on each of its parsers. What a command prints goes
-to the file of its -o (`console.output`).
-
-Exit codes, the same for every command: 0 the answer is yes, or done; 1 the answer is no: findings, a violation, a
-refusal; 2 the input cannot be used. An error that a user can correct is a `UserError`, one sentence on stderr. Ctrl-C
-ends with 130.
+Exit codes of every command: 0 the answer is yes, or done; 1 the answer is no: findings, a violation, a refusal; 2 the
+input cannot be used; 130 ended by Ctrl-C. Only `heronry check` has one more: 3 a defect of heronry. An error that a
+user can correct is a `UserError`: one sentence on stderr.
 """
 
 import argparse
@@ -30,12 +29,12 @@ usage: heronry COMMAND [ARGUMENTS]   heronry COMMAND --help   heronry --version
 _LAST = """\
 A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue,
 elevator_and_chute. 'heronry COMMAND --help' teaches each command by example.
-Machines read --json, and -o FILE keeps what a command says.
+--json writes JSON for other programs; -o FILE writes the output into a file.
 Exit codes: 0 yes or done; 1 no, or findings; 2 what was typed cannot be used.
 """
 
 
-_CLOSE = 0.75  # an option of a command, as --json, is no slip in --version
+_CLOSE = 0.75  # least likeness to --help or --version; an option of a command, such as --json, must stay below it
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -40,7 +40,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
     ),
     "what if": (
         Command("plan", "the best configuration, whatever is down"),
-        Command("verify", "is that plan legal, and which rules does it break?", "plan"),
+        Command("verify", "is a plan legal, and which rules does it break?", "plan"),
         Command("why", "why a function is not served, and what would repair it"),
         Command("bus", "planned traffic: each message's worst case, each bus's load"),
         Command("bound", "the longest time that a reconfiguration takes"),
@@ -58,7 +58,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
     "deploy": (
         Command("contingencies", "make the plans for all faults ahead, for the manager"),
         Command("table", "compile the table from which a PE's agent runs"),
-        Command("send-table", "send that table over the bus to a PE that waits for it"),
+        Command("send-table", "send a table over the bus to a PE that waits for it"),
         Command("key", "make the key that proves the frames of manager and PEs"),
         Command("softbus", "a CAN bus in software, where the kernel has no vcan"),
         Command("doctor", "is this computer fit to fly, and what to type if not"),

@@ -110,6 +110,6 @@ def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Con
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
             raise UserError(
-                f"{arguments.plan}: {violation}; the messages of an illegal plan are not defined: correct it"
+                f"{arguments.plan}: {violation}; with this violation its messages are not defined: correct the plan"
             )
     return now, configuration

@@ -43,7 +43,7 @@ def add_parsers(subparsers: Any) -> None:
         help="a class or function that must survive any N faults; may be repeated; exit code 1 if one does not",
     )
     add_output(parser, forms={"text": (), "json": JSON, "html": (".html", ".htm")})
-    parser.add_argument("--html", metavar="FILE", type=Path, help=argparse.SUPPRESS)  # older: the page as well
+    parser.add_argument("--html", metavar="FILE", type=Path, help=argparse.SUPPRESS)  # older: a page, too
     parser.set_defaults(run=run)
 
 

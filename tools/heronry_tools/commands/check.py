@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _a_short_life() -> Iterator[None]:
-    """Switch Python's garbage collector off, which took a sixth of the time of a fast check."""
+    """Switch Python's garbage collector off in the block; it would take a sixth of the time of a fast check."""
     gc.disable()
     try:
         yield
@@ -154,9 +154,9 @@ def _files(paths: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
 
 
 def _expect_readable(file: Path) -> None:
-    """Refuse a file that the user named and that does not exist.
+    """Raise UserError if a file that the user has named does not exist, or may not be read.
 
-    A file found in a folder gets a finding (DG001) instead.
+    A file that was found in a folder, and may not be read, gets a finding (DG001) instead.
     """
     if not os.access(file, os.R_OK):
         from heronry_dg.shipped import shipped_spec_names  # noqa: PLC0415
@@ -179,7 +179,7 @@ def _specs_below(folder: Path) -> list[Path]:
 
 
 def _shipped(text: str) -> Path | None:
-    """Give the path of the shipped spec of this name; None for other names, and where a file has that name."""
+    """Give the path of the shipped spec of this name; None if there is none, or if a file here has this name."""
     from heronry_dg.shipped import shipped_spec_names, shipped_spec_path  # noqa: PLC0415
 
     is_shipped = text in (*shipped_spec_names(), *FLOWN) and not Path(text).exists()
@@ -215,7 +215,11 @@ def _graph_file(data: bytes, name: str) -> "Assessed":
 
 @contextmanager
 def _defects_of(what: str) -> Iterator[None]:
-    """Turn any exception of the block into a UserError where a package is missing, else into a _DefectError."""
+    """Turn an unexpected exception of the block into an error with a sentence for the user.
+
+    A HeronryError passes unchanged. A missing package gives a UserError. Any other exception gives a _DefectError, with
+    `what` (the file, or "the report") in its sentence.
+    """
     try:
         yield
     except HeronryError:

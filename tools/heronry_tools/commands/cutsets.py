@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 logical: without these elements the graph cannot serve the function, even with unlimited resources. resource-aware: the
-function does not fit on the PEs and buses that are left; only --json lists the logical sets there again. Neither
-depends on the phase, and every larger set loses the function, too. --given-up adds sets after which the best plan of
-the phase leaves the function out for something more important, though it could be served; a larger set of faults may
-bring the function back.
+function does not fit on the PEs and buses that are left. A set that is both is listed once, as logical (--json: in both
+lists). These sets do not depend on the phase, and every larger set loses the function, too. --given-up adds sets after
+which the best plan of the phase leaves the function out for something more important, though the function could be
+served; a larger set of faults may bring the function back.
 
 examples:
   heronry cutsets elevator_and_chute parachute
@@ -50,7 +50,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--given-up",
         action="store_true",
-        help="also list sets after which the best plan of a phase gives the function up",
+        help="also list sets after which the best plan of a phase leaves the function out",
     )
     parser.add_argument("--phase", metavar="NAME", help="the phase for --given-up (default: the first one of the spec)")
     parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")

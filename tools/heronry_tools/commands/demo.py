@@ -94,7 +94,10 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def _seconds(text: str) -> float:
-    """Read a time in seconds; argparse shows the name of this function to the user."""
+    """Read a time in seconds, 0 to LONGEST_SECONDS.
+
+    Raises ArgumentTypeError for any other number, and ValueError for a text that is no number.
+    """
     seconds = float(text)
     if not 0 <= seconds <= LONGEST_SECONDS:
         raise argparse.ArgumentTypeError(
@@ -108,6 +111,6 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.runtime.demo.play import play  # noqa: PLC0415 - loads everything
 
     for name in ("starlette", "uvicorn") if arguments.web else ():
-        if find_spec(name) is None:  # the page is a process of its own, which would say it later
+        if find_spec(name) is None:  # checked now: the process of the page would report it later
             raise ModuleNotFoundError(name=name)
     return play(arguments)

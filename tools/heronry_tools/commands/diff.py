@@ -12,8 +12,8 @@ from heronry_tools.console.output import JSON, add_output
 
 _EPILOG = """\
 A function depends on an element (its single point of failure) if the loss of that element alone loses
-the function. Critical functions, classes A to D, are examined in each phase that wants them. At the end stands what
-'heronry check' says newly, and no longer.
+the function. Critical functions, classes A to D, are examined in each phase that wants them. The output ends with the
+findings of 'heronry check' that only NEW has, and those that only OLD has.
 
 OLD and NEW are each a *.dg.yaml, a shipped spec, REV:PATH in git (:PATH is what is staged), or - for standard input.
 

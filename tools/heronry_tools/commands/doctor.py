@@ -1,4 +1,4 @@
-"""`heronry doctor`: whether this node is fit to fly, and which command helps where it is not.
+"""`heronry doctor`: whether this computer is fit to fly as a node, and for each problem a command that helps.
 
 Exit codes: 0 everything is right, 1 something is not, 2 the command line cannot be used.
 """
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 _ANSWER_WITHIN_S = 1.0
 _PAUSE_S = 0.5
-_REHEARSAL_S = 1.0  # of one node, to measure how late it wakes
-_DIGEST_SUB = 3  # of object SPEC
+_REHEARSAL_S = 1.0  # length of the rehearsal of one node, which measures how late the node wakes
+_DIGEST_SUB = 3  # sub-index of the digest in the CANopen object SPEC
 _INSTALL_CANOPEN = 'pip install "heronry[doctor]"'
 _EPILOG = """\
 examples:
@@ -193,8 +193,8 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
 def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None] | None:
     """Read from each PE the digest of its table's spec, and close the bus.
 
-    Returns a digest by node-ID, None for a node that does not answer. Returns None alone where a PE should be read and
-    canopen, which is optional, is not installed.
+    Returns the digest of each node-ID; the digest is None if the node does not answer. If `nodes` is not empty and
+    canopen, an optional package, is not installed, returns None instead of a mapping.
     """
     if not nodes:
         return {}

@@ -1,9 +1,9 @@
-"""`heronry exhaust`: every reconfiguration of a small aircraft, with every fault in every message of it.
+"""`heronry exhaust`: flies each reconfiguration of a small aircraft once for each fault at each of its messages.
 
-A *story* is a flight in which one thing makes the aircraft reconfigure; the help lists them.
+A *story* is a flight in which one event makes the aircraft reconfigure; the help lists the stories.
 
-Exit codes: 0 every flight was without a violation; 1 an oracle was violated, and the command that replays that flight
-is printed, or a fault of a given case was not injected; 2 the input cannot be used.
+Exit codes: 0 every flight was without a violation; 1 an oracle was violated (the command that replays the flight is
+printed), or a fault of a given case was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -121,7 +121,7 @@ def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
 
 
 def _counted(counts: dict[str, int]) -> str:
-    """Write these numbers as lines, one for each story, with their sum."""
+    """Write the number of single faults of each story on a line, and their sum."""
     return "\n".join([*(f"{count:7} {story}" for story, count in counts.items()), f"{sum(counts.values()):7} flights"])
 
 

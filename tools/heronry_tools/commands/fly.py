@@ -26,13 +26,14 @@ if TYPE_CHECKING:
     from heronry_tools.fly.report.dispersion_page import Landing as Dispersed
 
 _NEVER = "never"
-_MOST = 100_000  # seconds, or metres of height: more than any flight has
+_MOST = 100_000  # largest number of an option, in s or in m of height: more than any flight needs
 _PHASES = ("ascent", "deployment", "glide", "landing")
 _HOW = ("dead", "stuck", "bias", "loose")
 _EPILOG = """\
 The EAV is on final, 620 m before the aiming point. After two seconds its differential receiver loses its corrections: a
 monitor on board finds that, the manager plans anew, and the tracking filter lands the aircraft by the angles at which
-the camera of a rover beside the runway sees it. Every datum passes the modules of the spec, frames and plans.
+the camera of a rover beside the runway sees it. All data go through modules of the spec and frames on its buses, as the
+running plan wires them.
 
 A landing is acceptable with a sink rate of at most 1.5 m/s, within 7.2 m of the centre line and -60 to 90 m of the aim,
 a bank of at most 10 degrees, a pitch of 0 to 14 degrees, and if wheels alone touch the ground. Where the plan has no
@@ -44,7 +45,8 @@ landing is acceptable within 500 m of home, with a sink of at most 3 m/s, and if
 
 A fault is ELEMENT@WHEN: an element is pe:NAME, bus:NAME or device:NAME (with =dead, =stuck, =bias or =loose), WHEN is
 seconds of the flight, or a height (10m) below which it happens. Wind is drawn by the seed, up to 7.7 m/s at 20 ft and
-60 degrees from the runway's direction, with turbulence. One seed is one flight, to the bit: the digest tells.
+60 degrees from the runway's direction, with turbulence. The same seed gives the same flight, bit for bit, with the same
+digest.
 
 Exit codes: 0 flown, whatever the landing was like; 1 an oracle was violated (--judged); 2 the input cannot be used;
 130 and 143 ended by Ctrl-C and by SIGTERM.
@@ -52,15 +54,15 @@ Exit codes: 0 flown, whatever the landing was like; 1 an oracle was violated (--
 examples:
   heronry fly eav                                      one landing
   heronry fly eav --without-rover                      no landing: it goes around
-  heronry fly eav --without-rover --must-land          as it must end
+  heronry fly eav --without-rover --must-land          ... it lands all the same
   heronry fly eav --kill bus:radio@10m                 the radio dies below 10 m
   heronry fly eav --kill device:elevator_1=stuck@20    a servo sticks after 20 s
   heronry fly eav --act '5 collapse bus:radio for 60 level 10'    the radio keeps a tenth of its bit rate
-  heronry fly eav --runs 100 --jobs 0 --compiled       a campaign, with the interval of its share
+  heronry fly eav --runs 100 --jobs 0 --compiled       a campaign: the share of acceptable landings
   heronry fly eav --live                               in real time, each PE a process
   heronry fly eav --runs 100 --one-fault --json        each seed draws a PE, the radio or a servo that fails
   heronry fly eav --report landing.html                one landing, with its pictures
-  heronry fly eav --corrections-lost never --height-bias 4 --runs 60    how much error of height a landing stands
+  heronry fly eav --corrections-lost never --height-bias 4 --runs 60    up to which error of height it can land
   heronry fly big_blue --report flight.html            from the ground to the ground (two hours; takes a while)
   heronry fly big_blue --phase glide --kill pe:nav@60  released at 2 km; a PE dies after a minute
 """
@@ -141,7 +143,7 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
     for file, ending in ((arguments.record, ".json"), (arguments.report, ".html")):
-        if file is not None:  # else a wrong name is found after the flight
+        if file is not None:  # checked now, so that a wrong name is reported before the flight
             expect_ending(file, {ending[1:]: (ending,)})
             expect_writable(file)
     if arguments.live:
@@ -245,7 +247,7 @@ def _missions(spec: "Spec", name: str, arguments: argparse.Namespace) -> Sequenc
     if name == "big_blue":
         return _glider_missions(spec, arguments)
     if arguments.phase is not None:
-        raise UserError("--phase: the EAV always begins on final; only big_blue has phases to begin with")
+        raise UserError("--phase: the EAV always begins on final; only big_blue can begin in another phase")
     drawn = _drawn(spec, arguments)
     return [drawn.of(spec, seed) for seed in range(arguments.seed, arguments.seed + arguments.runs)]
 

@@ -8,7 +8,7 @@ _EPILOG = """\
 examples:
   heronry log convert flight.log big_blue -o flight.mcap       for Foxglove, Lichtblick and PlotJuggler
   heronry log convert flight.log big_blue -o flight.mf4        for asammdf and other tools that read ASAM MDF 4
-  heronry log convert FOLDER -o flight.mcap                    a folder of 'heronry record' knows its spec
+  heronry log convert FOLDER -o flight.mcap                    a folder of 'heronry record' holds its spec
 
 Every variable of the spec is a signal MODULE.VARIABLE with its unit. PEs, buses and functions have signals, too; events
 and reconfigurations are channels of their own. Needs: pip install "heronry[export]"

@@ -15,7 +15,7 @@ examples:
   heronry manager twin.dg.yaml -i socketcan -c can0,can1           the manager's bus has 'channels: 2'
   heronry manager big_blue -i socketcan -c can0 --key fleet.key
   heronry manager big_blue -i socketcan -c can0 --standby          the standby manager, node 127, on another computer
-  heronry manager big_blue -i socketcan -c can0 --standby --node 126     the first manager, beside a second one
+  heronry manager big_blue -i socketcan -c can0 --standby --node 126     follows, as node 126, an active manager 127
   heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 
 The manager listens first. If it hears another manager on the bus, it ends, or with --standby follows that manager.
@@ -78,7 +78,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the manager until it is stopped; returns 0, or 1 where it ended by itself."""
+    """Run the manager; returns 0 if it was stopped, and 1 if it ended by itself."""
     from heronry_tools.runtime.manager_process import mastership  # noqa: PLC0415 - loads everything
 
     return mastership(arguments)

@@ -18,7 +18,7 @@ examples:
 
 Names and units follow the conventions of Prometheus. Needs: pip install "heronry[export]"
 """
-_LISTENS_S = 1.5  # so long is listened before metrics are printed once: the traffic of a second
+_LISTENS_S = 1.5  # time to listen before metrics are printed once: the traffic is measured over a second
 
 
 def add_parsers(subparsers: Any) -> None:

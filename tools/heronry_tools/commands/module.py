@@ -56,14 +56,14 @@ def add_parsers(subparsers: Any) -> None:
         metavar="SECONDS",
         type=_limit,
         default=10.0,
-        help="seconds after which a call of the code counts as failed (default 10)",
+        help="seconds after which code that has not ended counts as failed (default 10)",
     )
     add_output(trial, "print steps and failure as one JSON object")
     trial.set_defaults(run=run)
 
 
 def _limit(text: str) -> float:
-    """Read a limit in seconds; argparse shows the sentence to the user."""
+    """Read a limit in seconds; raises ArgumentTypeError with a sentence for the user."""
     try:
         limit_s = float(text)
     except ValueError:

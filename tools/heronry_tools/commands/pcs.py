@@ -28,14 +28,14 @@ shipped spec: its graph is that of its best plan with everything up, or of --pla
 examples:
   heronry pcs check g_eav --at Kfms,Kc,Km,Kuav --require configuration,cycle_bound
   heronry pcs check big_blue                                  is every critical plant on a control path?
-  heronry pcs graph elevator_and_chute --level pe             what follows from its best plan
+  heronry pcs graph elevator_and_chute --level pe             the graph of its best plan, one symbol for each PE
   heronry pcs graph g_star -o g_star.svg                      a picture; bold: loops through the physical world
   heronry pcs edit g_eav combine g_max --write both.pcs.json       two systems as one graph
   heronry pcs apply dg_specs/polymorphic/g_star.pcs.script both.pcs.json
-  heronry pcs script both.pcs.json g_star                     what has to be done to get there
-  heronry pcs apply moved.pcs.script big_blue --live          fly it with the running manager
-  heronry pcs release                                         what was flown so is held until then
-  heronry pcs cut g_star                                      what the radio carries at least
+  heronry pcs script both.pcs.json g_star                     the script that leads from one graph to the other
+  heronry pcs apply moved.pcs.script big_blue --live          let the running manager carry a script out, and hold it
+  heronry pcs release                                         ... until this command: then better plans are sought again
+  heronry pcs cut g_star                                      the least bandwidth that the radio must carry
 """
 _OPERATIONS = ("cprune", "removal", "addition", "addEdge", "combine", "contract", "expand")
 _EDIT_EPILOG = """\
@@ -190,7 +190,7 @@ def run_graph(arguments: argparse.Namespace) -> int:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Assess a graph; returns 0 if every requirement holds, else 1."""
+    """Assess a graph; returns 0 if every requirement holds, and 1 if one does not."""
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
     from heronry_tools.reports.control import assessment_text  # noqa: PLC0415
 
@@ -310,7 +310,8 @@ def _compared(text: str, spec: str | None) -> "Graph":
 def run_apply(arguments: argparse.Namespace) -> int:
     """Try a script, or with --live give it to the manager.
 
-    Returns 0 if the script has no error, or if the manager executes it and holds its result; else 1.
+    Returns 0 if the script has no error, or with --live if the manager executes the script and holds its result; 1 in
+    any other case.
     """
     if arguments.live:
         return _fly(arguments)
@@ -390,7 +391,10 @@ def _assessed(graph: "Graph", view: "Sequence[str] | None", path: "Sequence[str]
 
 
 def _refused(error: "PcsError", arguments: argparse.Namespace) -> int:
-    """Print why something cannot be done; returns 2 where a name was typed that the graph does not have, else 1."""
+    """Print why something cannot be done.
+
+    Returns 2 if the user typed a name that the graph does not have, and 1 for any other reason.
+    """
     if arguments.json:
         print(json.dumps({"error": error.error}))
     else:

@@ -190,7 +190,7 @@ def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
 
 
 def run_verify(arguments: argparse.Namespace) -> int:
-    """Verify a plan; returns the exit code."""
+    """Verify a plan; returns 0 if the plan is legal, and 1 if it is not."""
     from heronry_dg.plan import read_configuration  # noqa: PLC0415
     from heronry_dg.verify import verify  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415

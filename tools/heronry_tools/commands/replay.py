@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = masterships(spec, on_the_bus)
     if not found:
         proof = "" if arguments.key is None else f" that {arguments.key} proves"
-        raise UserError(f"no manager is active in {arguments.recording}: there is no LEASE to begin from{proof}")
+        raise UserError(f"no manager is active in {arguments.recording}: the recording has no LEASE{proof}")
     if found[0].epoch:
         raise UserError(
             f"{arguments.recording} begins in the middle of a mastership, at epoch {found[0].epoch} of term "
@@ -109,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _spec_of(recording: Path, text: str | None) -> "Spec":
-    """Give the spec of the flight; raises UserError where the recording is of another one, or none is named."""
+    """Give the spec of the flight; raises UserError if the recording is of another spec, or if no spec is named."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.recorded_folder import is_recorded_folder, spec_of  # noqa: PLC0415
@@ -117,7 +117,7 @@ def _spec_of(recording: Path, text: str | None) -> "Spec":
     if is_recorded_folder(recording):
         return spec_of(recording, text)
     if recording.name.endswith((".yaml", ".yml")):
-        raise UserError(f"{recording} is a spec, and no recording: write 'heronry replay FILE.log SPEC'")
+        raise UserError(f"{recording} is a spec, not a recording: write 'heronry replay FILE.log SPEC'")
     if text is None:
         raise UserError(f"{recording} does not name its spec: write SPEC after it")
     return load_spec(text)
@@ -139,7 +139,7 @@ def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Na
 
 
 def _stretched(own: "Spec", flown: "Spec") -> str | None:
-    """Give a sentence if the flight had a longer heartbeat period than the spec; else None."""
+    """Give a sentence for a flight with a longer heartbeat period than its spec has; None for any other flight."""
     from heronry_tools.sim.replay.flown_heartbeat import period_ns  # noqa: PLC0415
 
     if flown is own:
@@ -152,7 +152,7 @@ def _print(comparisons: "list[Comparison]", no_frames: int, stretched: str | Non
     from heronry_tools.sim.replay.comparison import Compared  # noqa: PLC0415
 
     if no_frames:
-        print(f"{no_frames} lines are no frames\n")
+        print(f"lines without a frame: {no_frames}\n")
     if stretched is not None:
         print(f"{stretched}\n")
     for comparison in comparisons:

@@ -2,7 +2,7 @@
 
 A PE with a key needs two things: an unlock, which the manager sends on the operator's order, and a table that is sealed
 with the key. This command does both, on the manager's computer. UNLOCK may be lost, or may reach the PE before the PE
-accepts the manager; then the PE answers that it is locked. So the command repeats both for a while.
+accepts the manager; then the PE answers that it is locked. So the command repeats the unlock and the table for a while.
 """
 
 import argparse
@@ -100,9 +100,10 @@ def _unlock(socket: Path | None, spec: str, pe: str) -> None:
 
 
 def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[], None] | None = None) -> None:
-    """Write a table, sealed or not, into a node.
+    """Write a table, sealed or not, into a node; raises UserError if the node does not take the table.
 
-    With `unlock` the PE is unlocked first; both are repeated for a while if the PE answers that it is locked.
+    unlock: unlocks the PE, and is called before the table is written. If the PE answers that it is locked, both steps
+    are repeated for a while.
     """
     import canopen  # noqa: PLC0415 - slow to import
     from canopen.sdo.exceptions import SdoAbortedError, SdoError  # noqa: PLC0415

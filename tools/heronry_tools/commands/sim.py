@@ -1,7 +1,7 @@
 """`heronry sim`: fly a spec in the simulator, inject faults, and check every flight.
 
-Exit codes: 0 all is well; 1 an oracle was violated, and the command that replays that flight is printed, or a
-given fault was not injected; 2 the input cannot be used.
+Exit codes: 0 all is well; 1 an oracle was violated (the command that replays the flight is printed), or a given fault
+was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from heronry_tools.sim.flight.outcome import Outcome, Scenario
 
 _DEFAULT_S = 5.0
-_KEYED_EVERY = 4  # one pair of seeds in four, so that half of the keyed flights have plans on board
+_KEYED_EVERY = 4  # one pair of seeds in four has a key: an even seed, and an odd one, which has plans on board
 _EPILOG = """\
 Each seed draws its own faults (crashes, pauses, broken wires, noise, foreign nodes on the bus, a manager that dies, an
 operator who errs, ...), of kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds
@@ -224,7 +224,10 @@ def _given_faults(spec: "Spec", arguments: argparse.Namespace) -> tuple["Fault",
 
 
 def _lines_of(file: Path) -> list[str]:
-    """Faults of a file, one a line; raises UserError."""
+    """Give the faults of a file, one a line, without comments and empty lines.
+
+    Raises UserError if the file cannot be read, or has no fault.
+    """
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except OSError as error:
@@ -331,7 +334,7 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
 
 
 def seconds(text: str) -> float:
-    """Read the length of a flight in seconds; argparse shows the name of this function to the user."""
+    """Read the length of a flight in seconds, 0 to LONGEST_S; raises ArgumentTypeError for any other text."""
     try:
         duration = float(text)
     except ValueError:
@@ -342,7 +345,7 @@ def seconds(text: str) -> float:
 
 
 def share(text: str) -> float:
-    """Read a share of frames, from 0 to 0.5; argparse shows the name of this function to the user."""
+    """Read a share of frames, from 0 to 0.5; raises ArgumentTypeError for any other text."""
     probability = read_share(text)
     if probability is None:
         raise argparse.ArgumentTypeError(f"{text} is not a share of frames that a bus survives; write 0 to 0.5")

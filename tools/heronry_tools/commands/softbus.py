@@ -9,7 +9,7 @@ _EPILOG = """\
 examples:
   heronry softbus                                 the bus can0 of this user: all others find it by -i softbus -c can0
   heronry softbus radio -b 57600                  a second bus, and a slower one
-  heronry softbus ./can0.sock                     at a path: with a slash it is one, and no name
+  heronry softbus ./can0.sock                     at a path: a name with a slash is a path
   heronry manager elevator_and_chute -i softbus -c can0
   pe-agent --table tail.table -i softbus -c can0
   heronry demo -i softbus -c can0                 the demo, on this bus

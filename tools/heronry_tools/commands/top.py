@@ -77,7 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(source: "TopSource", *, once: bool) -> int:
-    """Print snapshots as JSON: for a recording, the one at its cursor; for a live system, one every half second."""
+    """Print snapshots as JSON: of a recording, the snapshot at its cursor; of a live system, one every half second.
+
+    once: end after the first snapshot of a live system.
+    """
     from heronry_tools.watch.snapshot import document  # noqa: PLC0415
 
     try:

@@ -11,10 +11,11 @@ from heronry_tools.watch.source_arguments import EXAMPLES, add_source_arguments
 _EPILOG = f"""\
 The page shows the dependency graph as it runs, the PEs, every reconfiguration with its times, the load of the buses and
 the events. It asks the planner what would follow from a fault, and why a function is not served. It only reads, unless
---operate is given; then the printed address has a token, without which nobody can give an order.
+--operate is given. Then the printed address has a token, and every order needs this token.
 
-Only browsers on this computer are answered. With --listen ADDRESS others are too, who need the token even to read; what
-is sent can be read on its way, so let ssh carry it instead: ssh -L 8321:127.0.0.1:8321 COMPUTER
+Only browsers on this computer are answered. With --listen ADDRESS, browsers on other computers are answered, too, and
+need the token even to read. The connection is not encrypted, so rather let ssh carry it, without --listen:
+ssh -L 8321:127.0.0.1:8321 COMPUTER
 
 examples:
   heronry demo --web                            a demo, with its page

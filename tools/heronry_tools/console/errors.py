@@ -23,7 +23,7 @@ _SMALLER: Final = {
     **dict.fromkeys(("dbc", "record", "top"), "watch"),
     **dict.fromkeys(("log", "metrics"), "export"),
 }
-_ENOUGH: Final = {  # a smaller extra has what these commands need
+_ENOUGH: Final = {  # packages that a smaller extra brings, too, if only this command needs them
     (module, command): extra for module in ("pydantic", "yaml") for command, extra in _SMALLER.items()
 } | {("canopen", "doctor"): "doctor"}
 _NO_MORE: Final = {
@@ -32,11 +32,11 @@ _NO_MORE: Final = {
     errno.EFBIG,
     errno.EIO,
     errno.EBADF,  # standard output was closed by the caller
-}  # the error number of a failed write, which names no file
+}  # error numbers of a failed write, if the error names no file
 
 
 class UserError(HeronryError):
-    """An error that the user can fix, as in what was typed; the message is one sentence for stderr."""
+    """An error that the user can correct, such as a wrong name; the message is one sentence for stderr."""
 
 
 def exit_code(program: Callable[[], int | None], name: str, command: str | None = None) -> int:
@@ -77,7 +77,7 @@ def _flushed(program: Callable[[], int | None]) -> int:
 def _drop_output() -> None:
     """Discard output that could not be written.
 
-    Python would try again when it ends, and print an error of its own.
+    Python would try to write it again at its end, and print an error of its own.
     """
     try:
         sys.stdout.flush()

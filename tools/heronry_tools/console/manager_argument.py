@@ -26,7 +26,10 @@ def add_manager_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def manager_socket(arguments: argparse.Namespace) -> Path:
-    """Give the socket of the manager to call; raises ControlError where it is not clear which one."""
+    """Give the socket of the manager to call.
+
+    Raises ControlError if the named manager does not run, or if none is named and there is not exactly one.
+    """
     from heronry_manager.shell.control_client import find_socket  # noqa: PLC0415 - keeps other commands quick
 
     return arguments.socket or find_socket(arguments.of)

@@ -24,5 +24,5 @@ def flights(text: str) -> int:
 
 
 def processors(text: str) -> int:
-    """Read a number of processors; 0 stands for all there are."""
+    """Read a number of processors; 0 stands for all processors of this computer."""
     return whole_number(text) or os.cpu_count() or 1

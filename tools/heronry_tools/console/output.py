@@ -22,8 +22,8 @@ Forms = Mapping[str, tuple[str, ...]]
 
 JSON: Final = (".json",)
 TEXT_OR_JSON: Final[Forms] = {"text": (), "json": JSON}
-_SPECS: Final = (".yaml", ".yml")  # written by people, and easily named by mistake
-_NAMED: Final[Mapping[str, str]] = {  # by ending: what a reader, or a program, takes such a file for
+_SPECS: Final = (".yaml", ".yml")  # endings of specs: people write these files, so no command may overwrite one
+_NAMED: Final[Mapping[str, str]] = {  # by ending: the form that a person or a program expects in such a file
     ".json": "JSON",
     **dict.fromkeys((".mmd", ".mermaid"), "Mermaid"),
     **dict.fromkeys((".dot", ".gv"), "graph for Graphviz"),
@@ -67,7 +67,7 @@ def add_output(
     what: the help of --json.
     forms: the forms of the output, the usual one first, with the endings of their files.
     usual: what the help says about the default, where that is not the first form.
-    Returns the group of the options that choose a form, for older spellings.
+    Returns the group of the options that choose a form; the caller may add older spellings of options to it.
     """
     _add_file(parser)
     choice = parser.add_mutually_exclusive_group()

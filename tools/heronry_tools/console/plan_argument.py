@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
-    """Give the situation in which to evaluate a plan: the plan's own, as far as no option replaces it."""
+    """Give the situation in which to evaluate a plan: the plan's own situation, with the parts that options replace."""
     from heronry_dg.plan import read_situation  # noqa: PLC0415
     from heronry_dg.situation import Situation, situation  # noqa: PLC0415
 

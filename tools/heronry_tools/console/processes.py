@@ -1,10 +1,11 @@
-"""Worker processes that simulate or plan for this one; they end together, immediately and without output.
+"""Worker processes that simulate or plan for the process of a command; all end together, at once, without output.
 
-Ctrl-C, which a terminal sends to all of them, SIGTERM and SIGHUP are handled by this process only. The workers receive
-none of these signals, from their first instruction on: this process blocks the signals while it starts a worker, and
-the worker inherits that mask. (A handler in the worker would come too late, since the imports before it take seconds.)
-This process kills the workers, which is safe, since a worker keeps nothing. If this process is gone, the workers end by
-themselves. Workers start afresh (spawn), since a solver that has threads must not be forked.
+A terminal sends Ctrl-C to all of these processes, but only the command's process handles Ctrl-C, SIGTERM and SIGHUP. A
+worker receives none of these signals, from its first instruction on: the command's process blocks the signals while it
+starts a worker, and the worker inherits the blocked signals. (A handler in the worker would come too late, since the
+imports before it take seconds.) The command's process kills the workers, which is safe, since a worker keeps nothing.
+If the command's process is gone, the workers end by themselves. Workers start afresh (spawn), since a solver that has
+threads must not be forked.
 """
 
 import os

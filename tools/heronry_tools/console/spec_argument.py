@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from heronry_dg.model import Function, Spec
 
 SHIPPED = ("big_blue", "elevator_and_chute")
-FLOWN = ("eav",)  # shipped as well, for 'heronry fly'; every command knows them
+FLOWN = ("eav",)  # shipped for 'heronry fly'; every other command accepts them, too
 
 
 def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = None) -> None:
-    """Add SPEC; with a default it is optional."""
+    """Add the argument SPEC; the user may leave it out if there is a default."""
     parser.add_argument(
         "spec",
         metavar="SPEC",
@@ -53,7 +53,7 @@ def load_spec(text: str) -> "Spec":
 
 
 def load_spec_file(text: str) -> "Spec":
-    """Load the spec that SPEC names, which must be a file, since processes of this command read it again.
+    """Load the spec that SPEC names; SPEC must be a file, since other processes of this command read the file again.
 
     Raises UserError or SpecError.
     """

@@ -1,7 +1,8 @@
 """Files that are written whole or not at all.
 
-A result that takes minutes is written at the end, in one step. So the command checks at the start whether the file can
-be written. A folder is refused. A device is refused too, because the finished draft would replace the device file.
+A result is written at the end: first into a draft beside the file, which then replaces the file in one step. A result
+may take minutes, so the command checks at the start whether the file can be written. A folder is refused. A device is
+refused, too, since the draft would replace the device file.
 """
 
 import os
@@ -26,7 +27,7 @@ def write_whole(file: Path, data: bytes) -> None:
     """Write a file; a reader, even after a crash, finds either all of the new content or the old file.
 
     Raises UserError if the file cannot be written, and `Interrupted` if the command was interrupted while it computed
-    the data; then the old file stays.
+    the data. In both cases the old file stays.
     """
     interruption.expect_none()
     expect_writable(file)

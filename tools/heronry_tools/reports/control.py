@@ -79,7 +79,7 @@ def cut_text(mbit_per_s: int, sides: Mapping[str, Sequence[str]]) -> str:
 
 
 def errors_text(file: str, errors: Sequence[ScriptError], statements: int) -> str:
-    """Write the errors of a script in the form FILE:LINE:COLUMN: CODE error: SENTENCE, as those of a spec.
+    """Write the errors of a script in the form of 'heronry check': FILE:LINE:COLUMN: CODE error: SENTENCE.
 
     If a file has no statement, only its first errors are written.
     """
@@ -99,7 +99,7 @@ def _place(error: ScriptError) -> str:
 
 
 def trial_text(statements: int, errors: int, violations: Sequence[str]) -> str:
-    """Write the result of a script in a sentence, and why the configuration that it gives is not legal."""
+    """Write the result of trying a script: a sentence, and the violations of the configuration that it makes."""
     if errors:
         return f"{statements} statements read, {errors} errors: nothing is done\n"
     illegal = "".join(f"not legal: {violation}\n" for violation in violations)

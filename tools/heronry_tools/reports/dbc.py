@@ -164,7 +164,7 @@ def _state() -> Iterator[Signal]:
 
 
 def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
-    """The CANaerospace header: node-ID, data type, service code, message code."""
+    """Give the signals of the CANaerospace header: node-ID, data type, service code, message code."""
     yield _signal("node_id", 0, 8)
     yield _signal("data_type", 8, 8, _TYPE_NAMES)
     yield from service

@@ -129,7 +129,7 @@ def _runs(pe: Mapping[str, Any]) -> str:
     if pe["epoch"] is None:
         return str(pe["runs"])
     runs = f"{pe['runs']} in epoch {pe['epoch']}"
-    return f"no plan uses it; it said last: {runs}" if pe["state"] == "down" else runs
+    return f"no plan uses it; its last report: {runs}" if pe["state"] == "down" else runs
 
 
 def _standstills(counts: Mapping[str, int] | None) -> str:

@@ -1,7 +1,7 @@
 """The story of a flight: the sentences that tell its events.
 
-`Story` gets the events one by one, and gives the lines for each. It depends on nothing but the events, so the story is
-the same live, from a recorded stream, and in a test. A line has a tone, which chooses its colour on a terminal.
+`Story` gets the events one by one, and gives the lines for each event. The lines depend only on the events, so a story
+is the same live, from a recorded stream, and in a test. A line has a tone, which selects its colour on a terminal.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -81,7 +81,7 @@ _PATHS: Mapping[str, str] = {  # by the state of a plant in control_paths
 RUNS_KEPT = 5  # runs of the demo whose logs stay
 _WHILE_NS = 2_000_000_000
 _MOST_NAMES = 5  # of functions in one line
-_SHORT_WAIT_MS = 5  # for a processor: a quarter of the usual heartbeat period, which makes no node late
+_SHORT_WAIT_MS = 5  # of a wait for a processor: a quarter of the usual heartbeat period, too short to make a node late
 _SHARE_OF_WAITS = 10  # waits of at least a tenth of the time may keep a module from what it has to do
 _LONG_STANDSTILL_NS = 100_000_000
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
@@ -96,13 +96,13 @@ class Line:
 
 
 def plain_line(event: Mapping[str, Any]) -> Line | None:
-    """Give the sentence of an event, where that depends on no other event; else None."""
+    """Give the sentence of an event; None if there is none, or if the sentence would depend on other events."""
     template, tone = _SENTENCES.get(event["event"], ("", "plain"))
     return Line(template.format_map({key: _worded(value) for key, value in event.items()}), tone) if template else None
 
 
 def _worded(value: Any) -> Any:
-    """Give a list as words of a sentence."""
+    """Join a list of names with commas; give any other value unchanged."""
     return (", ".join(value) or "its modules") if isinstance(value, list) else value
 
 
@@ -116,8 +116,8 @@ class Story:
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
     _lost: dict[str, int] = field(default_factory=dict)  # when each PE was lost that has not joined since
-    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by what stood still -> when told, how long
-    _stood_still: tuple[int, int] = (0, 0)  # when this computer did so last, how long
+    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by PE or process: the last line
+    _stood_still: tuple[int, int] = (0, 0)  # the last standstill of this computer: when, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -164,7 +164,7 @@ class Story:
                 pass
 
     def _follow(self, event: Mapping[str, Any]) -> None:
-        """Keep the plan of the event: the running plan, and those that are being deployed."""
+        """Note the plans that events bring: the running plan, and the plans that are being deployed."""
         match event["event"]:
             case "plan_ready":
                 self._next = event["plan"]
@@ -187,11 +187,13 @@ class Story:
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
     def _needs_a_line(self, event: Mapping[str, Any]) -> bool:
-        """Tell whether a standstill needs a line of its own.
+        """Tell whether a standstill needs a line of its own, and if so, remember it.
 
-        A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
-        last one of the same computer that had a line, if that one is a while ago, or if a PE was lost since. In the
-        last case the standstill may be the cause of the loss.
+        A busy computer stands still many times in a row. So a standstill gets a line only in these cases:
+
+            its computer has had no line yet, or none since a PE was lost: the standstill may be the cause of the loss
+            the standstill is longer than the one in the last line of its computer
+            the last line of its computer is at least two seconds old
         """
         told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
         needs_one = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
@@ -202,7 +204,8 @@ class Story:
     def _standstill(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give the line for a standstill.
 
-        The manager reads it from a PE that is heard again, so the line names the loss.
+        After a loss of a PE, the manager reads the standstills of the PE's computer when the PE is heard again. So the
+        line for a standstill of that computer names the loss.
         """
         by, for_ms = event["by"], event["for_ns"] // 1_000_000
         is_of_this_computer = by == "the demo" or by.startswith("manager ")
@@ -239,7 +242,8 @@ class Story:
     def _never_driven(self, function: Function, summary: Mapping[str, Any]) -> Line:
         """Give the line for a planned function that was not heard at all.
 
-        The cause may be this computer, if it stood still or kept a process waiting; else the modules do nothing.
+        If this computer stood still, or kept a process waiting, the line names this as a possible cause. The other
+        cause is that the modules of the function command no device.
         """
         modules, waited = self._plan["modules"], summary["waited"][function.name]
         ran = [f"{name} on {modules[name]['pe']}" for name in function.outputs if name in modules]
@@ -314,7 +318,7 @@ class Story:
                 yield from self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for an outage when it is over; for a long outage, also one while it lasts."""
+        """Give a line for an outage when it is over; for a long outage, also a line while it lasts."""
         self._silences += 1
         if event.get("gathered"):
             return
@@ -377,7 +381,7 @@ def _heartbeat(event: Mapping[str, Any]) -> Line:
 
 
 def _living(pe: str, waited: Mapping[str, Any]) -> Line:
-    """Give the line for a lost PE of a demo whose process runs: only this computer can have made it silent."""
+    """Give the line for a lost PE of a demo if the PE's process runs: then only this computer can be the cause."""
     whose = "it" if waited["who"] == f"pe:{pe}" else f"the process of {waited['who']}"
     if waited["for_ns"] // 1_000_000 < _SHORT_WAIT_MS:
         return Line("  its process runs: this computer may have kept it from working", "bad")

@@ -1,7 +1,8 @@
-"""Gives a script of component graphs to a running manager, and waits for its result.
+"""Gives a reconfiguration script (`heronry_pcs`) to a running manager, and waits for the result.
 
-The manager answers as soon as it has understood the script. Then it requests the best plan, compares the script's
-configuration with it, and deploys that configuration or refuses the script. Its status shows the progress.
+The manager answers as soon as it has understood the script. Then it requests the best plan, and compares the
+configuration that the script makes with this plan. It deploys the configuration, or refuses the script. The status of
+the manager shows the progress.
 """
 
 import time
@@ -41,7 +42,7 @@ def fly(path: Path, text: str, spec: Spec) -> Answer:
 
 
 def _outcome(status: dict[str, Any]) -> Answer | None:
-    """Give the result of the last script; None while it is still on its way."""
+    """Give the result of the last script; None while the manager is still working on the script."""
     script = status["script"]
     match script["state"]:
         case "held" if status["next"] is None and status["stage"] == Stage.DONE.value:

@@ -1,9 +1,9 @@
-"""Runs one module without a bus: builds it, and steps it some times with the same inputs, as its partition would.
+"""Runs one module without a bus: builds it, and lets it compute some steps with the same inputs, as a partition would.
 
 The module runs in this process, by the code that runs it in a partition (`heronry_agent.shell.module_runner`). Time is
-the module's own: each step is one period after the one before, however long it takes here. A value that a partition
-would refuse to send counts as a failure. So does code that has not ended after a limit of time, since an agent kills
-the partition of a module that hangs.
+the module's own: each step is one period after the step before, however long the computation takes here. A value that a
+partition would refuse to send counts as a failure. So does code that has not ended after a limit of time, since an
+agent kills the partition of a module that hangs.
 """
 
 import signal
@@ -26,7 +26,7 @@ from heronry_wire.sansio import NEVER_NS
 
 _MODULE = 0
 _NS_PER_S = 1_000_000_000
-_AGAIN_S = 0.5  # code that catches everything is ended again
+_AGAIN_S = 0.5  # code that catches the exception by which it is ended gets the exception again after this time
 
 
 @dataclass(slots=True)
@@ -69,7 +69,7 @@ class Trial:
 def expect_there(image: str) -> None:
     """Look for the code of an image, also in the present folder; raises UnknownImageError where there is none.
 
-    Code that is there and fails when it is imported is a result of the trial.
+    Code that exists, but fails when it is imported, raises nothing here: the trial finds the failure again.
     """
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
@@ -86,7 +86,10 @@ def expect_there(image: str) -> None:
 def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int, limit_s: float) -> Trial:
     """Build a module and step it; code that ends its process, or exceeds the limit, has failed, as on a PE.
 
-    Raises UnknownImageError where there is no such code.
+    orders: the module's image, mode and period.
+    inputs, reading: the variables, and the value of the device (None: no answer), that every step gets.
+    limit_s: limit of time for the whole trial, in s.
+    Raises UnknownImageError if there is no code of this image.
     """
     trial = Trial()
     try:
@@ -164,7 +167,7 @@ def read_value(text: str) -> Value:
 
 
 def period_ns(rate_hz: float) -> int:
-    """Give the time between two steps."""
+    """Give the time between two steps, in ns, for a rate in steps per second."""
     return round(_NS_PER_S / rate_hz)
 
 

@@ -1,12 +1,13 @@
 """How late this computer lets processes run under its present load, and what heartbeat period that allows.
 
-The measurement is a short rehearsal with as many processes as will fly. Each process wakes on a grid, computes for a
-moment, and notes how late it ended, less its own processor time. One process that only sleeps would show nothing: the
-kernel lets it run at once, while many processes wait for each other.
+The measurement is a short rehearsal with as many processes as will fly. Each process wakes at regular times, computes
+for a moment, and notes how late it ended, without the time that its own computation took. One process that only sleeps
+would show nothing: the kernel lets it run at once, while many processes wait for each other.
 
-A node with the period P that is late by L sends its state L late, so others hear nothing from it for P + L. They call
-it lost after 3.25 P of silence, so P must be more than L / 2.25. With P = 2 L the node may become more than four times
-as late as in the rehearsal, which is short and may not show the worst case.
+A node with the period P that is late by L sends its state L late, so other nodes hear nothing from it for P + L. The
+manager calls a node lost after 3.25 P of silence, so P must be more than L / 2.25. With P = 2 L, the node may become
+more than four times as late as in the rehearsal. This is a reserve, since the rehearsal is short and may not show the
+worst case.
 """
 
 import os

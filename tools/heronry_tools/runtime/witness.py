@@ -38,7 +38,10 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """A time in which a function was not heard: from its last output to the next one (None while there is none)."""
+    """A time in which a function was not heard: from its last output to the next one.
+
+    to_ns: None if there is no next output yet.
+    """
 
     function: str
     from_ns: int

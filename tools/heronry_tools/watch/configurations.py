@@ -75,7 +75,7 @@ class Situations:
         )
 
     def shown(self, snapshot: Snapshot, running: RunningPlan) -> Snapshot:
-        """Return the snapshot with all that follows from a configuration in the snapshot's situation."""
+        """Return the snapshot with what follows from this running configuration in the snapshot's situation."""
         now = self._situation(snapshot)
         return replace(
             snapshot,
@@ -156,7 +156,7 @@ class Situations:
         return found
 
     def _plants(self, running: RunningPlan) -> dict[str, Plant]:
-        """Give the plants; their control paths follow from the configuration, whatever feed gives that."""
+        """Give the plants; their control paths are computed from the configuration, so every kind of feed has them."""
         if running is NOTHING_RUNS:
             return {name: Plant() for name in self._spec.plants}
         paths = control_paths(self._spec, running.configuration) if self._spec.plants else {}

@@ -21,7 +21,7 @@ from heronry_wire.management import Activate, Lease, ManagementMessage, Step, de
 from heronry_wire.pe_table import PeTable
 from heronry_wire.state_frames import PeState, StatePage0, StatePage1
 
-_FOLLOWS_NS = 10_000_000_000  # a loss that is older has not led to this epoch
+_FOLLOWS_NS = 10_000_000_000  # an epoch that is prepared later than this after a loss has another cause
 
 
 class EpochsOnTheBus:
@@ -41,7 +41,7 @@ class EpochsOnTheBus:
         self._told: tuple[int, int] | None = None  # epoch and digest
         self._unknown: int | None = None
         self._manager: tuple[int, int] | None = None
-        self._lost: tuple[int, int] | None = None  # when the last loss was declared, and the last sign before it
+        self._lost: tuple[int, int] | None = None  # of the last lost PE: when it was called lost, and its last frame
 
     def lost(self, t_ns: int, last_heard_ns: int | None, node: int) -> None:
         """Note the loss of a PE, whose last frame came at `last_heard_ns`; an epoch does not wait for the PE."""
@@ -49,7 +49,7 @@ class EpochsOnTheBus:
         self._lost = t_ns, t_ns if last_heard_ns is None else last_heard_ns
 
     def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[dict[str, Any]]:
-        """Take a command of a manager; yields what it shows: another manager or term, or an epoch that now runs."""
+        """Take a command of a manager; yields an event if the command shows another manager or term, or a new epoch."""
         message = decode_command(command, data)
         if isinstance(message, Malformed):
             return

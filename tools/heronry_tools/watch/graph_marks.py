@@ -16,13 +16,13 @@ from heronry_tools.watch.snapshot import Graph, Live
 
 
 def edge_key(edge: Edge) -> str:
-    """Name an edge: by its two ends, and at each end by the mode (`-` where it ends at the symbol itself)."""
+    """Name an edge: by its two ends, and at each end by the mode (`-` if the edge ends at the symbol itself)."""
     cells = ("-" if cell is None else str(cell) for cell in (edge.out_cell, edge.in_cell))
     return f"{edge.source}>{edge.target}#{'/'.join(cells)}"
 
 
 class LiveGraphs:
-    """Finds the live parts of one spec's graph; what could run in a situation is computed once."""
+    """Finds the live parts of one spec's graph; what could run in a situation is remembered."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec

@@ -1,13 +1,13 @@
 """What the frames of a flight show, live or recorded: frames in, events and observations out.
 
-It has a part for each kind of observation:
+This file has a part for each kind of observation:
 
     traffic    the load of each bus                                             `traffic`
     PEs        the contents of state frames, when they change; when each PE was heard
     functions  whether their outputs are heard on the manager's bus             `heronry_tools.runtime.witness`
     epochs     reconfigurations                                                  `epochs_on_the_bus`
-    manager    a manager's core that only advises, and whose advice is dropped: from the frames that the active manager
-               gets and sends it concludes, as that one does, which PE is lost or joins
+    manager    a manager's core of its own: it gets the frames that the active manager gets and sends, and tells which
+               PE is lost or joins, as the active manager does; its plans (advice) are dropped
 
 If the manager's own events are available (`tells_why`), the last two parts are left out. Nothing is sent. All times are
 those of the frames: `until` first handles the deadlines before its time, so the same frames give the same events.
@@ -69,8 +69,8 @@ class Listening:
         self._witness = Witness(spec)
         self._states = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._reported: dict[str, Mapping[str, Any]] = {}  # by PE
-        self._heard: dict[str, int] = {}  # since the last time it was told
-        self._silent_since_ns: dict[str, int] = {}  # by function: its last silence that was told
+        self._heard: dict[str, int] = {}  # since the last observation `heard`
+        self._silent_since_ns: dict[str, int] = {}  # by function: when the last reported silence began
         self._tell_ns = begins_ns + _TELL_NS
         self._core: ManagerCore | None = None
         if not tells_why:
@@ -112,7 +112,7 @@ class Listening:
         while core is not None and (due_ns := core.next_deadline_ns()) is not None and due_ns < t_ns:
             found += self._told(core.step(due_ns, Tick()))
             after_ns = core.next_deadline_ns()
-            if after_ns is not None and after_ns <= due_ns:  # it has nothing to do before something is heard
+            if after_ns is not None and after_ns <= due_ns:  # the core has nothing to do before the first frame
                 break
         return found
 
@@ -146,7 +146,7 @@ class Listening:
             yield from self._epochs.page_0(t_ns, self._spec.pes[pe].node_id, page)
 
     def _heard_until(self, t_ns: int) -> Iterator[Event]:
-        """Give the times of last frames, and an event for each silence of a function: at its begin, and at its end."""
+        """Give the times of last frames, and an event when a silence of a function begins, and when it ends."""
         functions = {}
         for name in self._spec.functions:
             output = self._witness.last_output(name)
@@ -162,7 +162,7 @@ class Listening:
 
 
 def _advising_core(spec: Spec, begins_ns: int, key: Key | None) -> "ManagerCore":
-    from heronry_manager.core.manager import ManagerCore  # noqa: PLC0415 - loads slowly, and beside a manager for nothing
+    from heronry_manager.core.manager import ManagerCore  # noqa: PLC0415 - loads slowly, and is not needed beside a manager
 
     return ManagerCore(spec, FIRST_MANAGER, NOTHING, begins_ns, advise=True, key=key)
 

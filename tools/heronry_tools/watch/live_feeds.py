@@ -31,7 +31,7 @@ from heronry_wire.pe_table import PeTable
 Event = Mapping[str, Any]
 
 _AGAIN_NS = 1_000_000_000
-_LATE_NS = 20_000_000  # frames may be read so much later than they ended
+_LATE_NS = 20_000_000  # a frame may be read up to this long after its end
 _FIRST_LINE_S = 5.0
 
 
@@ -39,7 +39,7 @@ class Feed(Protocol):
     """A source of events for a view, which polls it."""
 
     spec: Spec
-    spec_file: Path | None  # None: the caller has named it
+    spec_file: Path | None  # None if the caller named the spec itself
     source: Source
     trouble: str | None
     frames: list[LoggedFrame]  # heard in the last poll
@@ -177,9 +177,9 @@ class FollowedManager:
             self._line, self._rest, self.trouble = line, b"", None
 
     def _opened(self, bus: Mapping[str, str]) -> HeardBuses | None:
-        """Open the manager's bus. If that fails, the feed has no traffic, which is no error."""
+        """Open the manager's bus; None if it cannot be opened, which is no error: the feed then has no traffic."""
         model = self.spec.buses[bus["name"]]
-        if not bus["channel"] or " " in bus["interface"]:  # it is can.conf that knows
+        if not bus["channel"] or " " in bus["interface"]:  # only the manager's can.conf names the channel
             return None
         choice = BusChoice(bus["name"], bus["interface"], bus["channel"], None, is_ours=False, channels=model.channels)
         with suppress(HeronryError):

@@ -35,7 +35,7 @@ def _page(source: TopSource) -> type[BaseHTTPRequestHandler]:
     class Page(BaseHTTPRequestHandler):
         """The page of metrics."""
 
-        timeout = 1.0  # a caller that says nothing holds nobody up for longer
+        timeout = 1.0  # seconds until a caller that sends no request is dropped, so that other callers are answered
 
         def do_GET(self) -> None:
             """Answer with the present metrics."""

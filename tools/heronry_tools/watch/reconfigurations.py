@@ -19,10 +19,11 @@ _KEPT_OUTAGES = 200
 
 
 def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapshot:
-    """Return the snapshot `after` a reconfiguration with that reconfiguration added to its list.
+    """Return the snapshot `after` with a reconfiguration added to its list.
 
-    before: the snapshot with the configuration that ran until now. event: the event `reconfigured` or `epoch_seen` of
-    this reconfiguration.
+    before: the snapshot with the configuration that ran before the reconfiguration.
+    after: the snapshot with the configuration that runs now.
+    event: the event `reconfigured` or `epoch_seen` of the reconfiguration.
     """
     times = {key: event["times_ns"].get(key) for key in ("detect", "decide", "distribute", "activate")}
     t_ns = event["t_ns"]
@@ -55,7 +56,7 @@ def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapsho
 
 
 def with_outage(snapshot: Snapshot, outage: Outage) -> Snapshot:
-    """Return the snapshot with an outage added, or with the end of one that is listed.
+    """Return the snapshot with an outage added, or with the end of an outage that is listed already.
 
     The outage is also added to the reconfiguration that was under way when the outage began.
     """
@@ -77,7 +78,11 @@ def _served(snapshot: Snapshot) -> set[str]:
 
 
 def _places(snapshot: Snapshot, known: Mapping[str, Place]) -> Mapping[str, Place]:
-    """Give the places of the modules that run; `known` itself if nothing has changed, since a hundred are kept."""
+    """Give the places of the modules that run.
+
+    If nothing has changed, the result is the mapping `known` itself: the many reconfigurations that a snapshot keeps
+    then share one mapping.
+    """
     found = {
         name: _place(module.pe, module.mode)
         for name, module in snapshot.modules.items()

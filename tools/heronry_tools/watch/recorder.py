@@ -1,9 +1,9 @@
 """Writes a folder of `heronry record` (`recorded_folder`): frames and events of a live feed, in rotating files.
 
 The folder never exceeds its limit: before a new pair of files (frames, events) is begun, the oldest pairs are deleted
-until there is room for it. Each pair but the first begins with `resumed`, the whole snapshot, so that it can be read
-without the pairs before it. What has come is handed to the kernel at every poll: if this process is killed, nothing
-that was written before is lost.
+until there is room for it. Each pair but the first begins with `resumed`, the whole snapshot, so that a reader needs no
+earlier pair. Each call of `write` hands its frames and events to the kernel, so they are kept even if this process is
+killed afterwards.
 """
 
 import json
@@ -23,11 +23,11 @@ from heronry_tools.watch.snapshot import Source, document
 from heronry_wire.command_parser import program_version
 from heronry_wire.frame import LoggedFrame, format_log_line
 
-PAIRS = 8  # into which the limit is divided
-LEAST_BYTES = 16_000_000  # so that a pair holds much more than the snapshot with which it begins
+PAIRS = 8  # pairs of files for which the limit has room
+LEAST_BYTES = 16_000_000  # least limit: a pair then holds much more than the snapshot with which it begins
 
 
-_DIGITS = 8  # of the number of a pair
+_DIGITS = 8  # of the number of a pair in the names of its files
 
 
 class Recorder:

@@ -1,9 +1,9 @@
 """Recorded feeds: a candump log with its spec, a folder of `heronry record`, or a stream of events as JSON lines.
 
-A log has only frames, so its events are computed: those that frames show (`listening`), and the manager's own events
-with their causes, by running the manager's core again (`sim.replay`). The latter is possible if the log begins before
-the manager, the solver is installed, and the core decides as recorded; else the feed has no causes. A folder has the
-events that were recorded in flight.
+A log has only frames, so its events are computed. `listening` gives the events that frames show. The manager's own
+events, with their causes, come from running the manager's core again on the log (`sim.replay`). This needs the solver,
+a log that begins before the manager starts, and a core that decides as recorded. If one of these conditions does not
+hold, the feed has no causes. A folder has the events that were recorded in flight.
 """
 
 import json
@@ -50,9 +50,9 @@ class Recording:
 def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Recording:
     """Open a log, a folder of `heronry record`, a file of events (.jsonl), or a scenario, which is flown now.
 
-    spec: its file or name; None is possible for a folder or a scenario, which name their spec.
-    key: the file of the flight's key, if it had one.
-    Raises UserError.
+    spec: file or name of the spec; None is possible for a folder or a scenario, which name their spec.
+    key: the key of the flight, if it had one; only a log needs it.
+    Raises UserError if the path is none of these, if its spec is missing or another one, or if its key is missing.
     """
     if is_recorded_folder(path):
         return Recording(spec_of(path, spec), log_of(path), list(events_of(path)), "record")
@@ -123,7 +123,8 @@ def read_events(path: Path) -> Iterator[Event]:
 def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: str) -> list[Event]:
     """Compute the events of a log.
 
-    Raises UserError where the flight had a key and none is given, or was flown with another spec.
+    name: what messages call the log.
+    Raises UserError if the flight had a key and `key` is None, or if the flight had another spec.
     """
     if is_tagged(frames) and key is None:
         raise UserError(f"{name} is of a flight with a key: name the key file with --key")
@@ -143,7 +144,8 @@ def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: 
 def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
     """Give the bus of each channel of a log.
 
-    It is the bus of the same name. If the log has only one channel, it is the manager's bus.
+    A channel is the bus of the same name. If the log has only one channel, and no bus has its name, the channel is the
+    manager's bus.
     """
     channels = list(dict.fromkeys(frame.channel for frame in frames))
     if len(channels) == 1 and channels[0] not in spec.buses:
@@ -161,7 +163,11 @@ def tables_of(spec: Spec) -> tuple[PeTable, ...]:
 
 
 def _why(spec: Spec, found: Sequence[Mastership]) -> list[Event] | None:
-    """Give the manager's events by running its core again; None if that is not possible, or gives other decisions."""
+    """Give the manager's events by running its core again.
+
+    Returns None if the recording does not begin before the manager starts, if the solver is not installed, or if the
+    core decides otherwise than recorded.
+    """
     if not found or found[0].epoch:
         return None
     try:

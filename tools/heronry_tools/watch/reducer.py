@@ -178,12 +178,12 @@ def _status(spec: Spec, state: State, event: Event) -> State:
 
 @cache
 def _reader() -> TypeAdapter[Snapshot]:
-    """Make what reads a snapshot from a document; that is slow, and only recordings need it."""
+    """Make the adapter that reads a snapshot from its document; making it is slow, and only recordings need it."""
     return TypeAdapter(Snapshot)
 
 
 def _resumed(spec: Spec, state: State, event: Event) -> State:
-    """Continue from the snapshot in a `resumed` event; if the events before it were read, it changes nothing."""
+    """Continue from the snapshot in a `resumed` event, which a reader of all earlier events has already."""
     view = _reader().validate_python(event["snapshot"])
     return replace(state, snapshot=view, running=RunningPlan.of_document(spec, event["plan"]))
 
@@ -234,7 +234,7 @@ def _manager_started(_: Spec, state: State, event: Event) -> State:
 
 
 def _taken_over(_: Spec, state: State, event: Event) -> State:
-    state = _with(state, phase=event["phase"], script=Script())  # scripts end with the mastership before
+    state = _with(state, phase=event["phase"], script=Script())  # a script ends with its mastership
     return _with_manager(state, term=event["term"], state="reigning")
 
 
@@ -337,7 +337,7 @@ def _unknown_epoch(_: Spec, state: State, event: Event) -> State:
 
 def _script(_: Spec, state: State, event: Event) -> State:
     now = event["event"].removeprefix("script_")
-    is_held = now == "taken" or (now == "refused" and state.snapshot.script.state == "held")  # the one before stays
+    is_held = now == "taken" or (now == "refused" and state.snapshot.script.state == "held")  # an earlier script stays
     return _with(state, script=Script("held") if is_held else Script(now, event["reason"]))
 
 

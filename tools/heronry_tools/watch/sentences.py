@@ -1,7 +1,7 @@
 """Events as views list them: a severity and one sentence each.
 
-An event for which `reports.story` has a sentence of its own gets that sentence. A PE that is suspected, and answers in
-time, is not listed: on a busy computer this happens all the time.
+An event for which `reports.story` has a sentence of its own gets that sentence. A suspected PE that answers in time is
+not listed, since a busy computer delays answers often.
 """
 
 from collections.abc import Callable, Mapping
@@ -53,7 +53,7 @@ def _outage(event: Mapping[str, Any]) -> str:
 
 
 def _requested(event: Mapping[str, Any]) -> str:
-    return f"a plan is requested without {', '.join(event['down']) or 'any fault'}: {'; '.join(event['causes'])}"
+    return f"a plan with {', '.join(event['down']) or 'no element'} down is requested: {'; '.join(event['causes'])}"
 
 
 def _control_paths(event: Mapping[str, Any]) -> str:

@@ -36,7 +36,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Manager:
-    """The active manager; in the feed of a manager's events, that manager."""
+    """The active manager; in a feed of one manager's events, the manager that sends them, active or not."""
 
     node: int | None = None
     term: int | None = None
@@ -56,15 +56,15 @@ class Pe:
     last_heard_ns: int | None = None
     incarnation: int | None = None  # number of its boot, as its state frames have it (modulo 256)
     reboots: int = 0  # seen since the feed began
-    restarts: int = 0  # of its modules, as it reported them
-    epoch: int | None = None  # that it reports to run
+    restarts: int = 0  # restarts of its modules that it has reported
+    epoch: int | None = None  # the epoch that it reports to run
     runs: str | None = None  # UNCONFIGURED, BROKEN, PARTIAL, ACTIVE: how far it is in that epoch
     hears_manager: bool | None = None
-    load_percent: int | None = None  # of its CPU, as it measures
+    load_percent: int | None = None  # load of its CPU, as it measures
     cpu: Budget = Budget()
     ram: Budget = Budget()
     flash: Budget = Budget()
-    modules: tuple[str, ...] = ()  # that the running configuration places here
+    modules: tuple[str, ...] = ()  # the modules that the running configuration places here
     stood_still: int = 0  # long standstills of its computer
 
 
@@ -74,15 +74,15 @@ class Bus:
 
     bit_rate: int
     most: float  # the largest planned load that the spec allows, without the reserve
-    planned: float | None = None  # by the data of the running configuration
+    planned: float | None = None  # planned load of the data of the running configuration
     load: float | None = None  # measured over the last second
     peak: float | None = None  # in the busiest 100 ms of the last second
     bits_per_s: Mapping[str, int] = field(default_factory=dict)  # over the last second, by kind of traffic
     frames_per_s: int | None = None
     error_state: str | None = None  # of the listening controller: active, warning, passive, bus_off
     errors: int = 0  # error frames since the feed began
-    trouble: str | None = None  # what the manager says of its bus
-    channels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # replicated: name -> nodes that lack it
+    trouble: str | None = None  # what is wrong with the bus, as the manager reports it
+    channels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # channel -> nodes that do not hear it
     link: str | None = None  # of a radio: usable share of its bandwidth, or gone; null: all of it
 
 
@@ -160,22 +160,24 @@ class Outage:
 
     function: str
     from_ns: int
-    to_ns: int | None = None  # null: not back yet
+    to_ns: int | None = None  # null: the silence has not ended
 
 
 @dataclass(frozen=True, slots=True)
 class Reconfiguration:
     """A complete reconfiguration.
 
-    `moved`, `started` and `stopped` name modules. `lost`, `gained` and `kept` name functions that were served before,
-    are served now, or both. `unwanted` names functions that were served before, and that the phase, or a priority of 0,
-    does not want now: they are not lost.
+    moved, started, stopped: modules.
+    lost: functions that were served before, and are wanted but not served now.
+    unwanted: functions that were served before, and that the phase, or a priority of 0, does not want now.
+    gained: functions that are served now, and were not served before.
+    kept: functions that were served before, and are served now.
     """
 
     number: int  # from 1, in the order of the feed
     epoch: int
     term: int | None
-    began_ns: int  # the last sign of the old situation, where that is known
+    began_ns: int  # of a lost PE, its last frame; otherwise when the first known time of `times_ns` begins
     done_ns: int
     times_ns: Times
     causes: tuple[str, ...]
@@ -187,7 +189,7 @@ class Reconfiguration:
     unwanted: tuple[str, ...] = ()
     gained: tuple[str, ...] = ()
     kept: tuple[str, ...] = ()
-    outages: tuple[Outage, ...] = ()  # silences that began in its time
+    outages: tuple[Outage, ...] = ()  # silences that began during it
     before: Mapping[str, Place] = field(default_factory=dict)  # modules before and after
     after: Mapping[str, Place] = field(default_factory=dict)
 
@@ -205,7 +207,7 @@ class Script:
     """The last script of the operator (docs/operator.md)."""
 
     state: str = "none"  # none, asked, held, refused, ended
-    why: str | None = None  # it was refused, or ended
+    why: str | None = None  # why it was refused, or has ended
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +228,7 @@ class Graph:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """An event as a view lists it; it is event `number` of the feed."""
+    """An event as a view lists it; `number` is its number in the feed."""
 
     number: int
     t_ns: int
@@ -246,12 +248,12 @@ class Snapshot:
     spec_digest: str = ""
     t_ns: int = 0  # of the last event
     began_ns: int | None = None  # of the first event
-    events: int = 0  # so many so far
+    events: int = 0  # number of events so far
     stage: Stage = "starting"
     phase: str | None = None
     epoch: int | None = None
-    next_epoch: int | None = None  # that is being prepared
-    unknown_epoch: int | None = None  # the PEs run it, and its configuration is not known
+    next_epoch: int | None = None  # the epoch that is being prepared
+    unknown_epoch: int | None = None  # an epoch that the PEs run, if its configuration is not known
     manager: Manager = Manager()
     pes: Mapping[str, Pe] = field(default_factory=dict)
     buses: Mapping[str, Bus] = field(default_factory=dict)
@@ -260,13 +262,13 @@ class Snapshot:
     plants: Mapping[str, Plant] = field(default_factory=dict)
     script: Script = Script()
     faults: tuple[Fault, ...] = ()
-    priorities: Mapping[str, int] = field(default_factory=dict)  # changed ones, by function
+    priorities: Mapping[str, int] = field(default_factory=dict)  # changed priorities, by function
     down: tuple[str, ...] = ()  # the elements that the situation lacks
     reconfigurations: tuple[Reconfiguration, ...] = ()  # the last ones, oldest first
     outages: tuple[Outage, ...] = ()  # the last ones
     graph: Graph = Graph()
     told: tuple[Told, ...] = ()  # the last events, oldest first
-    lost_lines: int = 0  # events that this reader was too slow for
+    lost_lines: int = 0  # events that were dropped because this reader was too slow
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:

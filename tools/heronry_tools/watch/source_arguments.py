@@ -1,6 +1,6 @@
 """The source that a view watches, in its command line: a manager on this computer, a bus, or a recording.
 
-It is the same for all views.
+All views have the same arguments:
 
 nothing              the manager of this computer, found as 'heronry status' finds it
 --log FILE [SPEC]    a candump log, a folder of 'heronry record', a scenario, or events as JSON lines
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
   heronry {command}                                   the manager on this computer, or of the demo beside this
   heronry {command} --of big_blue-demo                where several managers run
-  heronry {command} big_blue -i socketcan -c can0     the bus alone, listening only: all but why
+  heronry {command} big_blue -i socketcan -c can0     the bus alone, listening only; no causes
   heronry {command} --log flight.log big_blue         a recorded flight
 """
 

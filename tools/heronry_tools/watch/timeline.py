@@ -20,7 +20,7 @@ class Timeline:
 
     def __init__(self, reducer: Reducer, events: Sequence[Mapping[str, Any]], source: Source = "log") -> None:
         self.events, self.reducer = events, reducer
-        self.times_ns = list(accumulate((event["t_ns"] for event in events), max))  # what is told late counts from then
+        self.times_ns = list(accumulate((event["t_ns"] for event in events), max))  # a late event gets the time before
         self._kept: list[State] = [reducer.start(source)]  # before event 0, _EVERY, 2 * _EVERY, ...
 
     @property

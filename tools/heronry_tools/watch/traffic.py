@@ -56,12 +56,12 @@ class Traffic:
     def __init__(self, bus: str, bit_rate: int) -> None:
         self.bus, self._bit_rate = bus, bit_rate
         self._slots: deque[_Slot] = deque(maxlen=SLOTS)
-        self._next_tell: int | None = None  # number of the first slot after which to tell
+        self._next_tell: int | None = None  # number of the slot with whose start the next observation is due
         self._errors = 0
         self._error_state: str | None = None
 
     def take(self, t_ns: int, frame: Frame) -> None:
-        """Count a frame that ended at `t_ns`; call `until` with that time before."""
+        """Count a frame that ended at `t_ns`; the caller calls `until(t_ns)` first."""
         if frame.error:
             report = read_error_frame(frame)
             self._errors += 1

@@ -125,7 +125,7 @@ class Site:
         """Ask the planner's process; the search ends if the page is closed, or asks something else."""
         question = await _json(request)
         if question is None:
-            return _refused(400, "this is no question")
+            return _refused(400, "a question must be a JSON object")
         answer = await self._awaited(request, self.questions.ask(question))
         return _NOBODY_WAITS if answer is None else JSONResponse(answer, headers=_NO_STORE)
 
@@ -178,7 +178,7 @@ def application(site: Site, begun: Callable[[], None] = lambda: None) -> Guard:
 
 
 async def _json(request: Request) -> dict[str, Any] | None:
-    """Read the JSON object of a question or an order; None if the request has none."""
+    """Read the JSON object of a question or an order; None if there is none, or if it is too long."""
     body = bytearray()
     async for part in request.stream():
         body += part

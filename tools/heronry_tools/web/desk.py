@@ -56,7 +56,7 @@ class Desk:
                 case {"ask": "why", "function": str(function)}:
                     return self._why(function, question)
                 case _:
-                    return {"refused": "this is no question"}
+                    return {"refused": "the planner's process does not know this question"}
         except HeronryError as error:
             return {"refused": str(error)}
 
@@ -64,7 +64,10 @@ class Desk:
         return self._told(plan(self._spec, self._situation(question)))
 
     def _script(self, text: str, modules: dict[str, Any], question: Mapping[str, Any]) -> dict[str, Any]:
-        """Give the plan that a script makes of the running one; the manager may still refuse it as worse at level 1."""
+        """Give the plan that a script makes from the running configuration, or a refusal if the plan is not legal.
+
+        The manager compares this plan with the best plan, too, and refuses the script if it is worse at level 1.
+        """
         spec, now = self._spec, self._situation(question)
         running = configuration_of({"modules": modules})
         ordered = target_in(text, spec, now, running)

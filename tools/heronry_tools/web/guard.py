@@ -1,10 +1,12 @@
 """Who may ask what: all requests are let in or refused here, and every answer gets its security headers.
 
-A page of another site that is open in the same browser can send requests to this computer. Three checks keep it out.
-Its `Origin` is not that of this server. If its name was bound to this address later (DNS rebinding), the `Host` of its
-requests is not an address of this server. And it does not know the token. The token stands in the part of the printed
-address after `#`, which no browser sends: the page adds it to its requests as `Authorization: Bearer TOKEN`, and to the
-address of a download. No cookie exists that a browser would add by itself.
+A page of another site that is open in the same browser can send requests to this computer. Three checks refuse such
+requests. Their `Origin` is not this server. If the name of the other site was bound to this computer's address later
+(DNS rebinding), their `Host` is not an address of this server. And they have no token.
+
+The token stands in the part of the printed address after `#`, which no browser sends. The server's own page adds the
+token to its requests as `Authorization: Bearer TOKEN`, and to the address of a download. There is no cookie, since a
+browser would send a cookie with requests of other sites, too.
 
     request                         a loopback address                any other address
     page, style, scripts            no token                          no token: they say nothing of the system
@@ -66,7 +68,7 @@ class Access:
     def url(self, *, with_token: bool) -> str:
         """Give the address to open in a browser."""
         host = f"[{self.address}]" if ":" in self.address else self.address
-        if ipaddress.ip_address(self.address).is_unspecified:  # it listens on all
+        if ipaddress.ip_address(self.address).is_unspecified:  # the server listens on all addresses
             host = socket.gethostname()
         return f"http://{host}:{self.port}/" + (f"#token={self.token}" if with_token else "")
 

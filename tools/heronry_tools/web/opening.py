@@ -30,7 +30,7 @@ from heronry_wire.frame import LoggedFrame
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """What is shown, and where it comes from.
+    """The live state or recording that a page shows, and its source.
 
     spec, file: the spec, and its file.
     shown: the live state or the recording.
@@ -81,7 +81,7 @@ def _opened(arguments: argparse.Namespace) -> Opened:
         return Opened(source.spec, _spec_file(arguments), shown, frames=source.frames)
     live = Live(Reducer(source.spec), source.source)
     if isinstance(source, FollowedManager):
-        assert source.spec_file is not None  # a manager tells it
+        assert source.spec_file is not None  # a manager names the file of its spec
         return Opened(source.spec, source.spec_file, live, lambda: source, manager_socket(arguments))
     return Opened(source.spec, spec_path(arguments.spec), live, lambda: source)
 

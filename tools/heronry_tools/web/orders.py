@@ -1,6 +1,6 @@
 """Orders from pages: to the manager on its socket, and in a demo to the demo, which kills and restores processes.
 
-A page sends an order, as in the first lines, and gets an answer, as in the last one. The orders to a manager are those
+A page sends an order, as in the lines below, and gets an answer, as in the last line. The orders to a manager are those
 of its socket (`control_protocol`), without their version. An order to kill or restore is passed on to the demo, on a
 socket pair that the demo has made.
 
@@ -31,7 +31,7 @@ _LONGEST_ANSWER: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """Sends orders to the manager's socket and to the demo, as far as there are such."""
+    """Sends orders to the manager's socket and to the demo; each of the two may be None."""
 
     manager: Path | None
     demo: socket.socket | None = None

@@ -1,7 +1,7 @@
 """The drawing of the dependency graph for the page: made once for each choice; then only its colours change.
 
-The drawing of a module has a line for the name of the PE on which it runs, as long as the longest such name, so that
-the page can fill it in and nothing moves.
+The drawing of a module has a line for the name of the PE on which the module runs. The line has room for the longest of
+these names, so that no symbol moves when the page fills in a name.
 """
 
 from dataclasses import replace

@@ -17,7 +17,7 @@ from heronry_dg.model import Spec
 
 _LONGEST_LINE: Final = 16 * 1024 * 1024
 _LAST_WORDS: Final = 4_096
-NICENESS: Final = 10  # what flies on this computer comes first
+NICENESS: Final = 10  # managers and agents on this computer come first
 
 
 class Questions:

@@ -24,7 +24,8 @@ _LONGEST_END_S: Final = 2
 def listening(address: str, port: int | None) -> socket.socket:
     """Open the server's socket, on an address or a name of this computer.
 
-    If no port is given, it is USUAL_PORT, or a free port if that is taken. Raises UserError.
+    port: None for USUAL_PORT, or for a free port if USUAL_PORT is taken.
+    Raises UserError if the address or the port cannot be used.
     """
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     for number in (USUAL_PORT, 0) if port is None else (port,):

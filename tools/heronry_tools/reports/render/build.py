@@ -1,4 +1,4 @@
-"""From a spec to its graph: every symbol once, and every edge along which data can flow.
+"""Makes the graph of a spec: every symbol once, and every edge along which data can flow.
 
 An input that stands alone needs no gate: an edge leads from its variable to the mode. For the leaf of a DEMUX's branch
 the edge leads from the DEMUX. If a function is given, the graph has only what may contribute to that function, in any

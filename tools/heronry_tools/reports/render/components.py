@@ -1,8 +1,8 @@
 """A component graph as nodes and edges of a picture: the members that have no components of their own are drawn.
 
 Circles are plants, squares all other members; devices have their own symbols. An arrow stands for all edges from one
-member to another. A bold arrow is on a loop that leads through a plant and through something that is no plant. A plant
-on no such loop is open; it is drawn like an element that cannot run.
+member to another. A bold arrow is on a loop that leads through a plant and through something that is no plant. An open
+plant, which is on no such loop, is drawn like an element that cannot run.
 """
 
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ def _node(graph: ComponentGraph, name: str, found: Loops, kinds: Mapping[str, Ki
 
 
 def _device_kinds(graph: ComponentGraph) -> dict[str, Kind]:
-    """Kinds of the devices in a plan's graph: a module reads a sensor, and commands an actuator."""
+    """Give the kind of each device in a plan's graph: edges lead from sensors to modules, from modules to actuators."""
     kinds: dict[str, Kind] = {}
     for start, end in graph.edges:
         for vertex, kind in ((start, "sensor"), (end, "actuator")):

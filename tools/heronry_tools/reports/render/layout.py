@@ -1,10 +1,10 @@
 """The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
 Symbols stand in columns. An edge that passes a column has a *way-point* there (ordering.py), and each piece of it, from
-one column to the next, is a *segment*. Within a column every symbol should be at the height of the symbols to which
-edges join it, and no two symbols may be closer than a gap. This least-squares problem has an exact solution (pool
-adjacent violators); it is computed column by column, from left to right and back. Between two columns an edge is one
-curve. Across a column it is straight, at a height of its own. Feedback edges run back below the graph.
+one column to the next, is a *segment*. Within a column every symbol is as close as possible, by least squares, to the
+height of the symbols to which edges join it, with at least a gap between any two symbols. The exact solution (pool
+adjacent violators) is computed column by column, from left to right and back. Between two columns an edge is one curve.
+Across a column the edge is straight, at a height of its own. Feedback edges run back below the graph.
 """
 
 from collections.abc import Iterator, Mapping
@@ -172,7 +172,7 @@ class _Placing:
                 y.update(zip(column, _apart(offsets, wanted), strict=True))
 
     def _offsets(self, column: tuple[str, ...]) -> list[int]:
-        """Give the least distances of the symbols of a column from its first one."""
+        """Give the least distance of each symbol of a column from the first symbol."""
         offsets = [0]
         for key in column[:-1]:
             offsets.append(offsets[-1] + (self._shapes[key].height + _ROW_GAP) * _FINE)
@@ -242,8 +242,8 @@ class _Placing:
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
         """Give the x at which an edge meets its target, or passes the column whose left side is `left`.
 
-        into: height at which the edge ends, from the top of the target. An edge meets a circle later near its top and
-        bottom.
+        into: height at which the edge ends, from the top of the target. The side of a circle is farther to the right
+        near the top and the bottom of the circle, so an edge ends farther to the right there.
         """
         if not segment.last:
             return left
@@ -263,10 +263,11 @@ class _Placing:
 
 
 def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
-    """Give the heights at which no two symbols of a column overlap, nearest to the wanted ones.
+    """Give the heights at which no two symbols of a column overlap, nearest to the wanted heights.
 
-    offsets: the least distances of the symbols from the first one. Each wanted height has a weight. Results are rounded
-    down.
+    offsets: the least distance of each symbol from the first symbol.
+    wanted: the wanted height of each symbol, and its weight.
+    The heights are rounded down.
     """
     blocks: list[tuple[int, int, int]] = []  # sum of weighted heights, sum of weights, members
     for (height, weight), offset in zip(wanted, offsets, strict=True):

@@ -1,7 +1,7 @@
 """The symbols of a graph that are dead in a situation, and those that a plan has chosen.
 
 A symbol is dead if it could not run even with unlimited resources (`heronry_dg.why_not.feasible`). Chosen are the
-modules that run and the inputs that are wired. A gate is chosen if the wired inputs below it make it hold.
+modules that run and the inputs that are wired. A gate is chosen if it holds because of the wired inputs below it.
 """
 
 from dataclasses import dataclass, field
@@ -42,12 +42,12 @@ class Marks:
         return not self.found.can_hold(gate, before=len(self.found.lost) + 2)
 
     def demux_dead(self, demux: Demux) -> bool:
-        """Tell whether a DEMUX has no input, or no end that can run."""
+        """Tell whether no module can give the variable of a DEMUX, or none of its ends can run."""
         ends = (self.spec.modules[end] for end in demux.ends)
         return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 
     def running(self, module: Module) -> Running | None:
-        """Give the part of the configuration about a module; None if the module does not run."""
+        """Give PE, mode and wires of a module in the configuration; None if the module does not run."""
         return self.configuration.modules.get(module.name)
 
     def runs(self, module: Module, mode: Mode) -> bool:
@@ -73,5 +73,5 @@ class Marks:
 
 
 def marks(spec: Spec, now: Situation, configuration: Configuration | None = None) -> Marks:
-    """Work out the marks; the configuration must name nothing that the spec lacks."""
+    """Work out the marks; every module, mode and PE in the configuration must be one of the spec."""
     return Marks(spec, feasible(spec, now), configuration or Configuration())

@@ -22,8 +22,8 @@ class Segment:
     target: str
     out_cell: int | None
     in_cell: int | None
-    edges: tuple[int, ...]  # numbers of the edges that share it
-    last: bool  # it ends at the target of its only edge
+    edges: tuple[int, ...]  # numbers of the edges that share this segment
+    last: bool  # this segment ends at the target of its only edge
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,10 @@ def ranked(graph: Graph) -> Ranks:
 
 
 def _feedback(graph: Graph) -> frozenset[int]:
-    """Find as few edges as possible whose removal leaves no cycle; only edges out of initialized variables."""
+    """Find the edges to leave out, all of them out of variables with an initial value, so that no cycle is left.
+
+    Only necessary edges are left out: any one of them, put back alone, would close a cycle.
+    """
     successors: dict[str, list[str]] = {key: [] for key in graph.nodes}
     for edge in graph.edges:
         successors[edge.source].append(edge.target)

@@ -56,7 +56,7 @@ def svg(graph: Graph, title: str = "Dependency graph") -> str:
 
 
 def uncoloured(graph: Graph, edge_key: Callable[[Edge], str]) -> str:
-    """Draw a graph for a page that has a style of its own; `edge_key` gives the name of an edge, without a space."""
+    """Draw a graph for a page that has a style of its own; `edge_key` gives the name of an edge, without spaces."""
     drawn = sheets(graph)
     width, height = max(sheet.layout.width for sheet in drawn), sum(sheet.layout.height for sheet in drawn)
     arrow = _ARROW.replace(' fill="#1b1f24"', ' class="head"')
@@ -95,7 +95,7 @@ def _numbers(piece: Curve | Loop) -> tuple[int, ...]:
 
 
 def _rank(graph: Graph, piece: Curve | Loop) -> int:
-    """Give the highest rank of the edges that share a segment: 0 dead, 1 as specified, 2 chosen."""
+    """Give the highest rank of the edges that share a segment: 2 for a chosen edge, 0 for a dead one, 1 for others."""
     return max(_liveliness(graph.edges[number]) for number in _numbers(piece))
 
 

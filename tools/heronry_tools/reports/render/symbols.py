@@ -88,7 +88,7 @@ def _shield(x: int, y: int, width: int, height: int) -> str:
 
 
 def _lines(box: Box, middle: int, top: int) -> Iterator[str]:
-    """Write name and note below each other."""
+    """Write the lines of a symbol's name, and its note below them."""
     for line in box.shape.name:
         yield f'<text class="name" x="{middle}" y="{top + 11}">{escape(line)}</text>'
         top += NAME_LINE

@@ -31,10 +31,10 @@ def assess_interface(name: str, interface: CanInterface | None, bitrate: int | N
 def _assess_controller(interface: CanInterface, bitrate: int | None) -> Iterator[Finding]:
     name = interface.name
     if interface.queue_length < LEAST_QUEUE:
-        says = f"{name} queues {interface.queue_length} frames: other programs will fail to send (ENOBUFS)"
+        says = f"{name} can queue only {interface.queue_length} frames: other programs will fail to send (ENOBUFS)"
         yield Finding("queue", says, f"ip link set {name} txqueuelen {LEAST_QUEUE}")
     else:
-        yield Finding("queue", f"{name} queues {interface.queue_length} frames, of which a node uses one")
+        yield Finding("queue", f"{name} can queue {interface.queue_length} frames; a node needs room for one")
     if interface.restart_ms is None:
         yield Finding("controller", f"{name} has no controller: no bit rate, no errors, no bus-off")
         return

@@ -97,13 +97,19 @@ class Hearing:
                     seen.append(page.incarnation)
 
     def take_copy(self, channel: str, frame: Frame) -> None:
-        """Note on which channel of a replicated bus a node was heard; `take` gets only one of two copies."""
+        """Note on which channel of a replicated bus a node was heard.
+
+        Of the two copies of a frame, each comes here, and only one goes to `take`, which counts it.
+        """
         speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
         if speaker is not None and not (frame.extended or frame.remote or frame.error):
             self.on_channel[channel].add(speaker)
 
     def clocks(self, wall_ns: int, monotonic_ns: int) -> None:
-        """Compare readings of both clocks, taken at one moment; `clock_step_ns` shows whether the clock was set."""
+        """Take readings of the wall clock and the monotonic clock at the same moment.
+
+        The largest change of their difference is kept in `clock_step_ns`: it shows whether the wall clock was set.
+        """
         offset_ns = wall_ns - monotonic_ns
         if self._offset_ns is not None:
             self.clock_step_ns = max(self.clock_step_ns, abs(offset_ns - self._offset_ns))

@@ -1,8 +1,8 @@
 """The command line of tools/with-vcan: parses it, chooses where to run the command, and gives one exit code.
 
-Exit codes: the command's own (128 + n if signal n ended it). If the command did not end by itself: 124 time ran out,
-125 it could not be run at all, 126 it is no program, 127 it was not found. These are the numbers of timeout(1) and the
-shells. When a signal stops this program, it cleans up and ends by that signal.
+Exit codes: the command's own (128 + n if signal n ended it), or one of timeout(1) and the shells: 124 time ran out, 125
+the command could not be run at all, 126 the command is no program, 127 the command was not found. When a signal stops
+this program, the program cleans up and ends by that signal.
 """
 
 import argparse
@@ -119,9 +119,9 @@ def _can_utils() -> Path | None:
 
 
 def _can_utils_if_to_be_had() -> Path | None:
-    """Do as `_can_utils`, but go on without the tools if they cannot be fetched.
+    """Give the folder with candump and cansend, fetched if needed; None if they are installed or cannot be fetched.
 
-    The command may not need them.
+    A failure to fetch them gives a message only, since the command may not need them.
     """
     try:
         return _can_utils()

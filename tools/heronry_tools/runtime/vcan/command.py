@@ -9,11 +9,11 @@ from heronry_tools.runtime.vcan.errors import CannotRunError
 
 
 class ExpiredError(Exception):
-    """The command's time limit has passed."""
+    """The command has not ended within its time limit."""
 
 
 class NotFoundError(CannotRunError):
-    """There is no such command."""
+    """The command that the user named does not exist, or is not executable."""
 
 
 @dataclass(frozen=True, slots=True)

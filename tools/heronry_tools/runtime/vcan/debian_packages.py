@@ -4,12 +4,12 @@
 is fetched once per distribution release and processor and then stays, so every later call needs one `stat`.
 
 A package's folder is either absent or complete. The package is unpacked under a fixed staging name, and the folder is
-renamed in one step, by one process at a time (a lock file, which the kernel releases when its holder dies). So no
-process ever sees half a package, two callers that start together fetch it once, and the next fetch removes the remains
-of a killed one.
+renamed in one step. A lock file, which the kernel releases when its holder dies, lets only one process at a time do so.
+So a process sees a whole package or none, two callers that start together fetch a package once, and the next fetch
+removes the remains of a fetch that was killed.
 
-The system's own package lists are tried first. If they are missing or too old (a fresh container), lists are fetched
-into the staging folder and used from there: the system's own state is never changed.
+The system's own package lists are tried first. If these lists are missing or too old (a fresh container), new lists are
+fetched into the staging folder and used from there. The system's own state is never changed.
 """
 
 import fcntl
@@ -53,7 +53,7 @@ def unpacked(package: str) -> Path:
         cache.mkdir(parents=True, exist_ok=True)
         with (cache / "lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            if not folder.is_dir():  # else another process fetched it while we waited
+            if not folder.is_dir():  # another process may have fetched it meanwhile
                 _fetch(package, staging=cache / "staging", folder=folder)
     except OSError as error:
         raise CannotRunError(
@@ -111,7 +111,7 @@ def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def _reason(finished: subprocess.CompletedProcess[str]) -> str:
-    """The tool's error message, on one line."""
+    """Give the error message of a tool on one line."""
     lines = [line for line in finished.stderr.splitlines() if line.strip()]
     errors = [line.removeprefix("E:").strip() for line in lines if line.startswith("E:")]
     return "; ".join(errors or lines[-1:]) or f"exit code {finished.returncode}"

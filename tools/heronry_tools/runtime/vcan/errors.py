@@ -1,4 +1,4 @@
-"""The one exception of this package, for a condition outside this program that keeps the command from running."""
+"""The exception that `with-vcan` reports to its user: something outside the program keeps the command from running."""
 
 
 class CannotRunError(Exception):

@@ -1,12 +1,13 @@
 """The first process inside a user-mode Linux: it makes the CAN interfaces, runs a command, and powers off.
 
-The guest's kernel starts it as `python -I -S guest.py JOB`, over the host's own file system. It imports only json, and
-modules that json or a starting Python has loaded already (no pathlib, no subprocess, no module of this package): an
-import takes up to 0.1 s here.
+The guest's kernel starts this file as `python -I -S guest.py JOB`, over the host's own file system. The file imports
+only json, and modules that json or a starting Python has loaded already (no pathlib, no subprocess, no module of this
+package), since an import takes up to 0.1 s here.
 
-States: set up -> command runs -> power off; it never goes back. Whatever fails before the command runs becomes the
-`failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds no result.
-The command runs as the calling user, so that its files belong to that user; only this process is guest root.
+The process sets the guest up, runs the command, and powers the guest off. An error before the command runs
+becomes the `failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds
+no result. The command runs as the calling user, so that its files belong to that user; only this process is root in the
+guest.
 """
 # ruff: noqa: PTH103, PTH104, PTH123, PTH211 - without pathlib, see above
 
@@ -62,8 +63,9 @@ def make_interfaces(job: "Job") -> None:
 def prepare_terminal(job: "Job") -> None:
     """Make the guest's terminal as wide as the user's, and hand it to the user.
 
-    Only one of the two terminals adds a carriage return to the end of a line. It is the user's terminal; but while the
-    user types, the outer program makes that terminal raw (`keyboard`), and then it is the guest's.
+    Only one of the two terminals may add a carriage return to the end of a line. If standard input is a terminal, the
+    outer program makes the user's terminal raw (`keyboard`), so the guest's terminal adds the carriage return. If not,
+    the user's terminal adds it.
     """
     rows, columns = job["rows_columns"]
     processing = "opost" if job["stdin"] == TERMINAL else "-opost"
@@ -75,7 +77,7 @@ def prepare_terminal(job: "Job") -> None:
 def become_command(job: "Job") -> None:
     """Replace this child process by the command: with the caller's folder, identity and environment.
 
-    Raises OSError where that fails; else it does not return.
+    Never returns; raises OSError if the command cannot be started.
     """
     os.setsid()
     write = os.O_WRONLY | os.O_APPEND | os.O_NOCTTY
@@ -112,7 +114,7 @@ def run_command(job: "Job") -> int:
 
 
 def drain_terminal(job: "Job") -> None:
-    """Wait until the command's output has left the guest; setting a terminal's modes waits for that, too."""
+    """Wait until the command's output has left the guest: stty sets a mode of a terminal only after that."""
     busybox(job, "stty", "-F", TERMINAL, "-opost")
 
 
@@ -135,7 +137,7 @@ def carry_out(job: "Job") -> "Result":
 def main() -> None:
     """Do the job whose file is the only argument, write its result, and power off.
 
-    The result is written under another name and then renamed, so that it is never read when it is not complete.
+    The result is written under another name and then renamed, so that a reader finds only a complete result.
     """
     with open(sys.argv[1], encoding="utf-8") as file:
         job: Job = json.load(file)

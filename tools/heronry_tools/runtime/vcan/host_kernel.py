@@ -1,8 +1,8 @@
 """Runs one command on this kernel, with the CAN interfaces that exist already or can be made.
 
 `interfaces_up` makes the interfaces that are missing and removes, afterwards, exactly those that it made. Interfaces
-that existed stay as they were; if one of them is down, that is reported, not changed. Making an interface needs root
-and the kernel's vcan module; without either, UnavailableError is raised and nothing is left behind.
+that existed stay as they were; if one of them is down, a CannotRunError says so. Making an interface needs root and the
+kernel's vcan module. If one of the two is missing, UnavailableError is raised and nothing is left behind.
 """
 
 import os
@@ -17,11 +17,11 @@ from heronry_tools.runtime.vcan.errors import CannotRunError
 
 IFF_UP = 0x1  # netdevice(7)
 POLL_S = 0.02
-GRACE_S = 5.0  # between asking the command to end and ending it
+GRACE_S = 5.0  # time that a command has to end after SIGTERM, before SIGKILL
 
 
 class UnavailableError(Exception):
-    """This kernel has no such interface, and this program cannot make one."""
+    """An interface is missing on this kernel, and this program cannot make it."""
 
 
 @contextmanager

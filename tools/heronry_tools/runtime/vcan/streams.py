@@ -6,8 +6,8 @@ command sees no terminal, and no byte is lost when the guest stops. If stdout an
 file, which keeps their order.
 
 If stdin and stdout are a terminal, what the user types goes to the command, by a second pipe into the same console. The
-user's terminal is raw then, so that the guest's terminal interprets every key, and Ctrl-C. Otherwise the command's
-standard input is empty.
+user's terminal is raw meanwhile, so that the guest's terminal interprets every key, Ctrl-C included. If stdin or stdout
+is no terminal, the command's standard input is empty.
 """
 
 import os
@@ -61,7 +61,7 @@ class Streams:
         self._routes.append((os.open(file, os.O_RDONLY), ours))
 
     def pump(self) -> bool:
-        """Copy what has come since the last call; tell whether there was any."""
+        """Copy the output that has come since the last call; returns whether there was any."""
         moved = self._type()
         for source, sink in self._routes:
             while chunk := _read_now(source):
@@ -77,7 +77,7 @@ class Streams:
         return bool(typed)
 
     def close(self) -> None:
-        """Close this program's ends; the files themselves are removed with their folder."""
+        """Close this program's ends of files and pipes; the files themselves are removed with their folder."""
         for source, _ in self._routes:
             os.close(source)
         for end in (self.console, self.keyboard, self._typed):

@@ -1,14 +1,14 @@
 """Runs one command inside a user-mode Linux: a kernel that is a process, with vcan, over the host's own file system.
 
 This file boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out while it
-is written, and returns the exit code that the guest left. No privilege is used: to the host's files the guest can do
-what its caller can.
+is written, and returns the exit code that the guest left. The guest has no privilege: it can change only those files of
+the host that its caller can change.
 
 Three things can go wrong: the guest's kernel stops early (no result file: its last output is shown), the command runs
 too long (ExpiredError), or a signal stops this program (an exception from its handler). In each case the guest's
-process group is killed. If this program is killed itself, a shell that waits for that kills the group, and the host's
-kernel kills the guest's first process. All traces are in one temporary folder; the guest's memory is a file without a
-name, which disappears with the guest.
+process group is killed. If this program itself is killed, a shell that it started for this case kills the group, and
+the host's kernel kills the guest's first process. All files of a run are in one temporary folder; the guest's memory is
+a file without a name, which disappears with the guest.
 """
 
 import ctypes
@@ -198,7 +198,7 @@ def _booted(linux: Path, folder: Path, streams: Streams) -> Iterator["subprocess
 def _guard(group: int) -> "subprocess.Popen[bytes]":
     """Start a process that kills a process group as soon as this program has ended in any way.
 
-    It waits for the end of a pipe that only this program holds.
+    The process waits for the end of a pipe that only this program holds.
     """
     return subprocess.Popen(
         ["sh", "-c", _KILL_GROUP_AT_EOF, "sh", str(group)],
@@ -214,18 +214,18 @@ def _die_with_parent() -> None:
 
 
 def _adopt_orphans() -> None:
-    """Let this process reap the guest's orphans, since the first process of a container may not do that."""
+    """Let this process reap the guest's orphans, since the first process of a container may not reap them."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def _kill_group(process: "subprocess.Popen[bytes]") -> None:
-    """End the guest, which may have ended by itself, with all its processes; they are processes of the host."""
+    """Kill all processes of the guest, which are processes of the host; the guest may have ended by itself."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     with suppress(ChildProcessError):
         while True:
-            os.waitpid(-process.pid, 0)  # its orphans, which are ours: see _adopt_orphans
+            os.waitpid(-process.pid, 0)  # the guest's orphans, which this process has adopted (_adopt_orphans)
 
 
 def _exit_code(folder: Path) -> int:

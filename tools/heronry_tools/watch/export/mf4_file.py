@@ -2,7 +2,7 @@
 
 Every signal is a channel of its name, with its unit, in a group with a time of its own. Events and reconfigurations are
 channels of text: `events` has sentences, `reconfigurations` JSON as in the snapshot (docs/watch.md). Times are seconds
-since the first frame or event; the file's start time is the date of that, where the recording has dates.
+since the first frame or event. If the recording has dates, the file's start time is the date of this frame or event.
 """
 
 import json

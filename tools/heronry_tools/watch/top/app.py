@@ -34,7 +34,7 @@ up, down       select a PE                    d   all details of it, and of the 
 ?              this page                      q   quit
 
 of a recording:  left, right   one second     [, ]   the reconfiguration before, the next one
-                 p   play at 1x, 4x, 16x      home, end   to its begin, to its end
+                 p   play at 1x, 4x, 16x      home, end   to its start, to its end
 """
 
 
@@ -44,7 +44,7 @@ _OWN_ACTIONS = frozenset(
 
 
 def _shown(key: str, action: str, words: str | None = None) -> Binding:
-    """Bind a key to an action before the widgets get it, and show it in the footer; `words` are its label there."""
+    """Bind a key to an action, so that no widget gets the key, and show the key in the footer, labelled `words`."""
     return Binding(key, action, action if words is None else words, priority=True)
 
 
@@ -144,7 +144,7 @@ class TopApp(App[None]):
         self.paint()
 
     def on_resize(self) -> None:
-        """Show all of the lower panels side by side if there is room, else one of them."""
+        """Show all lower panels side by side if there is room; if there is not, show one of them."""
         self._arrange()
         self.call_after_refresh(self.paint)
 
@@ -155,7 +155,7 @@ class TopApp(App[None]):
     def _take(self) -> None:
         """Take the events that have come, and wait for more on the descriptors that the source now has.
 
-        If the terminal has closed, the program ends: a closed terminal can be read without end and gives nothing.
+        If the terminal has closed, the program ends, since a closed terminal always counts as readable.
         """
         if not (self.is_headless or os.isatty(_STANDARD_INPUT)):
             self.exit()
@@ -174,7 +174,7 @@ class TopApp(App[None]):
             self.query_one(f"#{name}-box").display = is_large or number == self._tab
 
     def paint(self) -> None:
-        """Write the panels, if they are mounted: a timer may call this before they are, and when the program ends."""
+        """Write the panels, if they are mounted: a timer may call this before that, and while the program ends."""
         if not self.query("#modules"):
             return
         view, width = self.snapshot(), self.size.width
@@ -256,7 +256,7 @@ class TopApp(App[None]):
         self.paint()
 
     def action_move(self, seconds: int) -> None:
-        """Move the cursor of a recording by a number of steps."""
+        """Move the cursor of a recording by so many seconds, backwards if the number is negative."""
         self._recorded().move(seconds * _STEP_NS)
         self.paint()
 
@@ -266,11 +266,11 @@ class TopApp(App[None]):
         self.paint()
 
     def action_play(self) -> None:
-        """Let the cursor run at the next higher speed; after the highest speed, stop it."""
+        """Let the cursor run at the next higher speed; after the highest speed, stop the cursor."""
         self._recorded().play()
 
     def action_end(self, which: int) -> None:
-        """Move the cursor to the begin (0) or the end (1) of the recording."""
+        """Move the cursor to the start (0) or the end (1) of the recording."""
         timeline = self._recorded().timeline
         self._recorded().move_to(timeline.ends_ns if which else timeline.begins_ns)
         self.paint()

@@ -68,7 +68,7 @@ class RecordedSource:
         self._ran_ns = now_ns
 
     def play(self) -> None:
-        """Let the cursor run at the next higher speed; after the highest one it stops."""
+        """Let the cursor run at the next higher speed, at the end from the start; after the highest speed, stop it."""
         faster = [speed for speed in SPEEDS if speed > self._speed]
         if self.at_ns >= self.timeline.ends_ns:
             self.at_ns = self.timeline.begins_ns
@@ -83,7 +83,7 @@ class RecordedSource:
         self.at_ns = min(max(at_ns, self.timeline.begins_ns), self.timeline.ends_ns)
 
     def to_reconfiguration(self, *, is_next: bool) -> None:
-        """Move the cursor to the next or the previous reconfiguration; without one, to the end or the begin."""
+        """Move the cursor to the next or previous reconfiguration; if there is none, to the end or start."""
         times = self.timeline.reconfigurations()
         if is_next:
             self.move_to(min((t for t in times if t > self.at_ns), default=self.timeline.ends_ns))

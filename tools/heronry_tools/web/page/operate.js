@@ -12,8 +12,8 @@ const ORDERS = {
   kill: { word: ({ what }) => `Kill ${what}`, says: ({ what }) => `Kill the process of ${what} (SIGKILL)?`, grave: true },
   restore: { word: ({ what }) => `Restore ${what}`, says: ({ what }) => `Start the process of ${what} again?` },
   unlock: {
-    word: ({ what }) => `Unlock ${what}`, says: ({ what }) => `Let other tools write on ${what} for a while (NMT, SDO)?`, grave: true,
-    cost: "No plan changes because of this order. Whoever writes on the PE meanwhile can stop what runs there; the planner cannot know that.",
+    word: ({ what }) => `Unlock ${what}`, says: ({ what }) => `Let other tools write to ${what} for a while (NMT, SDO)?`, grave: true,
+    cost: "No plan changes because of this order. A tool that writes to the PE meanwhile can stop what runs there; the planner cannot foresee that.",
   },
   phase: { word: ({ what }) => `Enter ${what}`, says: ({ what }) => `Enter the phase ${what}?` },
   priority: { word: ({ what }) => `Change ${what}`, says: ({ what, to }) => (to === null ? `Give ${what} the priority of the spec again?` : `Give ${what} the priority ${to}?`) },
