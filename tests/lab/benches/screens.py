@@ -5,7 +5,7 @@
     event to screen   from the manager's time of an event until the frame in which the browser has drawn its line. The
                       operator fails and clears a device meanwhile. The page's clock is compared with the manager's
                       (CLOCK_MONOTONIC, as in Chromium) twenty times; the closest pair of readings counts. `heronry web`
-                      has a session of its own, as from a terminal of its own: Linux divides the processors among sessions
+                      has a session of its own, as in a terminal of its own: Linux shares the processors among sessions
     demo to graph     from the start of `heronry demo --web` until the graph is in the browser, which runs already; and
                       until the address is printed, and the first configuration runs. The first start is not counted
     --minutes M       two pages and `heronry top` (in a pseudo-terminal of 200x50) at full traffic, with a fault or its
