@@ -62,7 +62,7 @@ def test_where_guidance_is_kept_a_single_fault_lets_it_come_home() -> None:
     ("arguments", "message"),
     [
         (["elevator_and_chute"], "does not have the devices of an aircraft"),
-        (["eav", "--phase", "glide"], "only big_blue has phases"),
+        (["eav", "--phase", "glide"], "only big_blue can begin in another phase"),
         (["big_blue", "--without-rover"], "are for the EAV"),
         (["big_blue", "--wind", "40"], "0 to 15 m/s"),
         (["big_blue", "--live"], "only the EAV"),
