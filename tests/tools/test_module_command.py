@@ -39,6 +39,13 @@ class Hanging(Module):
                 pass
 
 
+class Requesting(Module):
+    def step(self, inputs):
+        self.ctx.request_priority("imaging", 7)
+        self.ctx.request_priority("guidance", None)
+        return {}
+
+
 class Leaving(Module):
     def step(self, inputs):
         raise SystemExit
@@ -99,6 +106,14 @@ def test_a_module_computes_some_steps(folder: str, capsys: pytest.CaptureFixture
     assert printed[:2] == [f"step 1: airspeed=0.0, {does}", f"step 2: airspeed=0.25, {does}"]
     assert printed[2].startswith("longest step ")
     assert printed[2].endswith(" of a period of 250 ms")
+
+
+def test_a_step_that_only_requests_priorities_is_shown(folder: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["module", "try", f"{folder}:Requesting", "--steps", "1"]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0] == "step 1: requests priority 7 of imaging, requests the spec's priority of guidance"
+    assert main(["module", "try", f"{folder}:Requesting", "--steps", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["steps"][0]["priorities"] == [["imaging", 7], ["guidance", None]]
 
 
 def test_a_module_that_ends_its_process_has_failed(folder: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -101,11 +101,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _report(trial: "Trial", period_ns: int) -> Iterator[str]:
+    from heronry_tools.runtime.module_trial import requested_priorities  # noqa: PLC0415
+
     for number, step in enumerate(trial.steps, start=1):
         outputs = [f"{name}={value!r}" for name, value in step.outputs.items()]
         writes = [f"writes {value!r}" for value in step.writes]
         reports = [f"reports {element} failed, detail {detail}" for element, detail in step.reports]
         phases = [f"requests phase {phase}" for phase in step.phases]
-        yield f"step {number}: {', '.join([*outputs, *writes, *reports, *phases]) or 'gives nothing'}"
+        requests = [f"requests {_said(priority)} of {name}" for name, priority in requested_priorities(step)]
+        yield f"step {number}: {', '.join([*outputs, *writes, *reports, *phases, *requests]) or 'gives nothing'}"
     if trial.steps:
         yield f"longest step {trial.longest_ns / 1e6:.2f} ms, of a period of {period_ns / 1e6:g} ms"
+
+
+def _said(priority: int | None) -> str:
+    return "the spec's priority" if priority is None else f"priority {priority}"

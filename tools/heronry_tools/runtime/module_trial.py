@@ -22,6 +22,7 @@ from heronry_agent.module import Datum, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result, is_foreign
 from heronry_agent.shell.partition_messages import Done, Uncarriable, encode_answer
+from heronry_wire.management import SPECS_PRIORITY
 from heronry_wire.sansio import NEVER_NS
 
 _MODULE = 0
@@ -45,7 +46,7 @@ class Trial:
     longest_ns: int = 0
 
     def document(self) -> dict[str, Any]:
-        """Give the trial as plain data; bytes as hexadecimal digits."""
+        """Give the trial as plain data; bytes as hexadecimal digits, and null for the priority of the spec."""
         failure = None
         if self.failure is not None:
             failure = {"in_step": self.failed_in, "reason": self.failure.reason, "traceback": self.failure.traceback}
@@ -58,12 +59,18 @@ class Trial:
                     "writes": [_plain(value) for value in one.writes],
                     "reports": [list(report) for report in one.reports],
                     "phases": list(one.phases),
+                    "priorities": [list(request) for request in requested_priorities(one)],
                 }
                 for one in self.steps
             ],
             "failure": failure,
             "longest_step_ns": self.longest_ns,
         }
+
+
+def requested_priorities(step: Result) -> list[tuple[str, int | None]]:
+    """Give function and priority of each priority request of a step; None for the priority of the spec."""
+    return [(function, None if number == SPECS_PRIORITY else number) for function, number in step.priorities]
 
 
 def expect_there(image: str) -> None:
