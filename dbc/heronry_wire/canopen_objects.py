@@ -171,7 +171,9 @@ OBJECTS: tuple[Entry, ...] = (
         (
             Variable("Vendor-ID", _U32, _CONST, VENDOR_ID, "0: none is registered"),
             Variable("Product code", _U32, _CONST, PRODUCT_CODE),
-            Variable("Revision number", _U32, _CONST, REVISION, "as IDS of CANaerospace: hardware, software"),
+            Variable(
+                "Revision number", _U32, _CONST, REVISION, "hardware and software revision, as in the answer to IDS"
+            ),
             Variable("Serial number", _U32, _CONST, 0, "0: none"),
         ),
     ),
@@ -241,8 +243,12 @@ OBJECTS: tuple[Entry, ...] = (
             Variable("Lease is heard", _U8, meaning="1 or 0"),
         ),
     ),
-    _per_module(MODULE_NAMES, "Module name", _TEXT, "of each module that may run here; so are the next six"),
-    _per_module(MODULE_INDICES, "Module index", _U16, "in the spec: EMCY and slices count so"),
+    _per_module(
+        MODULE_NAMES, "Module name", _TEXT, "one element for each module that may run here, as in 2011h to 2016h"
+    ),
+    _per_module(
+        MODULE_INDICES, "Module index", _U16, "position of the module in the spec; EMCY and slices name a module by it"
+    ),
     _per_module(MODULE_IMAGES, "Module image", _TEXT, "the code"),
     _per_module(MODULE_STATES, "Module state", _U8, "0 not wanted, 1 running, 2 held, 3 failed, 4 not started yet"),
     _per_module(MODULE_MODES, "Module mode", _TEXT, "the mode that runs, or nothing"),
