@@ -96,7 +96,9 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
     if decoded.encode() != body or len(modules) != len(decoded.modules):
         raise SliceError("an index is out of order or given twice, or a number is longer than needed")
     if not decoded.expendable <= modules:
-        raise SliceError(f"modules {sorted(decoded.expendable - modules)} are expendable, but not in the slice")
+        raise SliceError(
+            f"modules {sorted(decoded.expendable - modules)} are marked as expendable, but are not in the slice"
+        )
     return decoded
 
 

@@ -13,8 +13,8 @@
     script, release  run another configuration, which a script makes of the running one (`held_script`); end such a
                      script. A script is refused during a reconfiguration, while another script waits, or if its
                      configuration is not legal
-    unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
-                     if it is lost, the operator has to give the order again
+    unlock pe:NAME   with a key: this one PE accepts NMT commands and SDO writes for UNLOCK_S seconds. The frame is not
+                     repeated: if it is lost, the operator has to give the order again
 
 A manager that only advises does not execute orders of phases, failures and clearances. It assumes what they say, and
 reports what it would do then.
@@ -211,4 +211,4 @@ class OperatorOrders:
         if self._turn.silent:
             return Outcome(False, _ONLY_ADVISES)
         told = Control(self._turn.term, pe.node_id, Operation.UNLOCK, UNLOCK_S)
-        return Outcome(True, f"NMT and SDO may write on {element} for {UNLOCK_S} s", command=told)
+        return Outcome(True, f"{element} is unlocked for NMT commands and SDO writes, for {UNLOCK_S} s", command=told)

@@ -145,7 +145,7 @@ class ClearElement:
 
 @dataclass(frozen=True, slots=True)
 class UnlockPe:
-    """The operator lets other tools write on a PE (`pe:NAME`) for a while, by NMT and SDO."""
+    """The operator unlocks a PE (`pe:NAME`) for a while, for the NMT commands and SDO writes of other tools."""
 
     element: str
 

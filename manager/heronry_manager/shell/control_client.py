@@ -79,7 +79,7 @@ def find_socket(name: str | None) -> Path:
     if not running:
         raise ControlError(
             f"no manager runs here: none listens in {default_socket('any').parent}; start one with 'heronry manager "
-            "SPEC', or name its socket with --socket"
+            "SPEC', or name the socket of a running one with --socket"
         )
     if len(running) > 1:
         raise ControlError(f"there are {len(running)} managers: {names}; say which one with --of NAME")

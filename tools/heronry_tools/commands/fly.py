@@ -133,7 +133,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--live", action="store_true", help="eav: fly in real time, with processes on software buses")
     parser.add_argument("--record", type=Path, metavar="FILE", help="write the record as JSON; for one flight only")
     parser.add_argument(
-        "--report", type=Path, metavar="FILE", help="write an HTML page with pictures: of one flight, or of all"
+        "--report", type=Path, metavar="FILE", help="write an HTML page with pictures: of the flight, or of all flights"
     )
     add_compiled_argument(parser)
     add_output(parser, "write one JSON object per flight, and one for all")
@@ -306,7 +306,9 @@ def _blow(spec: "Spec", text: str) -> "Blow":
     kind, _, name = element.partition(":")
     known = {"pe": spec.pes, "bus": spec.buses, "device": spec.devices}.get(kind)
     if known is None:
-        raise UserError(f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, as pe:nav_a@20")
+        raise UserError(
+            f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, for example pe:nav_a@20"
+        )
     if name not in known:
         raise UserError(f"--kill {text}: no {kind} is named '{name}'; {meant(name, known)}")
     if how and kind != "device":

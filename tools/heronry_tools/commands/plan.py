@@ -76,7 +76,8 @@ def add_parsers(subparsers: Any) -> None:
         "--effort",
         type=_effort,
         metavar="E",
-        help="limit of the search (default 60); one unit is about a second, and the same work on every computer",
+        help="limit of the search, in units of work (default 60); a unit is the same work on every computer, and takes "
+        "about a second",
     )
     add_output(plan, "write the plan as JSON")
     plan.set_defaults(run=run_plan)

@@ -59,7 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.watch.source_arguments import opened_feed  # noqa: PLC0415
 
     if arguments.limit < LEAST_BYTES:
-        raise UserError(f"--limit {arguments.limit}: a folder needs {LEAST_BYTES // 10**6}M or more")
+        raise UserError(
+            f"--limit {arguments.limit} bytes is too small; the least is {LEAST_BYTES // 10**6}M (megabytes)"
+        )
     feed = opened_feed(arguments)
     stopped = noted()
     end_s = None if arguments.seconds is None else time.monotonic() + arguments.seconds

@@ -1,4 +1,4 @@
-"""`heronry render`: a spec's dependency graph as a picture, in the paper's own symbols.
+"""`heronry render`: a spec's dependency graph as a picture, with the symbols that `_EPILOG` lists.
 
 Exit codes: 0 it is drawn; 2 the input cannot be used.
 """

@@ -41,7 +41,7 @@ def add_parsers(subparsers: Any) -> None:
     rules = subparsers.add_parser(
         "rules",
         description="List the rules of heronry check: code, severity, name, and what each finds. "
-        "heronry explain says more of one code.",
+        "heronry explain says more about one code.",
         epilog=_RULES_EPILOG,
     )
     rules.add_argument("codes", metavar="CODE", nargs="*", help="codes, or beginnings of codes (default: all rules)")

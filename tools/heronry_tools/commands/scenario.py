@@ -64,7 +64,7 @@ def add_parsers(subparsers: Any) -> None:
         "--patience",
         metavar="N",
         type=_patience,
-        help="for real processes on a busy computer: 'within 80ms' means N times 80 ms (1 to 100; default 1)",
+        help="for real processes on a busy computer: 'within 80ms' then means N times 80 ms (N: 1 to 100; default 1)",
     )
     add_bus_arguments(parser, "real processes, with this bus for the manager (default: the simulator)")
     parser.set_defaults(run=run)

@@ -31,7 +31,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry why`."""
     parser = subparsers.add_parser(
         "why",
-        description="Tell why a function is not served, or only in a worse mode, and the smallest repair.",
+        description="Tell why a function is not served, or is served only in a worse mode, and what the smallest "
+        "repair is.",
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
