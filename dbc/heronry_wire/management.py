@@ -325,7 +325,7 @@ def element_field(kind: ElementKind, node: int = EVERYWHERE) -> int:
 
 
 def kind_and_place(a: int) -> tuple[int, int]:
-    """Split the argument `a` of CLEAR or HOLDS into the number of the element's kind and a node-ID, or EVERYWHERE."""
+    """Split the argument `a` of CLEAR or HOLDS in two: the number of an element's kind, and a node-ID or EVERYWHERE."""
     return a & 0xFF, a >> 8
 
 

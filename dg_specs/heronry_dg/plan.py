@@ -9,7 +9,7 @@ The report (`plan_report`: functions, PEs, buses) follows from the other parts, 
     read_configuration   only `modules`, since a plan to be verified may come from any planner
     read_running         only `pe` and `mode` of each module: the placement that runs now
 
-A malformed file raises PlanError, whose sentence names the place.
+A malformed file raises PlanError, whose sentence names the place in the file.
 """
 
 import json

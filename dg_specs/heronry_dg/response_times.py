@@ -123,7 +123,7 @@ class ResponseTimes:
         return delays + [None] * (len(jitters) - bounded)
 
     def bits_per_ns(self, bus: str) -> Fraction:
-        """Bit times of a bus in a nanosecond."""
+        """Number of bit times of a bus in one nanosecond."""
         return Fraction(self.spec.buses[bus].bitrate, _NS_PER_S)
 
     def message(self, hop: Hop, jitter_ns: Fraction = _NONE) -> Message:

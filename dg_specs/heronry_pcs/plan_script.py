@@ -5,8 +5,8 @@ space has, under the name of each module, one leaf for each of its modes and pos
 selects a leaf. Parts that a script may leave out:
 
     :MODE    then the mode is the best one that has all wires which the script gives to the module
-    @PE      then the PEs are those of the legal configuration with the fewest published bits (level 6), then the least
-             CPU (level 7); of several the first in the spec's order
+    @PE      then the PEs are those of the legal configuration with the fewest published bits (level 6); of several the
+             first in the spec's order
     :PATH    of the input at the end of an edge, where the module has one input of that variable
 
 A script can create an edge that is not a wire, because it leads from an input, between two variables, or to a module

@@ -1,8 +1,8 @@
 """Text lines with a checksum, by which a reader of a journal recognizes a line that was only partly written.
 
 A line is a checksum (CRC-32, 8 hexadecimal digits), a space, JSON, and a line break. The checksum of a partly written
-or changed line does not fit: CRC-32 finds every change of up to 32 bits in a row. The reader decides what follows from
-a bad line.
+or changed line does not fit: CRC-32 finds every change of up to 32 bits in a row. The reader decides what to do
+about a bad line.
 """
 
 import json

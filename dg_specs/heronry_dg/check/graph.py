@@ -285,8 +285,10 @@ class _Possible:
         return most
 
     def _sources(self, leaf: Leaf) -> frozenset[str] | None:
-        """Modules that could be wired to a leaf while this module runs.
+        """Names of what could be wired to a leaf while this module runs: modules and DEMUXes, as in `_Wiring.groups`.
 
+        The DEMUX of this module is left out unless this module itself gives what the leaf accepts, since no other
+        branch or end of that DEMUX runs at the same time.
         None where no module gives what the leaf accepts.
         """
         if not self.wiring.is_given(leaf):

@@ -51,8 +51,8 @@ QUIET = Burst()
 class FrameTimes:
     """Longest response times on one bus, in nanoseconds: from when a frame is queued for this bus until its last bit.
 
-    command_ns: response time of the manager's commands, and of the emergency events that are as urgent.
-    emergency_ns: response time of an EMCY.
+    command_ns: response time of the manager's commands, and of CANaerospace emergency events.
+    emergency_ns: response time of a CANopen EMCY.
     answer_ns: response time of a PE's state.
     """
 

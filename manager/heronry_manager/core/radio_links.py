@@ -6,8 +6,8 @@ step of a radio
     falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are more than
              a tenth below the present step; with a longer wait the queues of the gateway would grow
     rises    once all reports for ten heartbeat periods of the radio have been at least a twentieth above a higher step.
-             Each further fall within a minute doubles this time, up to fourfold; after a minute without a fall it is
-             ten periods again
+             Each fall within a minute of the fall before doubles these ten periods, to forty at most. A later fall sets
+             them to ten again
     gone     the gateway hears nothing from beyond the radio: all PEs there are lost together. Until some PE beyond the
              radio is available again, and at the start, each report sets the step directly: this interrupts no PE, and
              a PE that returns gets a plan that fits the radio

@@ -115,8 +115,9 @@ class Wiring:
     def _producers_run(self) -> None:
         """Add constraints: the producer of each wire runs in a mode that gives the wire's version (semantics rule 2).
 
-        A consumer reads one version of a variable from one producer, so the wires for one variable of a producer add up
-        to at most one.
+        Inputs of one mode that take the same variable accept different versions, and a consumer runs in one mode. So at
+        most one wire leads from one version of a producer's variable to a consumer, and one constraint on the sum of
+        the literals of all such wires is enough.
         """
         alike: dict[tuple[str, Source, str], list[IntVar]] = {}
         for (consumer, _, _), wires in self.wires.items():

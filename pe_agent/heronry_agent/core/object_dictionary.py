@@ -87,7 +87,10 @@ class ObjectDictionary:
         return Abort.LENGTH if length not in (None, variable.type.length) else variable.type.length
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
-        """Write a value; returns None, or the reason why the value is refused. Call `room` first."""
+        """Write a value; returns None, or the reason why the value is refused.
+
+        Call `room` first: it checks that the object exists and may be written.
+        """
         if (index, sub_index) in self._bytes_writers:
             return self._bytes_writers[index, sub_index](data)
         variable = _ENTRIES[index].variable(sub_index)

@@ -1,7 +1,7 @@
 """A recorded feed, of which any moment can be shown.
 
-A state is computed when it is needed, from the nearest earlier one that is kept. A state is kept for every few events,
-so that a step in time is short, and memory stays small.
+A state is computed when it is needed, from the nearest earlier state that is kept. One state is kept for every 256
+events, so that a jump to another time is fast, and little memory is used.
 """
 
 from bisect import bisect_right

@@ -222,7 +222,7 @@ class Server:
         return len(held) == number
 
     def _held(self, inputs: Iterable[Node], most: int, consumer: int, *, may_start: bool) -> list[Node]:
-        """Make inputs of a gate hold, one after the other, until `most` of them do; return these."""
+        """Make inputs of a gate hold, one after the other, until `most` of them do; return those that hold."""
         held: list[Node] = []
         for one in inputs:
             if len(held) == most:

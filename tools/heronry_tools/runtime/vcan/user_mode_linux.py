@@ -129,7 +129,8 @@ def _job_folder() -> Iterator[Path]:
 def _roomy_folder(*, hidden_in_guest: bool) -> str:
     """Find a folder from which programs may be mapped: for the guest's memory, or for the job.
 
-    hidden_in_guest: True for the memory, which needs much room and may be where the guest sees a folder of its own.
+    hidden_in_guest: True for the memory. It needs much room. The guest itself does not open it, so its folder may have
+    a path at which the guest mounts another folder, for example /dev/shm.
     """
     candidates = [os.environ.get("TMPDIR", ""), "/dev/shm" if hidden_in_guest else "", "/tmp", "/var/tmp"]  # noqa: S108 - tried, not assumed
     for folder in candidates:

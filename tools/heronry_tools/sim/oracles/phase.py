@@ -15,9 +15,10 @@ phase count. In this case the ordered phase counts again as soon as HOLDS names 
 
 A new mastership knows what its manager remembers, or has heard as a standby manager. It may also have heard a request
 that the previous manager did not acknowledge before it failed. The first phase that a new mastership sends counts as
-the true one from then on. With one manager and an intact journal, that phase must be the phase before, or one that is
-still requested. With two managers or a damaged journal it may also be an earlier phase. A request that was acknowledged
-in an earlier term may then count again, if the new mastership sends the requested phase.
+the true one from then on. With one manager and an intact journal, that phase must be the one that counted until then,
+or one that is still requested. With two managers or a damaged journal it may also be one that counted at an earlier
+time. A request that was acknowledged in an earlier term may then count again, if the new mastership sends the requested
+phase.
 
 Two kinds of managers need not know the true phase. A manager of the first kind has begun a higher term and was not
 heard for a while. It need not know what a deposed manager has acknowledged meanwhile: no PE has accepted these
