@@ -8,9 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
+from heronry_dg.configuration import Configuration, Running
 from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
 from heronry_manager.core.events import event, to_line
 from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.watch.graph_marks import LiveGraphs
 from heronry_tools.watch.observations import OBSERVATIONS, observation
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.schema import SCHEMA_FILE, schema_text
@@ -23,6 +26,20 @@ REDUCER = Reducer(SPEC)
 
 def snapshot(*events) -> Snapshot:
     return REDUCER.all(events).snapshot
+
+
+def test_a_graph_is_made_once_for_each_situation_and_configuration() -> None:
+    graphs, runs = LiveGraphs(SPEC), Configuration({"attitude_filter": Running("nav", "A")})
+    elsewhere = Configuration({"attitude_filter": Running("air", "A")})
+    fault = Situation(frozenset({"device:pitot"}))
+    first = graphs.graph(Situation(), runs)
+    assert graphs.graph(Situation(), Configuration(dict(runs.modules))) is first
+    assert graphs.graph(fault, runs).nodes["device:pitot"] == "dead" != first.nodes["device:pitot"]
+    assert graphs.graph(Situation(), Configuration()).nodes["module:attitude_filter"] == "idle"
+    assert graphs.graph(Situation(), elsewhere) == first
+    for n in range(40):
+        graphs.graph(Situation(priorities={"elevator": n + 1}), runs)
+    assert graphs.graph(Situation(), runs) == first
 
 
 def test_a_flight_as_its_snapshot_tells_it() -> None:

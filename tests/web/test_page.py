@@ -35,6 +35,7 @@ PLANTS = """\
 plants:
   elevator: {moved_by: [elevator_servo_1], seen_by: [elevator_angle_sensor], criticality: A}
 """
+NEWEST = 100  # events that the page shows without a click
 PANELS = ("graph", "timeline", "buses", "events", "what-if")
 
 
@@ -82,8 +83,13 @@ def expect_panels_to_show(watched, snapshot):
             assert f"load {100 * bus['load']:.1f} %" in page.text_content(f'#buses [data-bus="{name}"]')
     watched.panel("events")
     told = [one["number"] for one in snapshot["told"] if one["severity"] != "detail"]
-    numbers = page.eval_on_selector_all("#events tr", "(rows) => rows.map((row) => Number(row.dataset.number))")
-    assert numbers == told[::-1]
+    of_rows = "(rows) => rows.map((row) => Number(row.dataset.number))"
+    assert page.eval_on_selector_all("#events tr", of_rows) == told[::-1][:NEWEST]
+    for count in range(NEWEST, len(told), NEWEST):
+        page.click("#events-older")
+        watched.until(f"document.querySelectorAll('#events tr').length === {min(count + NEWEST, len(told))}")
+    assert page.eval_on_selector_all("#events tr", of_rows) == told[::-1]
+    assert not page.is_visible("#events-older")
     faults = page.eval_on_selector_all("#faults .fault", "(all) => all.map((one) => one.dataset.fault)")
     assert sorted(faults) == sorted(fault["element"] for fault in snapshot["faults"])
 

@@ -4,7 +4,9 @@ Symbols and edges are named by the keys of `reports.render`. So a picture is dra
 changed.
 """
 
+from collections import OrderedDict
 from functools import lru_cache
+from typing import Any, Final
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
@@ -14,6 +16,9 @@ from heronry_tools.reports.render.graph import Edge, Node
 from heronry_tools.reports.render.marks import Marks, marks
 from heronry_tools.watch.snapshot import Graph, Live
 
+_REMEMBERED: Final = 32
+_Choices = tuple[tuple[Any, ...], ...]
+
 
 def edge_key(edge: Edge) -> str:
     """Name an edge: by its two ends, and at each end by the mode (`-` if the edge ends at the symbol itself)."""
@@ -22,14 +27,24 @@ def edge_key(edge: Edge) -> str:
 
 
 class LiveGraphs:
-    """Finds the live parts of one spec's graph; what could run in a situation is remembered."""
+    """Finds the live parts of one spec's graph; the last results are remembered, since faults come and go."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
+        self._graphs: OrderedDict[tuple[Situation, _Choices], Graph] = OrderedDict()
         self.feasible = lru_cache(maxsize=32)(lambda now: marks(spec, now).found)
 
     def graph(self, now: Situation, configuration: Configuration) -> Graph:
         """Give the state of every symbol and edge in a situation in which this configuration runs."""
+        key = now, _choices(configuration)
+        if key not in self._graphs:
+            self._graphs[key] = self._make(now, configuration)
+        self._graphs.move_to_end(key)
+        if len(self._graphs) > _REMEMBERED:
+            self._graphs.popitem(last=False)
+        return self._graphs[key]
+
+    def _make(self, now: Situation, configuration: Configuration) -> Graph:
         spec = self._spec
         graph = build(spec, Marks(spec, self.feasible(now), configuration))
         lost = _lost_outputs(spec, now, configuration)
@@ -47,6 +62,14 @@ class LiveGraphs:
             for one in graph.edges
         }
         return Graph(nodes, cells, edges)
+
+
+def _choices(configuration: Configuration) -> _Choices:
+    """Give all that a configuration chooses, as a key: equal for equal configurations only."""
+    return tuple(
+        (name, running.pe, running.mode, *sorted(running.inputs.items()))
+        for name, running in configuration.modules.items()
+    )
 
 
 def is_degraded(spec: Spec, configuration: Configuration, module: str) -> bool:

@@ -71,9 +71,8 @@ export const WORDS = {
 };
 
 export function badge(state) {
-  return h("span", { class: `badge ${state}`, title: WORDS[state] ?? state },
-    h("span", { "aria-hidden": "true" }, LETTERS[state] ?? "?"),
-    h("span", { class: "hidden-title" }, WORDS[state] ?? state));
+  const word = WORDS[state] ?? state;
+  return h("span", { class: `badge ${state}`, role: "img", "aria-label": word, title: word }, LETTERS[state] ?? "?");
 }
 
 export function milliseconds(ns) {

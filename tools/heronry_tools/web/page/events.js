@@ -1,22 +1,30 @@
-// The events with severity and filter, and the latched faults, which can be acknowledged in this browser.
+// The events with severity and filter, and the latched faults, which can be acknowledged in this browser. Every new row
+// moves all rows below it, and to paint hundreds of them takes a third of a processor: older events wait for a click.
 
-import { badge, byId, clock, h, list } from "./dom.js";
+import { badge, byId, clock, h, list, setText } from "./dom.js";
 import { store } from "./store.js";
 import * as operate from "./operate.js";
 
 const SEVERITIES = ["error", "warning", "notice", "good", "detail"];
 const KEY = "heronry-seen";
 const wanted = new Set(SEVERITIES.slice(0, 4));
+const NEWEST = 100;
+let most = NEWEST;
 let redraw = () => {};
 
 export function begin(show) {
   redraw = show;
   byId("events-text").addEventListener("input", show);
+  byId("events-older").addEventListener("click", () => { most += NEWEST; show(); });
   byId("events-severities").append(...SEVERITIES.map((severity) => h("label", { class: "severity" },
     h("input", {
       type: "checkbox", checked: wanted.has(severity),
       on: { change: (event) => { (event.target.checked ? wanted.add(severity) : wanted.delete(severity)); show(); } },
     }), badge(severity), h("span", { "aria-hidden": "true" }, severity))));
+}
+
+export function opened() {
+  most = NEWEST;
 }
 
 export function show() {
@@ -27,7 +35,10 @@ export function show() {
     const one = told[at];
     if (wanted.has(one.severity) && (!text || `${one.sentence} ${one.event}`.toLowerCase().includes(text))) rows.push(one);
   }
-  list(byId("events"), rows, (row) => row.number, (row) =>
+  const older = rows.length - most;
+  byId("events-older").hidden = older <= 0;
+  setText(byId("events-older"), `Show older events (${older})`);
+  list(byId("events"), rows.slice(0, most), (row) => row.number, (row) =>
     h("tr", { class: row.severity, "data-event": row.event, "data-number": row.number },
       h("td", {}, clock(row.t_ns, began_ns)), h("td", {}, badge(row.severity)), h("td", {}, row.sentence)));
   list(byId("faults"), faults.map((fault) => ({ ...fault, seen: isSeen(fault) })), (fault) => fault.element, faultCard);
