@@ -205,7 +205,8 @@ def test_two_modules_have_two_indices() -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "says"), [("data_per_mille", 0, "must be 1 to 1000"), ("link_id", 300, "which is not one for gateways")]
+    ("key", "value", "says"),
+    [("data_per_mille", 0, "must be 1 to 1000"), ("link_id", 300, "which is not one for gateways")],
 )
 def test_a_port_that_cannot_be_is_refused(key: str, value: int, says: str) -> None:
     assert says in refused(changed(("ports", 0, key), value))
