@@ -99,8 +99,10 @@ class _Flight:
     )
 
     def disturb(self) -> None:
-        """Fail the device, or clear it."""
-        self.fleet.order(next(self.faults)(self.device), "the benchmark")
+        """Fail the device, or clear it; a manager that listens again, after a standstill, is left alone."""
+        order = next(self.faults)(self.device)
+        with suppress(UserError):
+            self.fleet.order(order, "the benchmark")
 
 
 @contextmanager
