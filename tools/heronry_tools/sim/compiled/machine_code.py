@@ -136,13 +136,13 @@ def environment(folder: Path) -> dict[str, str]:
 def make(folder: Path) -> None:
     """Compile the simulator into a new folder, and verify by flights that it gives the same frames as Python.
 
-    Raises UserError if one of these fails.
+    Raises UserError if the simulator cannot be compiled, or gives other frames.
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with (folder.parent / "lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            if not folder.is_dir():  # otherwise another process has made it while this one waited
+            if not folder.is_dir():  # if it exists, another process has made it while this one waited
                 _make(folder.parent / "staging", folder)
     except OSError as error:
         problem = f"{folder.parent} cannot be written ({error.strerror})"
@@ -193,14 +193,14 @@ def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
 
 
 def sources() -> Iterator[Path]:
-    """Return the files to compile, relative to the folder that holds the packages."""
+    """Yield the files to compile, relative to the folder that holds the packages."""
     for package, modules in _COMPILED.items():
         for module in modules.split():
             yield Path(*package.split("."), f"{module}.py")
 
 
 def _copied() -> Iterator[tuple[str, Path]]:
-    """Return each file of the packages and its path in the copy.
+    """Yield, for each file of the packages, its path in the copy and the file.
 
     Shipped specs get the place that they have in a wheel.
     """

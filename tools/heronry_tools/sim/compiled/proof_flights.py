@@ -1,4 +1,4 @@
-"""Flights of every shipped spec, with faults, which must give equal frames in Python and compiled.
+"""Flights of every shipped spec, with faults, which must give equal frames in Python and in the compiled form.
 
 Running this module prints one line per flight: spec, seed, number of frames, their digest, the violations. The seeds
 together draw faults of every kind, buses that lose frames, two managers, and a key.

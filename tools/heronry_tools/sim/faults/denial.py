@@ -1,7 +1,7 @@
 """An attacker without the key that denies service: one kind of forged frame again and again, at a given share of a bus.
 
-    forged_welcome  WELCOME to every PE with a made-up TAG: a PE that requests a session after each would lose its
-                    own session
+    forged_welcome  WELCOME to every PE with a made-up TAG: a PE that requested a session after each WELCOME would
+                    lose its own session
     forged_tag      TAGs of every kind that belong to no command
     forged_beat     page 0 in the name of a PE, with a wrong tag: the manager might doubt the PE
     forged_nonce    page 2 with a made-up nonce: the manager might answer it instead of the PE's nonce
@@ -16,8 +16,8 @@
                     one of these
     forged_all      all of these in random order
 
-`Forgery` makes the frames, `Denier` sends them on a simulated bus. The attacker sends only while the bus is free: it
-does not destroy the frames of the node that it imitates (`forger` says why).
+`Forgery` makes the frames, `Denier` sends them on a simulated bus. The attacker sends only while the bus is free, so
+that its frames do not collide with those of the node that it imitates (`forger` says why).
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -71,10 +71,10 @@ DENIALS: Mapping[str, str] = {
     "forged_session": "whatever may end the session of one PE",
     "forged_all": "frames of all these kinds",
 }
-"""The kinds of fault that deny service without a key, and what each of them forges."""
+"""The kinds of fault that may deny service to an aircraft without a key, and what each of them forges."""
 
 _NS_PER_S = 1_000_000_000
-_AGAIN_NS = 20_000  # while the bus is busy
+_AGAIN_NS = 20_000  # from one attempt to send to the next, while the bus is busy
 _NEWER = 100  # how far a forged epoch is above the running epoch, at most
 _WRONG_FIRST = 10
 _NONCES_AFTER_A_WELCOME = 6
@@ -114,7 +114,7 @@ class Forgery:
         return self._nodes_of.keys()
 
     def hear(self, frame: Frame) -> None:
-        """Note what a PE reports of itself; ignore a frame with any other identifier."""
+        """Note what a PE reports in its page 0; ignore all other frames."""
         node = self._nodes_of.get(frame.can_id)
         page = None if node is None else decode_state(frame.data)
         if node is not None and isinstance(page, StatePage0):

@@ -5,9 +5,9 @@ may have only restarts and another only noise, and no kind always hides the effe
 
 A reconfiguration takes milliseconds, and the time between two reconfigurations is seconds. So most faults wait for a
 state of the protocol (`protocol_state`), and a state that lasts for a shorter time is drawn more often (`_AIM`). The
-state *idle* has the lowest weight, since most faults that wait for no state are injected in it. The weights come from
-the tables of campaigns (`campaign.Coverage`). They are the same for every seed, so that a seed flown alone gives the
-same flight as in a campaign.
+state *idle* has the lowest weight, since most faults that wait for no state are injected in it. The weights were chosen
+with the tables of campaigns (`campaign.Coverage`). They are the same for every seed, so that a seed flown alone gives
+the same flight as in a campaign.
 
 For a fault that waits for a state other than idle, further faults are drawn that lead to this state: a PE other than
 the target is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost,

@@ -97,7 +97,7 @@ class Kind:
     promised_with_key: bool = False  # in a flight with a key no rule is waived
     drawn: bool = True  # drawn where the user names no kinds; one more such kind changes the faults of every seed
     of_two: bool = False  # drawn only where there are two managers
-    of_keyed: bool = False  # drawn only in a flight with a key
+    of_keyed: bool = False  # drawn in every flight with a key, and more often than others
     needs_key: bool = False  # managers and PEs must have a key
     is_order: bool = False  # it is an order of the operator to the active manager
 

@@ -2,7 +2,7 @@
 
     forged      a made-up command with a made-up tag of 48 bits
     replayed    a command and its TAG that it has heard, of any age
-    reordered   a command and its TAG, a few milliseconds after they were sent
+    reordered   a command and its TAG out of order: one of the last eight commands that it has heard
     truncated   a command that it has heard, cut short, and its TAG
     foreign     a command of a manager of a higher term, tagged with another key
     slander     an EMCY in the name of a PE about any element, or a page 1 that refuses the running epoch

@@ -4,10 +4,10 @@
     preparing   the slices of an epoch have been sent, and some PE has not staged its slice
     activating  the first ACTIVATE has been sent, and some PE has not yet released an exclusive output
     going       the last step has been sent, and some PE is not ACTIVE
-    suspect     none of these, and a PE has missed a heartbeat
-    rejoining   none of these, and a PE that was down is heard again and in its hold-down
+    suspect     none of the above, and a PE has missed a heartbeat
+    rejoining   none of the above, and a PE that was down is heard again and in its hold-down
     orphaned    no active manager can be heard; this takes precedence over all others
-    idle        none of these
+    idle        none of the above
 
 A fault that waits for a state is injected shortly after the protocol has entered this state. If the protocol is in the
 state already, the fault is injected shortly after the time of the fault (`injection.schedule`).
@@ -33,7 +33,8 @@ _FOLLOWS = {
     "epoch_abandoned": "planning",
     "reconfigured": "idle",
 }
-_FORGOTTEN_AFTER_NS = 2_000_000_000  # after its last event: the PE may be silent again before the end of its hold-down
+# For this time after a PE was heard again it counts as rejoining; it may fall silent during its hold-down.
+_FORGOTTEN_AFTER_NS = 2_000_000_000
 
 
 class ProtocolState:

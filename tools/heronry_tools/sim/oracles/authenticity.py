@@ -57,14 +57,14 @@ _Accepted = tuple[int, Place]  # manager, place
 
 @dataclass(slots=True)
 class _Pe:
-    """The commands that explain what one PE has reported so far, and a lower bound of those that it has accepted."""
+    """The commands that may explain the reports of one PE, and those that the PE has certainly accepted (`least`)."""
 
     name: str
     node: int
     bus: str  # on which it reports
     lease_ns: int
     incarnation: int | None = None
-    asks_ns: int | None = None  # when it first asked for a welcome since its last page 0
+    asks_ns: int | None = None  # when it first requested a WELCOME (page 2) after its last page 0
     least: dict[int, Place] = field(default_factory=dict)  # by manager: the PE has accepted this place or a later one
     leases: dict[_Accepted, int] = field(default_factory=dict)  # LEASEs that it could accept: when each was sent last
     clears: dict[tuple[int, int], int] = field(default_factory=dict)  # by element: when a CLEAR was sent last

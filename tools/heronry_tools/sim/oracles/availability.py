@@ -3,9 +3,9 @@
 The oracle verifies flights with a key whose only faults are forged frames on less than a tenth of a bus. It requires
 that
 
-- no function that was heard is silent for longer than T_lease, or than the longest silence of a served function
-  (`Witness.patience_ns`), if this is longer;
-- each ALIVE of the active manager names every PE that its ALIVEs have named before;
+- no function that was heard is silent for longer than both T_lease and the longest silence of a served function
+  (`Witness.patience_ns`);
+- each ALIVE of the active manager names every PE that the ALIVE before it named;
 - the active manager ends no session (RENEW).
 
 Not verified: a flight with any other fault or order; only the other oracles verify such a flight.
@@ -34,7 +34,7 @@ class AvailabilityCheck(Oracle):
         self._lost: list[Violation] = []
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """Record the PEs that this ALIVE of the active manager does not name, though an earlier one did."""
+        """Record the PEs that this ALIVE of the active manager does not name, though the ALIVE before it named them."""
         self._lost += [_violation(t_ns, f"{pe} was left out by the manager") for pe in sorted(self._named - pes)]
         self._named = pes
 
@@ -46,7 +46,8 @@ class AvailabilityCheck(Oracle):
     def denials(self, faults: Collection[Fault], witness: Witness, span_ns: range) -> list[Violation]:
         """Return what was denied between the first configuration and the end of a flight.
 
-        faults: everything that was injected. span_ns: begin and end of that time.
+        faults: everything that was injected
+        span_ns: time of the first configuration, and of the end of the flight
         """
         cheap = all(fault.kind in DENIALS and fault.level < UNPRICED_PERCENT for fault in faults)
         if not faults or not cheap:

@@ -1,12 +1,13 @@
 """No healthy element is reported as failed: every fault that a PE reports on a bus was really injected.
 
 The manager latches a reported fault. So a false report takes a healthy element out of use until the operator clears the
-element. The oracle collects the reports, and `unfounded` compares all of them with the elements that are down at that
-time. This is enough, since an element that was rightly reported stays down until it is cleared.
+element. The oracle collects the reports, and `unfounded` compares all of them with the elements that are down when it
+is called. This is enough, since an element that was rightly reported stays down until it is cleared.
 
-The oracle reads the EMCYs that a PE itself sends, on any bus. It does not read EMCYs that a gateway forwards: each of
-them was read before, beyond the gateway, or was sent by a foreign node. With a key no manager believes the EMCY of a
-foreign node. A manager that believed it would plan without a healthy element, which `end_state` detects.
+The oracle reads the EMCYs that a PE itself sends, on any bus. An EMCY that a gateway forwards is no new report: the
+oracle has read it beyond the gateway, or a foreign node has sent it. Such an EMCY counts only if it is late and names
+an element that was cleared meanwhile (`handed_on`). With a key no manager believes the EMCY of a foreign node. If a
+manager believed such an EMCY, it would plan without a healthy element, and `end_state` would detect this.
 """
 
 from heronry_dg.model import Spec
@@ -85,6 +86,6 @@ class BlameCheck(Oracle):
 def _is_down(element: str, truth: Situation) -> bool:
     """Tell whether an element is down in `truth`.
 
-    A place (`module:NAME@PE`) is also down where its module is down everywhere.
+    A place (`module:NAME@PE`) is down, too, if its module is down on all PEs.
     """
     return element in truth.down or module_of(element) in truth.down

@@ -4,11 +4,12 @@ A frame that a node sends goes out on both channels, as two copies. The frame wi
 This oracle recognizes the copies of a transmission by the Python object that was sent (`replicated_port`), not by their
 bytes. It verifies:
 
-    copies     No node takes a transmission more often than the better channel has delivered it. Each node takes a
-               transmission that both channels have delivered. (Two equal transmissions within half a heartbeat period
-               may be taken for copies of one.)
-    channels   A PE that reports a lost channel has received nothing on it, or sent nothing on it, for more heartbeats
-               than the bus may miss. This gap still lasts, or has ended so lately that the report may come from it.
+    copies     No node takes more copies of a transmission than the better of the two channels has delivered. Each node
+               takes a transmission that both channels have delivered. (A node may take two equal transmissions
+               within half a heartbeat period for copies of one transmission.)
+    channels   A PE that reports a lost channel has received nothing on this channel, or sent nothing on it, for more
+               heartbeat periods than a PE may miss on this bus. This gap still lasts, or has ended so lately that the
+               PE may still report it.
 """
 
 from collections import deque
@@ -49,7 +50,7 @@ class ChannelCheck(Oracle):
         self._spec = spec
         self._sendings: dict[tuple[str, int], _Sending] = {}  # by node and identity
         self._order: deque[tuple[int, tuple[str, int]]] = deque()
-        self._signs: dict[tuple[str, str, int, str], int] = {}  # last frame by node, bus, channel, "in" or "out"
+        self._signs: dict[tuple[str, str, int, str], int] = {}  # time of the last frame, by node, bus, channel, way
         self._gap_ended: dict[tuple[str, str, int], int] = {}
 
     def copied(self, copy: Copy) -> None:

@@ -1,6 +1,7 @@
 """`Checks`: all oracles of one flight (`registry`), with their inputs and their violations.
 
-Frames come in by `see`. The code that causes other events (steps of modules, faults, orders) reports them here.
+Frames come in by `see`. The code that causes another event (a step of a module, a fault, an order) reports the event by
+the method for this event.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -57,9 +58,9 @@ class Checks:
         self._inspections: list[Violation] = []
 
     def rest(self) -> None:
-        """Give the oracles no more steps, movements and frames of single channels: the run is not observed.
+        """Report no more steps, movements and frames of single channels to the oracles, in a run that is not verified.
 
-        The caller also calls `see` no more. What the oracles report after this call has no meaning.
+        The caller must not call `see` either. What the oracles record after this call has no meaning.
         """
         self._of_copies = self._of_channels = self._of_driving = self._of_looks = self._of_moves = ()
 
@@ -133,7 +134,7 @@ class Checks:
             oracle.may_count_again()
 
     def may_forget_phase(self) -> None:
-        """Allow a manager, from now on, to begin its mastership with an earlier phase than the last one."""
+        """Allow a manager, from now on, to begin its mastership with a phase that has already ended."""
         for oracle in self._oracles:
             oracle.may_forget_phase()
 
@@ -267,8 +268,9 @@ class Checks:
     def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
         """Return what forged frames alone have denied in a flight with a key.
 
-        faults: everything that was injected. has_others: whether anything else was done to the aircraft. span_ns: begin
-        and end of the time that is verified.
+        faults: everything that was injected
+        has_others: whether anything else was done to the aircraft; if so, nothing is verified
+        span_ns: begin and end of the time that is verified
         """
         check = self._known.availability
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)

@@ -13,7 +13,8 @@ manager does not wait for a PE beyond a radio, so the slice of that PE may come 
 Epochs that a manager prepares while it is not active are kept apart: no PE has to accept their commands. A later active
 manager may adopt such an epoch: the LEASE of this manager names the epoch in a higher term.
 
-All is read from frames. So if a slice was never on the bus, the configuration cannot be put together (`Epoch.flaw`).
+Everything is read from frames. So if a slice was never on the bus, the configuration cannot be put together
+(`Epoch.flaw`).
 """
 
 from collections.abc import Iterable
@@ -75,7 +76,7 @@ class Epoch:
     bodies: dict[int, dict[int, bytes]] = field(default_factory=dict)
     staged: set[int] = field(default_factory=set)  # nodes that have reported the epoch as staged
     activated_ns: int | None = None  # time of its first ACTIVATE
-    is_adopted: bool = False  # by a higher term, before any other active one had activated it
+    is_adopted: bool = False  # the term that activated it first is higher than the term that prepared it
     configuration: Configuration | None = None
     flaw: str | None = None  # why no configuration can be put together
 
@@ -109,16 +110,16 @@ class Commanded:
             for pe in spec.pes.values()
             for body in {b"", *(one.slice for one in self._on_board.get(pe.node_id, ()))}
         }
-        self._prepared: dict[int, Epoch] = {}  # the last epoch of each low byte of an epoch's number
+        self._prepared: dict[int, Epoch] = {}  # by the low byte of the epoch number: the last epoch prepared
         self._apart: dict[int, Epoch] = {}  # the same, for epochs of managers that are not active
         self.epochs: dict[int, Epoch] = {}  # activated ones
         self.current: Epoch | None = None
 
     def take(self, t_ns: int, message: ManagementMessage, *, is_active: bool = True) -> Epoch | None:
-        """Read a command; return an epoch after its first ACTIVATE, else None.
+        """Read a command; return an activated epoch as soon as its configuration is known, else None.
 
-        The epoch is returned once, when its configuration is known or certainly cannot be put together. Commands of a
-        manager that is not active (`is_active` False) are kept apart.
+        Each epoch is returned once. If its configuration certainly cannot be put together, the epoch is returned with
+        a `flaw`. is_active: False for a command of a manager that is not active; such commands are kept apart.
         """
         prepared = self._prepared if is_active else self._apart
         epoch = prepared.get(_low(message))

@@ -5,8 +5,9 @@
 - `heronry_dg.verify` must find no violation in it. It is called as if nothing were down, since the rules verified here
   (gates, wires, budgets, bus loads, deadlines, placement) do not depend on what has failed. (Whether a module serves a
   purpose depends on the phase, and is not verified for a spec with several phases.)
-- No module may be on a PE that neither was sent a slice of this epoch nor has staged one that it had on board. Every PE
-  reached by wire that runs a module must have reported this epoch as staged. So nothing runs on a dead or unconfigured
+- Each PE on which the configuration places a module must take part in the epoch: a slice of the epoch was sent to the
+  PE, or the PE has staged a slice that it had on board. (A PE beyond a radio may stage a contingency later.) Each of
+  these PEs that is reached by wire must have reported the epoch as staged. So nothing runs on a dead or unconfigured
   PE.
 """
 

@@ -1,13 +1,14 @@
 """What must hold once no more faults are injected, compared with the true situation and its best plan.
 
-- Every healthy PE reports within its heartbeat period that it is ACTIVE, and all are in one epoch. A PE is healthy if
-  it runs and can reach the manager's bus.
-- The configuration that was activated last is legal in the true situation. In levels 1 to 3 (criticality, utility,
-  inputs) its value is no less than that of the best plan. While the manager holds a script of the operator, this is
-  required in level 1 only. A failed device or module counts only once its failure was reported and acknowledged, or
-  declared by the operator. If no PE is left, nothing is required, since no PE can run another configuration.
+- Every healthy PE has reported within the last three heartbeat periods of its slowest bus that it is ACTIVE, and all
+  healthy PEs are in one epoch. A PE is healthy if it runs and can reach the manager's bus.
+- In levels 1 to 3 (criticality, utility, inputs) the value of the configuration that was activated last is no less than
+  that of the best plan. While the manager holds a script of the operator, this is required in level 1 only.
+- The configuration that was activated last is legal in the true situation. For this rule a failed device or module
+  counts as failed only after its failure was reported and acknowledged, or declared by the operator. If no PE is left,
+  the rule does not apply, since no PE can run another configuration.
 - The phase that the manager sends (CONTROL, HOLDS) is the true phase.
-- In each class A to D, the sum of the priorities of the functions that are heard is no less than the best plan's.
+- In each class A to D, the sum of the priorities of the functions that are heard is no less than in the best plan.
 
 The simulation evaluates all of this repeatedly until the aircraft has converged; the last result counts.
 """

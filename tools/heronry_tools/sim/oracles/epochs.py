@@ -39,7 +39,7 @@ class EpochCheck(Oracle):
         self._digests: dict[int, int] = {}
 
     def changed_page(self, sent: Sent) -> StatePage0 | StatePage1 | None:
-        """Verify a state frame, and return it if it is a page 1 or a changed page 0; None if it is not."""
+        """Verify a state frame; return its page if this is a page 1 or a changed page 0, else None."""
         key = (sent.bus, sent.frame.can_id)
         data = sent.frame.data
         meaning = without_sequence(data)

@@ -21,8 +21,8 @@ released the thing, the oracle detects this when the silent holder drives next.
 
 The oracle does not verify what a PE drives within T_lease after one of these frames of a foreign node:
 
-- an ALIVE that names the PE. A PE that was cut off when this ALIVE was sent first takes the repeated ALIVE for a new
-  one;
+- an ALIVE that names the PE. The foreign node may repeat an ALIVE that a manager sent while the PE was cut off; the PE
+  then takes the repetition for a new ALIVE;
 - a state in the name of the PE, which shows a restart. The manager then does not wait for the PE, though the PE may
   still run unheard (docs/limits.md).
 """

@@ -1,7 +1,8 @@
 """Gives the frames on a flight's buses to the oracles: each identifier is looked up once, each frame decoded once.
 
-Page 0 of a state is passed on only if it differs from the page 0 before, a LEASE only if it differs from the LEASE
-before. The methods `state_sent`, `manager_heard` and `leased` are called for every such frame.
+A page 0 is passed on only if it differs from the page 0 that the same PE sent before, and a LEASE only if it differs
+from the LEASE that the same manager sent before. But the methods `state_sent`, `manager_heard` and `leased` are called
+for every frame, whether it has changed or not.
 
 `terms` decides which manager is active. The commands of other managers are kept apart (`commanded`). Of these commands,
 the oracles are told only that they were sent (`manager_heard`, `leased`). Frames of foreign nodes are passed only to

@@ -29,7 +29,7 @@ from heronry_wire.frame import Frame, Malformed
 
 _MORE = 8  # frames kept beyond those of three periods: frames bunch up after a delay
 _SLACK_NS = 2_000_000  # added to the age limit: the PE's clock may run slow
-_UNTOLD_NS = 50_000_000
+_UNTOLD_NS = 50_000_000  # after a PE first reports an epoch; its inputs are not verified before
 
 
 class FreshnessCheck(Oracle):

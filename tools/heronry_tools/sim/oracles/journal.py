@@ -10,9 +10,11 @@ A manager that restarts knows only the bytes on its disk. The oracle reads the b
     what runs    for a LEASE that names another epoch, from BREAK on: the journal has this epoch with this digest
     phase        for HOLDS of a phase: the journal has this phase
     faults       for HOLDS of an element: the journal has the element as latched; for CLEAR: not as latched
+    priorities   for HOLDS of a priority: the journal has this priority of the function; for CLEAR: it has none
 
 When a manager has died (`manager_died`), term and epochs are compared again with what a power cut has left on the disk:
-numbers are synced before they are used. Phase and faults need not survive a power cut.
+a manager forces its numbers onto the disk before it uses them. Phase, faults and priorities need not survive a power
+cut.
 
 A manager may be started on a copy of another manager's disk (`manager_copied`). Then the copy must also agree with what
 the other manager has sent until the start. What the station of the new manager has sent before no longer matters.
@@ -56,7 +58,7 @@ Read = Callable[[str], bytes | None]  # bytes on the disk of a station's manager
 
 @dataclass(slots=True)
 class _Said:
-    """The highest numbers that one manager has sent, over all its masterships."""
+    """What one manager has sent in all its masterships: highest term, last new PREPARE, last LEASE (epoch, digest)."""
 
     term: int = 0
     prepared: int = NO_EPOCH
@@ -72,7 +74,7 @@ class JournalCheck(Oracle):
         self._places = Places(spec)
         self._phases, self._functions = list(spec.phases), list(spec.functions)
         self._said: dict[str, _Said] = {}  # by station
-        self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first; "": from a former disk
+        self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first ("" after `manager_copied`)
         self._none_entered_ns: dict[str, int] = {}  # by station: the last time when its journal named no phase
         self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: bytes on its disk, and what they hold
 

@@ -64,10 +64,10 @@ class Oracle:
         """Called when a PE has reported on the managers' bus that it runs a module."""
 
     def said(self, state: StateSaid) -> None:
-        """Called when a PE itself, not a gateway, has sent its state on any of its buses."""
+        """Called when a PE itself, not a gateway, has sent a changed page 0 on any of its buses."""
 
     def told(self, state: StateSaid) -> None:
-        """Called when the state of a PE was sent on the managers' bus, by the PE itself or by a gateway."""
+        """Called when a changed page 0 of a PE was sent on the managers' bus, by the PE itself or by a gateway."""
 
     def emergency(self, sent: Sent, pe: str, message: Emergency | Malformed) -> None:
         """Called when a PE itself, not a gateway, has sent an EMCY on any of its buses."""
@@ -98,7 +98,7 @@ class Oracle:
     def activated(self, t_ns: int, epoch: Epoch) -> None:
         """Called once per epoch, after its first ACTIVATE.
 
-        By then the configuration was read back from the frames, or it is certain that it cannot be (`epoch.flaw`).
+        By then the frames have given its configuration, or it is certain that they cannot (`epoch.flaw`).
         """
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
@@ -145,7 +145,7 @@ class Oracle:
         """Called when a manager may, from now on, reuse command numbers of its present term."""
 
     def may_forget_phase(self) -> None:
-        """Called when a manager may, from now on, begin its mastership with an earlier phase than the last one."""
+        """Called when a manager may, from now on, begin its mastership with a phase that has already ended."""
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
         """Called when a manager has accepted, in this term, the operator's order for a phase."""

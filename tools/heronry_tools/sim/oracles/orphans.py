@@ -5,8 +5,8 @@ the silence. Then two rules hold:
 
 - No PE reports that it hears a LEASE, except in a state frame that was queued while the PE was cut off.
 - With the policy `keep` every PE keeps what it runs: state, epoch and digest stay as they are until the PE restarts or
-  a manager sends again. A PE that was paused first executes the commands that it received meanwhile, so it is verified
-  only a heartbeat period after its return.
+  a manager sends again. After a pause a PE executes the commands that it received during the pause. So this rule does
+  not apply to a PE within a heartbeat period after its return.
 
 `safe_mode`, the other policy, is verified by `oracles.safe_mode`.
 """

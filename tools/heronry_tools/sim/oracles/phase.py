@@ -10,20 +10,21 @@ second case the requested phase has no rule, and comes later in the spec than th
 
 The manager sends a phase in HOLDS. For a moment after a change, HOLDS may still name the phase that was just left. If a
 PE requests that former phase at that moment, HOLDS alone does not make the request count: the manager must acknowledge
-it, too. An acknowledgement that was sent before an operator's order may be heard after it, and then makes the requested
-phase count. In this case the ordered phase counts again as soon as HOLDS names it.
+it, too. An acknowledgement that a manager sent before it accepted an operator's order may come on the bus after the
+order. Then the requested phase counts, until HOLDS names the ordered phase.
 
-A new mastership knows what its manager remembers, or has heard as a standby manager. It may also have heard a request
-that the previous manager did not acknowledge before it failed. The first phase that a new mastership sends counts as
-the true one from then on. With one manager and an intact journal, that phase must be the one that counted until then,
-or one that is still requested. With two managers or a damaged journal it may also be one that counted at an earlier
-time. A request that was acknowledged in an earlier term may then count again, if the new mastership sends the requested
-phase.
+At the start of a mastership the manager knows the phase that it has in its journal, or that it has heard as a standby
+manager. It may also have heard a request that the previous manager did not acknowledge before its failure. The first
+phase that the manager sends in the mastership counts as the true phase from then on. With one manager and an intact
+journal, this must be the phase that counted until then, or a phase that is still requested. With two managers or a
+damaged journal, it may also be a phase that counted at an earlier time. In that case a request that was acknowledged in
+an earlier term may count again, if the manager sends the requested phase.
 
-Two kinds of managers need not know the true phase. A manager of the first kind has begun a higher term and was not
-heard for a while. It need not know what a deposed manager has acknowledged meanwhile: no PE has accepted these
-acknowledgements. A manager of the second kind continues in a lower term because it hears no node. It need not know the
-phase of a higher term whose manager has fallen silent, and its own commands have no effect.
+Two managers that do not hear each other may be active under two terms. Neither manager has to know the phase of the
+other. The manager of the higher term need not know what the manager of the lower term has acknowledged: the PEs that
+know the higher term do not accept these acknowledgements. So the phase that the manager of the higher term sends
+counts. The manager of the lower term need not know the phase of the higher term. Its commands have no effect on these
+PEs, so the phase that it sends does not count.
 """
 
 from collections.abc import Callable
@@ -59,18 +60,18 @@ class PhaseCheck(Oracle):
         self._on_its_way_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._left: dict[str | None, int] = {}  # former phases, and when each ended
         self._ordered: tuple[str | None, int] = (None, 0)  # the last order, and when it was accepted
-        self._overtaken: str | None = None  # the ordered phase, if an acknowledgement since may be older than the order
+        self._overtaken: str | None = None  # the ordered phase, if a phase entered since may be older than the order
         self._requested: dict[tuple[int, int], int] = {}  # phase by node and number of the request
         self._acknowledged: dict[int, int] = {}  # by node: number of its last acknowledged request
         self._known_term: dict[int, int] = {}  # by node: the term of that acknowledgement
         self._incarnations: dict[int, int] = {}
         self._heard_term = self._told_term = 0
-        self._entered_term = 0  # the highest term that has the current phase
+        self._entered_term = 0  # the highest term whose manager had the current phase
         self._may_forget = self._is_apart = False
         self._stories: set[str] = set()
 
     def may_forget_phase(self) -> None:
-        """Allow a manager, from now on, to begin its mastership with an earlier phase than the last one."""
+        """Allow a manager, from now on, to begin its mastership with a phase that has already ended."""
         self._may_forget = True
 
     def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
@@ -83,7 +84,7 @@ class PhaseCheck(Oracle):
         self._may_forget = self._is_apart = True
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """Enter the phase that the operator has ordered; the manager may still send the phase before for a moment."""
+        """Enter the phase that the operator has ordered; for a moment the manager may still send the former phase."""
         self._told_term = max(term, self._told_term)
         self._enter(t_ns, phase, term)
         self._ordered = phase, t_ns

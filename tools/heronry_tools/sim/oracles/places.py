@@ -3,8 +3,8 @@
 A PE reports a failed module of its own by the module's index. If the module can run on other PEs too, it counts as
 failed on this PE alone (`module:NAME@PE`). It counts as failed everywhere when it fails on a second PE, or when another
 module reports it. If only the code of the module is missing on a PE, the module counts as failed on this PE alone,
-however many such PEs there are. CLEAR and HOLDS name the PE by its node-ID. If a module reports a PE or a bus, this is
-a suspicion, and nothing counts as failed.
+however many such PEs there are. If a module counts as failed on one PE, CLEAR and HOLDS name this PE by its node-ID. If
+a module reports a PE or a bus, this is a suspicion, and nothing counts as failed.
 """
 
 from heronry_dg.model import Spec

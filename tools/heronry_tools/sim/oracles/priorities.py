@@ -1,4 +1,4 @@
-"""Each priority that the manager announces was ordered or requested, is within its range, and changes seldom.
+"""Each priority that the manager announces was ordered, or was requested within its range and not too soon.
 
 The oracle works from frames and from the operator's orders. The active manager announces a changed priority in HOLDS,
 and announces in CLEAR that a function has the priority of the spec again. All other oracles use the announced priority
@@ -9,10 +9,11 @@ and announces in CLEAR that a function has the priority of the spec again. All o
   two changes that PEs have requested are at least `_CHANGE_NS` apart;
 - the priority of the spec, if the operator has ordered it or a PE has requested it.
 
-For a moment after an order an older HOLDS may still be on its way. A new mastership knows what its manager remembers,
-or has heard as a standby manager. So its first announcement about a function may be any priority that was ever ordered
-or requested. This announcement does not count as a change: a requested change may follow immediately. The time between
-two changes is measured by the manager's clock, so a jump of this clock counts as time.
+For a moment after an order an older HOLDS may still be on its way. At the start of a mastership the manager knows what
+it has in its journal, or has heard as a standby manager. So its first announcement about a function in a term may be
+any priority that was ever ordered or requested. This announcement does not count as a change: a requested change may
+follow immediately. The time between two changes is measured by the manager's clock, so a jump of this clock counts as
+time.
 """
 
 from collections.abc import Callable, Mapping
@@ -40,9 +41,9 @@ class PriorityCheck(Oracle):
         self._orders: dict[str, list[int]] = {}  # by function: all orders, the last one last
         self._ordered_ns: dict[str, int] = {}
         self._stands: dict[str, bool] = {}  # whether the last order is for another priority than that of the spec
-        self._last: dict[int, int] = {}  # by term: when a requested priority was told first
+        self._last: dict[int, int] = {}  # by term: when a change that a PE has requested was announced last
         self._jumps: list[tuple[int, int]] = []  # of the clock of any manager: when, and by how much
-        self._told_in: dict[str, int] = {}  # by function: the term that told it last
+        self._told_in: dict[str, int] = {}  # by function: the term in which a change was announced last
         self._term = 0
 
     def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:

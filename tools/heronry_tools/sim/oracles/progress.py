@@ -6,8 +6,8 @@ ACTIVATE of the active manager. A violation is more than `_IN_A_ROW` epochs prep
 
 *Requests.* A manager that requests one plan after the other must use an answer. The oracle sees the requests, and the
 answers that a manager is given. A request is *in vain* if the manager replaces it before its answer has come, or makes
-another request in the same step in which it is given a plan other than what runs. A violation is more than `_IN_A_ROW`
-requests in vain, one after the other, over more than `_STORM_NS`, without one ACTIVATE.
+another request at the moment at which it is given an answer that differs from the running configuration. A violation is
+more than `_IN_A_ROW` requests in vain, one after the other, over more than `_STORM_NS`, without one ACTIVATE.
 
 Up to these limits, epochs and requests may follow each other, since the manager answers each change by a plan for the
 newest situation.
@@ -24,7 +24,7 @@ from heronry_tools.sim.world.planning_seen import PlanGiven, PlanningSeen, PlanR
 from heronry_wire.management import Activate, ManagementMessage, Prepare
 
 _IN_A_ROW = 20
-_STORM_NS = 2_000_000_000  # twice the time for which a manager answers the newest situation first
+_STORM_NS = 2_000_000_000  # twice the time after which a manager finishes one epoch before the next change
 
 
 @dataclass(slots=True)
@@ -32,7 +32,7 @@ class _Requests:
     """The requests in vain of one manager since it last used an answer, and its present request."""
 
     in_vain: int = 0
-    since_ns: int = 0  # time of the first of them
+    since_ns: int = 0  # time from which they are counted
     number: int | None = None  # of the present request; None: there was none
     answer: PlanGiven | None = None  # to the present request
 

@@ -1,4 +1,4 @@
-"""Recovers the digest of a page 1 that carries a tag instead, for oracles that know the key.
+"""Recovers the digest of a page 1 that has a tag in the place of the digest, for oracles that know the key.
 
 A tag depends on a digest and a session. WELCOME opens a session, and every node hears it. So the oracle tries the known
 digests in the known sessions. It thus finds the staged epoch of a PE from frames alone, as it does without a key.

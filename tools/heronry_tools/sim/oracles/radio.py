@@ -1,7 +1,8 @@
 """A radio gets no more data than it carries, and data that cross it are not old; verified from frames on both sides.
 
     age     a datum that a gateway sends by radio had reached the gateway no longer ago than T_lease and one heartbeat
-            period of the radio (the time of a frame in a controller), however slow the radio is. So no queue has grown
+            period of the radio (the time of a frame in a controller), however slow the radio is. So the gateway's
+            queue has not grown
     load    the data on a radio stay, second by second, within the budget for the usable share that its gateway has
             reported. The largest report of the last seconds counts: when the share falls, the manager must confirm the
             fall and plan, and the PEs must take their steps. A quarter more is tolerated, as in `load`

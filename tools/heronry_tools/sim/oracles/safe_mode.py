@@ -1,14 +1,14 @@
-"""With `without_manager: safe_mode`, a PE that hears no manager sends and drives nothing that is not critical.
+"""With `without_manager: safe_mode`, a PE that hears no manager sends and drives only what is critical.
 
 When no LEASE was on the managers' bus for T_lease, a PE becomes *orphaned* with its next state frame that reports no
-LEASE. The PE stays orphaned until the next LEASE. Meanwhile each of its modules that serves no critical function in the
-PE's epoch must send no datum and no echo, and must not drive. A frame that was queued before may still go out for
-T_lease.
+LEASE. The PE stays orphaned until the next LEASE. Meanwhile a module of the PE that serves no critical function in the
+PE's epoch must send no datum, and must drive no output. For T_lease, data that were queued before may still go out.
 
 Other oracles verify that critical functions continue (`silence`, `service`), and that all functions return with a
 manager (`end_state`). With the policy `keep` this oracle verifies nothing.
 
-Not verified: an epoch whose configuration could not be read back from the frames, and a PE that alone hears nothing.
+Not verified: an epoch whose configuration could not be read back from the frames, and a PE that hears no LEASE although
+a LEASE was on the bus.
 """
 
 from heronry_dg.configuration import Configuration

@@ -11,7 +11,8 @@ special:
 - A contingency that PREPARE names by its number is staged by every PE that hears PREPARE. Which PEs take part is shown
   only by the next ALIVE. In three cases ALIVE does not show it, and nothing is compared: the manager dies before that
   ALIVE; that ALIVE comes so late that a PE may have been lost and have rejoined; or an ALIVE was late within the last
-  period, since delayed frames then go out in the order of their identifiers.
+  heartbeat period. In the third case delayed frames have gone out in the order of their identifiers, so their order on
+  the bus proves nothing.
 - A manager that adopts the running configuration drops no function by adopting, so an adopted epoch is not compared.
 
 *While no more faults are injected*, a critical function that was heard must not stay silent for longer than
@@ -58,7 +59,7 @@ from heronry_wire.management import Control, Emergency, ManagementMessage, Opera
 
 _SECOND_NS = 1_000_000_000
 _UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame
-_DOUBTED_NS = 30 * _SECOND_NS
+_DOUBTED_NS = 30 * _SECOND_NS  # for which a manager may plan with a share that a gateway has reported
 
 
 class Injected(NamedTuple):
@@ -143,7 +144,7 @@ class ServiceCheck(Oracle):
     def cleared(self, t_ns: int, element: str, _truth: Situation, *, everywhere: bool) -> None:
         """Record that an element was cleared.
 
-        everywhere: whether no manager treats it as failed any more.
+        everywhere: False if another manager may still treat it as failed.
         """
         self._places.cleared(element)
         for one in self._held:
@@ -250,7 +251,7 @@ class ServiceCheck(Oracle):
         return f"epoch {epoch.number} serves {served} by criticality, but a plan serves {possible}"
 
     def in_force(self, prepared_ns: int, to_ns: int) -> list[Situation]:
-        """Return, with nothing down, the situations that an epoch prepared at `prepared_ns` may be planned for.
+        """Return the situations for which an epoch prepared at `prepared_ns` may be planned; nothing is down in them.
 
         There is one for each phase and each set of priorities in force from shortly before that time to `to_ns`.
         """

@@ -34,7 +34,7 @@ from heronry_tools.sim.world.planning import best_at_all
 _COMPARED = 6  # levels of a plan's value: classes A to D, utility, inputs
 
 InForce = Callable[[int, int], Iterable[Situation]]
-"""Gives the situations with nothing down, by phase and priorities, that were in force between two times (ns)."""
+"""Gives the situations, with nothing down, for the phases and priorities in force between two times (ns)."""
 
 
 class LeftOut:
@@ -68,7 +68,7 @@ class LeftOut:
                 return
 
     def _is_right(self, function: str, epoch: Epoch, configuration: Configuration) -> bool:
-        """Tell whether a configuration leaves a function out as the best plan for its situation does."""
+        """Tell whether a configuration rightly leaves a function out: the best plan is no better, or does so, too."""
         if _serves(self._spec, configuration, function):
             return False
         for now in self._in_force(epoch.prepared_ns, _begins_ns(epoch)):

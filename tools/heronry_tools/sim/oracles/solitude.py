@@ -10,7 +10,7 @@ from heronry_dg.model import Spec
 from heronry_manager.core.topology import uplink_bus
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 
-_SLOWER_PPM = 1_000  # a silence shorter than T_lease by this counts: a PE's clock may be fast
+_SLOWER_PPM = 1_000  # a silence that is shorter than T_lease by this part counts, too: a PE's clock may be fast
 
 
 class Solitude:

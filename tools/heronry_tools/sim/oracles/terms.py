@@ -10,8 +10,9 @@ must notice the other, and one must fall silent. This time does not run in two c
 - while the clash of their frames keeps one of them bus-off. If a manager was silent for `_APART_PERIODS` heartbeat
   periods, the time begins anew for this manager.
 
-Without a key a manager notices the other by its ALIVE, with a key only by its TAG. So these frames show how long both
-have been active. (Two equal frames sent at once are one frame on the bus, so neither manager hears the other.)
+Without a key a manager notices the other manager by the ALIVE of that manager, with a key only by a TAG of that
+manager. So the time for which both have been active is measured from these frames. (Two equal frames sent at once are
+one frame on the bus, so neither manager hears the other.)
 
 *No PE goes back.* An epoch belongs to the term that prepared it first, or to the highest term that has adopted it (a
 LEASE of this term names the epoch). Within an incarnation a PE never runs an epoch of a lower term after an epoch that
@@ -50,7 +51,7 @@ class TermCheck(Oracle):
         self._leased: dict[str, tuple[int, int]] = {}  # by station: term and epoch of its last LEASE
         self._has_key, self._is_split, self._bus = has_key, False, spec.manager.bus
         self._mastership = ActiveTerm(spec, has_key=has_key)
-        # By epoch: its first PREPARE, and the station that sent it; "": from a former disk.
+        # By epoch: its first PREPARE, and the station that sent it ("" after `manager_copied`).
         self._prepared: dict[int, tuple[str, Prepare]] = {}
         self._adopted: dict[tuple[int, int], int] = {}  # by epoch and digest: the highest term whose LEASE has named it
         self._twins: dict[str, str] = {}  # by station: the other station with the same node-ID
@@ -140,7 +141,7 @@ class TermCheck(Oracle):
             voices.clear()
 
     def said(self, state: StateSaid) -> None:
-        """Verify that the epoch that a PE reports is of no lower term than its epochs before."""
+        """Verify that a PE reports no epoch of a lower term after an epoch of a higher term."""
         bus, node, t_ns, page = state.bus, state.node, state.t_ns, state.page
         if page.epoch not in self._prepared:
             return

@@ -5,8 +5,8 @@ already stopped what they must give up. `heronry_dg.verify_transition` goes thro
 take the remaining steps, and must find that the data fit on each bus at every moment.
 
 The oracle verifies an epoch only if the configuration before it is known: all PEs that take part and run anything are
-ACTIVE in one epoch that was read back from its frames, or BROKEN in the next one. A radio counts with its whole budget
-here; the oracle `radio` verifies the share that is usable.
+ACTIVE in one epoch that was read back from its frames, or BROKEN in the epoch that is verified. A radio counts with its
+whole budget here; the oracle `radio` verifies the share that is usable.
 """
 
 from collections.abc import Mapping, Sequence

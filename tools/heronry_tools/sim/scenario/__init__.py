@@ -1,4 +1,5 @@
-"""Scenario files (what happens to an aircraft, and which frames are expected), their flights, and golden traces.
+"""Reads scenario files, flies them, and compares the flights with golden traces.
 
-A golden trace has what the manager decided in a flight of the scenario.
+A scenario file says what happens to an aircraft, and which frames are expected. A golden trace is another file: it says
+what the manager decided in an earlier flight of the scenario.
 """

@@ -5,11 +5,13 @@ must last to the end of the expectation's time. The chain is broken by a frame t
 a gap between two frames that is longer than this:
 
     outputs     two and a half periods of the slowest mode that makes them, so that one output may be missing
-    data        two and a half periods likewise
-    states      one heartbeat period more than the bus lets a PE miss
+    data        two and a half periods of the slowest mode that gives them
+    states      the heartbeat periods that a PE may miss on its bus, and one more
     LEASE       the time after which a PE considers its manager lost
 
-Real processes share a computer with other programs, so these times are longer there (`slack_ns`).
+Real processes share a computer with other programs, so these times are longer for real processes (`slack_ns`).
+
+An expectation that something is silent, unchanged or not reported holds after the last frame that contradicts it.
 """
 
 from collections.abc import Iterable
@@ -41,7 +43,7 @@ class Evaluation:
     """Evaluates the expectations of one flight."""
 
     def __init__(self, spec: Spec, heard: Observations, start_ns: int, slack_ns: int = 0) -> None:
-        """Begin; the evaluation uses only what was `heard`.
+        """Begin an evaluation, which uses only the frames in `heard`.
 
         start_ns: time at which the script began
         slack_ns: added to the longest allowed gap between frames

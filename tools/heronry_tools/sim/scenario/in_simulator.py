@@ -1,4 +1,4 @@
-"""Flies a script in the simulator: virtual time, the cores that fly, all random values from the script's seed.
+"""Flies a script in the simulator: virtual time, the cores of an aircraft, random values from the script's seed.
 
 Besides the script's expectations, the oracles of the simulator verify the flight as they verify a drawn flight
 (`end_of_flight`). They verify the rules that must always hold, and that no function was silent without need. After the
@@ -76,7 +76,7 @@ def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
     """Do what the script says, to its end.
 
-    Returns, for each deed of the script, the number of events before it and its line of the trace.
+    Returns the injections, and for each deed of the script the number of events before it and its line of the trace.
     """
     for module in script.reported_modules():
         flight.truth.excuse(module)
@@ -101,7 +101,7 @@ def _end(flight: Simulation, script: Script, injections: Injections) -> list[str
 def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
     """Return the kills and the jammed actuators of a script as faults, for the oracle `service`.
 
-    If one of two managers is killed, the fault ends at the time at which it begins, since the other manager takes over.
+    If one of two managers is killed, the kill is a fault without duration, since the other manager takes over.
     The fault of a jammed actuator names no element: when the actuator is reported depends on the monitors.
     """
     start_ns, restored = _start_ns(flight), dict[str, int]()

@@ -70,7 +70,10 @@ def _is_of_a_radio(script: Script, deed: Deed) -> bool:
 
 
 def fly(script: Script, arguments: argparse.Namespace) -> Flown:
-    """Fly a script with real processes and return the result; the bus is the one of python-can's options."""
+    """Fly a script with real processes and return the result.
+
+    arguments: python-can's options for the managers' bus, and `patience` (None: 1)
+    """
     spec = script.spec
     with ExitStack() as stack:
         folder = run_folder()
@@ -164,7 +167,7 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Return the expectation with more time: `patience` times its time, and 3 s more if a process starts in it."""
+        """Return an expectation with `patience` times its time, and 3 s more if a process starts when its time begins."""
         if not one.within_ns:
             return one
         starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0

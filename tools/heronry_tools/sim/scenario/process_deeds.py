@@ -1,8 +1,8 @@
 """The deeds of a script that can be done to real processes, each as one or two steps.
 
-One step is an order of the operator or a kill. Two steps are a fault with an end: a death with an end is a kill and a
-restore, a pause is a SIGSTOP and a SIGCONT. A fault that waits for a state of the protocol cannot be injected, since
-this program learns of the state too late.
+An order of the operator, a kill, a restore, and a fault without an end are one step each. A fault with an end is two
+steps: a crash is a kill and a restore, a pause is a SIGSTOP and a SIGCONT. A fault that waits for a state of the
+protocol cannot be injected, since this program learns of the state too late.
 """
 
 from collections.abc import Iterable, Iterator
@@ -21,12 +21,12 @@ _NS_PER_MS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of a deed: kill, restore, stop, go_on, phase, fail, clear, script or release."""
+    """One step of a deed: kill, restore, stop, go_on, phase, priority, fail, clear, script or release."""
 
     at_ns: int
     what: str
     deed: Deed
-    is_last: bool = False  # it ends what the first step of its deed has begun
+    is_last: bool = False  # it ends the fault that the first step of its deed has begun
 
     @property
     def target(self) -> str:

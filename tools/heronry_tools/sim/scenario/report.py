@@ -9,7 +9,7 @@ from heronry_tools.sim.scenario.flown import Flown
 
 
 def text_report(flown: Flown) -> list[str]:
-    """Return one line if everything holds; else also lines with what was expected and what was heard."""
+    """Return one line; if anything fails, further lines say what was expected and what was heard instead."""
     file, count = flown.script.file, len(flown.verdicts)
     head = f"{file}: {'holds' if flown.holds else 'FAILS'} ({flown.seconds:g} s in {flown.where}, {count} expected)"
     lines = [f"  {_failed(flown, verdict)}" for verdict in flown.verdicts if not verdict.holds]

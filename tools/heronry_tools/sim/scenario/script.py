@@ -9,7 +9,7 @@
     unforeseen                                             nothing is pre-planned: the greedy plan flies immediately,
                                                            and the best one follows in the background (simulator)
     without pe:tail_pe                                     this PE is absent at the start
-    contingencies 1                                        contingencies on board cover up to so many faults
+    contingencies 1                                        contingencies on board cover up to so many faults at once
     at 2.0s kill pe:control_pe
     expect function:elevator served within 200ms
     end 8s
@@ -29,7 +29,8 @@ The time of an expectation counts from the last `at` above the expectation. The 
 of the next `at`, or to the end of the script:
 
     function:F served [by MODULE] within TIME|throughout        function:F silent within TIME
-    variable:V heard|silent within TIME (heard throughout)      a datum, as its readers on the managers' bus get it
+    variable:V heard within TIME|throughout                     (a datum, on the managers' bus)
+    variable:V silent within TIME
     pe:P active|partial|broken|unconfigured|silent within TIME|throughout
     manager heard|silent within TIME|throughout
     epoch new within TIME               epoch unchanged
@@ -153,7 +154,7 @@ class Script:
         return tuple(deed.fault for deed in self.deeds if deed.fault is not None)
 
     def reported_modules(self) -> frozenset[str]:
-        """Return the modules whose failure the script expects to be reported; their own code may fail."""
+        """Return the modules whose failure the script expects to be reported, so that the report is no violation."""
         expected = (one.subject for one in self.expectations if one.state == "reported")
         return frozenset(name.removeprefix("module:").partition("@")[0] for name in expected if "module:" in name)
 
@@ -438,7 +439,7 @@ class _Reader:
             self._refuse(str(error))
 
     def _checked_priority(self, function: str, priority: str) -> str:
-        """Return the order FUNCTION=N, or FUNCTION= if `priority` is "default"; raises UserError."""
+        """Return the order FUNCTION=N, or FUNCTION= if `priority` is "default"; raises UserError if one is wrong."""
         assert self.spec is not None
         try:
             checked_function(self.spec, function)

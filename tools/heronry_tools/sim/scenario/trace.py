@@ -1,6 +1,6 @@
 """The decision trace of a flight: what was done and what the manager decided, one line each, for comparison as a diff.
 
-The trace has no times and no plans, so it changes when a decision does, and not when a frame gets a byte longer.
+The trace has no times and no plans. So it changes when a decision changes, and not when a frame gets a byte longer.
 (Expectations verify that decisions come in time.) Suspected PEs are left out, since most of them answer.
 
 The golden trace of FILE.scenario is FILE.scenario.golden beside it.
@@ -98,7 +98,10 @@ def kept(file: Path) -> list[str] | None:
 
 
 def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
-    """Return a diff from a scenario's golden trace to `trace`; None if there is no golden trace. Raises UserError."""
+    """Return a diff from a scenario's golden trace to `trace`; None if there is no golden trace.
+
+    Raises UserError if the golden trace is not text.
+    """
     before = kept(file)
     if before is None:
         return None
