@@ -2,7 +2,8 @@
 
 mypyc makes a native class of a dataclass, but the methods that `dataclass` generates stay Python: creating a frozen
 dataclass takes a microsecond, compiled or not, and creating a named tuple half of that. A flight creates ten such
-objects for each frame. A constructor written in the class is compiled with it, so the copy that is compiled gets one:
+objects for each frame. A constructor in the source of a class is compiled. So each such class gets one in the copy of
+the source that is compiled:
 
     @dataclass(frozen=True, slots=True)         @dataclass(unsafe_hash=True, init=False)
     class Tag:                                  class Tag:

@@ -15,9 +15,9 @@ which ends its mastership. For `activating` a PE must release an exclusive outpu
 counts as lost the mastership ends. The next manager then finds the PE in an epoch that it does not know, with the
 outputs that this epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
 
-With two managers, faults of managers are drawn more often: of the active manager, of the primary one or of the standby
-one. The kinds that need two managers (`Kind.of_two`) are then drawn as well. Kinds for flights with a key
-(`Kind.of_keyed`) are drawn in every flight with a key, and more often than others.
+With two managers, faults of managers are drawn more often. Their target is the active, the primary or the standby
+manager. The kinds that need two managers (`Kind.of_two`) are drawn, too. Kinds for flights with a key (`Kind.of_keyed`)
+are drawn in every flight with a key, and more often than others.
 """
 
 from collections.abc import Sequence

@@ -38,7 +38,7 @@ _LAST_EPOCHS = 4
 
 
 class Losses:
-    """Counts how often each PE was lost, as the ALIVE frames of the active manager show it."""
+    """Counts the losses of each PE that the ALIVE frames of the active manager show."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec

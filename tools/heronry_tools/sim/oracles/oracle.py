@@ -105,7 +105,7 @@ class Oracle:
         """Called when the active manager has sent an ALIVE that names these PEs as available."""
 
     def began(self, t_ns: int) -> None:
-        """Called when a mastership begins: an ALIVE names a term higher than any before.
+        """Called when a mastership begins: an ALIVE names a higher term than all earlier ALIVEs.
 
         It is called before `alive` is called for that ALIVE.
         """

@@ -2,7 +2,7 @@
 
 The oracle works from frames and from the operator's orders. The active manager announces a changed priority in HOLDS,
 and announces in CLEAR that a function has the priority of the spec again. All other oracles use the announced priority
-(`current`). It must be one of these:
+(`current`). The announced priority must be one of these:
 
 - the priority that the operator has ordered last for the function. While an order stands, no request counts;
 - a priority that a PE has requested (EMCY, PRIORITY_REQUEST), within the `priority_range` of the spec. Within one term,

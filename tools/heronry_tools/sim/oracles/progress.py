@@ -47,7 +47,7 @@ class ProgressCheck(Oracle):
         self._requests: dict[str, _Requests] = {}  # by station
 
     def began(self, _t_ns: int) -> None:
-        """Count from zero again, since another manager has begun a mastership."""
+        """Count from zero again, since a mastership has begun."""
         self._epochs.clear()
         self._requests.clear()
 

@@ -1,8 +1,8 @@
 """Which PEs heard no node for T_lease, and when this silence ended: they may have missed a command (protocol rule 8).
 
 The silence is derived from the frames on a PE's uplink: either no other node sent there, or the PE itself did not send,
-because its wire was broken or it was paused. A restart also counts as the end of a silence, since a restarted PE knows
-nothing of the time before. When a bus breaks in the middle, or is repaired, the frames do not show which node heard
+because its wire was broken or it was paused. A restart also counts as the end of a silence, since a restarted PE has no
+commands from before its start. When a bus breaks in the middle, or is repaired, the frames do not show which node heard
 which, so this counts as the end of a silence for every PE on the bus.
 """
 
@@ -44,7 +44,7 @@ class Solitude:
         self._last[bus] = (speaker, t_ns, other_ns if speaker == last else last_ns)
 
     def started(self, t_ns: int, pe: str, incarnation: int) -> None:
-        """Record the incarnation that a PE reports; a restarted PE knows nothing of the time before."""
+        """Record the incarnation that a PE reports; a restarted PE has no commands from before its start."""
         if self._incarnations.setdefault(pe, incarnation) != incarnation:
             self._incarnations[pe] = incarnation
             self._end(t_ns, {pe})

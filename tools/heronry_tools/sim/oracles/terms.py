@@ -104,7 +104,7 @@ class TermCheck(Oracle):
         return self._mastership.named(t_ns, term, station) and not self._mastership.is_claimed(term, station)
 
     def manager_died(self, _t_ns: int, station: str) -> None:
-        """Forget the last LEASE of a station whose manager has died; the next one there may begin anew."""
+        """Forget the last LEASE of a station whose manager has died; the next one there may name any epoch."""
         self._leased.pop(station, None)
 
     def _leases(self, t_ns: int, station: str, message: Lease) -> None:

@@ -2,7 +2,7 @@
 
 An expectation *holds since* the first frame of an unbroken chain of frames that agree with the expectation. The chain
 must last to the end of the expectation's time. The chain is broken by a frame that contradicts the expectation, and by
-a gap between two frames that is longer than this:
+a gap between two frames that is longer than in this list:
 
     outputs     two and a half periods of the slowest mode that makes them, so that one output may be missing
     data        two and a half periods of the slowest mode that gives them

@@ -167,7 +167,7 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Return an expectation with `patience` times its time, and 3 s more if a process starts when its time begins."""
+        """Return an expectation with `patience` times its time, and 3 s more if a process starts at its beginning."""
         if not one.within_ns:
             return one
         starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0
