@@ -86,7 +86,10 @@ class EavFlight:
     """One flight of the EAV, with the simulator that runs it."""
 
     def __init__(self, spec: Spec, mission: Mission, *, is_recorded: bool = True) -> None:
-        """is_recorded: whether the record gets rows; without rows the flight and its result are the same."""
+        """Prepare the flight.
+
+        is_recorded: whether the record gets rows; this changes neither the flight nor its result
+        """
         self._spec, self._mission, self._is_recorded = spec, mission, is_recorded
         self._recorder = Recorder(spec.name, _title(mission), mission.seed)
         self.probe = LatencyProbe() if mission.probed else None

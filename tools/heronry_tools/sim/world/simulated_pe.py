@@ -122,9 +122,9 @@ class SimulatedPe(Node):
         self._wake()
 
     def code(self, module: str) -> Module | None:
-        """Return the object of a running module, for an observer that does not change it.
+        """Return the object of a module, for an observer that does not change it.
 
-        None if it does not run here.
+        Return None if the module does not run on this PE.
         """
         found = next((index for index, name in self.steps.names.items() if name == module), None)
         return None if found is None else self._host.code(found)
@@ -135,7 +135,7 @@ class SimulatedPe(Node):
         self._wake()
 
     def give(self, answer: Event) -> None:
-        """Give the core an event, for example the late answer to a request."""
+        """Give the core an event, for example the late answer to a request; after a pause of the processor."""
         if not self.is_awake:
             self._answers.append(answer)
         else:
