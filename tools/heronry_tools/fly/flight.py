@@ -53,7 +53,7 @@ class ReleasedPlant:
         return simulation.now_ns
 
     def flown_ns(self, now_ns: int) -> int:
-        """Return the plant's time at a time of the simulator."""
+        """Return the plant's time at a time of the simulator; 0 before `release`."""
         return 0 if self._origin_ns is None else now_ns - self._origin_ns
 
     def read(self, device: str, now_ns: int) -> Value | None:

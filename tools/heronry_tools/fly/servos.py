@@ -73,6 +73,6 @@ class Servos:
         self.failed.pop(servo, None)
 
     def step(self, dt_s: float) -> None:
-        """Move every surface."""
+        """Move every surface for `dt_s`."""
         for surface in self.surfaces.values():
             surface.step(dt_s)

@@ -58,7 +58,7 @@ class PeOutbox:
             self._clock.at(self._clock.now_ns + self.delays(), offer)
 
     def withdraw(self, action: Withdraw) -> None:
-        """Drop the frames that have not been sent yet."""
+        """Drop the frames with the identifiers of the action that still wait in a queue or are delayed by a fault."""
         self._withdrawn.update(action.identifiers)
         for bus, station in self._stations:
             bus.withdraw(station, action.identifiers)

@@ -4,8 +4,8 @@ Core and modules are those that fly. A PE has its own clock (`LocalClock`): the 
 switched on at the same moment, so the heartbeat periods of two PEs begin at different times. The effect of a fault may
 depend on this difference. `module_steps` models the time of steps, `pe_outbox` the sending of frames.
 
-The core's invariants are checked after every call that did more than send a frame or release a module, and at every
-sixteenth deadline.
+The core's invariants are checked after every call that did more than send a frame, release a module or command a
+device, and at every sixteenth deadline.
 """
 
 from collections.abc import Callable, Mapping, Sequence
