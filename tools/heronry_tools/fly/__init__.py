@@ -1,4 +1,4 @@
-"""Flights of an aircraft that a flight dynamics model computes, with its avionics on simulated or real PEs.
+"""Flights of aircraft in the flight dynamics model JSBSim, with their avionics on simulated or real PEs.
 
 docs/flights.md explains these flights. The modules in `avionics` run on PEs, and import no other part of
 `heronry_tools`. Only `dynamics` imports jsbsim, which the extra `[fly]` installs.

@@ -27,7 +27,7 @@ _OUTLIER_RAD = 0.15
 
 
 def angles_rad(x_m: float, y_m: float, height_m: float) -> tuple[float, float]:
-    """Return the azimuth and elevation at which the camera sees a point."""
+    """Return the azimuth and elevation (rad) at which the camera sees a point of the runway's frame."""
     ahead, right, up = POSITION_M[0] - x_m, y_m - POSITION_M[1], height_m - POSITION_M[2]
     return math.atan2(right, ahead), math.atan2(up, math.hypot(ahead, right))
 

@@ -53,7 +53,7 @@ class ReleasedPlant:
         return simulation.now_ns
 
     def flown_ns(self, now_ns: int) -> int:
-        """Return the plant's time at a time of the simulator."""
+        """Return the plant's time at a time of the simulator; 0 before `release`."""
         return 0 if self._origin_ns is None else now_ns - self._origin_ns
 
     def read(self, device: str, now_ns: int) -> Value | None:
@@ -86,7 +86,10 @@ class EavFlight:
     """One flight of the EAV, with the simulator that runs it."""
 
     def __init__(self, spec: Spec, mission: Mission, *, is_recorded: bool = True) -> None:
-        """is_recorded: whether the record gets rows; without rows the flight and its result are the same."""
+        """Prepare the flight.
+
+        is_recorded: whether the record gets rows; this changes neither the flight nor its result
+        """
         self._spec, self._mission, self._is_recorded = spec, mission, is_recorded
         self._recorder = Recorder(spec.name, _title(mission), mission.seed)
         self.probe = LatencyProbe() if mission.probed else None

@@ -33,7 +33,7 @@ class Kind:
     fly_recorded: as `fly`, but returns the record too
     line: says in one line how a flight ended
     summary: makes statistics of many results, as JSON data
-    figures: writes the statistics for a reader
+    figures: returns the statistics that `summary` has made, as text
     """
 
     site: Site

@@ -1,8 +1,8 @@
 """Control surfaces and their servos: rate limit, stops, and the ways in which a servo fails.
 
-Two servos can drive one surface. The servo that was commanded last holds it. When a servo fails, its clutch slips, and
-the surface stays where it is until the other servo takes it. A loose servo accepts commands, but the air stream moves
-its surface back to neutral.
+Two servos can drive one surface. The servo that was commanded last holds the surface. When this servo is dead or stuck,
+the surface stays where it is until the other servo is commanded. A loose servo accepts commands, but the air stream
+moves the surface back to neutral. A servo with a bias moves the surface to the command plus a constant.
 """
 
 from dataclasses import dataclass, field
@@ -73,6 +73,6 @@ class Servos:
         self.failed.pop(servo, None)
 
     def step(self, dt_s: float) -> None:
-        """Move every surface."""
+        """Move every surface for `dt_s`."""
         for surface in self.surfaces.values():
             surface.step(dt_s)

@@ -1,4 +1,4 @@
-"""The simulator: the manager and agent cores that fly, unchanged, on simulated buses in virtual time.
+"""The simulator: runs the cores of managers and agents, the same code as in flight, on simulated buses in virtual time.
 
-One seed determines a flight.
+All random values come from one seed. So equal specs, seeds and faults give equal flights.
 """

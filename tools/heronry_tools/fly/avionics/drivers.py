@@ -4,7 +4,7 @@ The modules convert the whole numbers of a device to data in SI units and degree
 module publishes no datum. If the module of a servo gets no demand, it repeats its last command; before the first demand
 it sends nothing. The camera's module also reports the camera as failed after `BLIND_NS` without a new image.
 
-A restart loses the last command of a servo. The camera's module publishes the newest image once more.
+A restart loses the last command of a servo. After a restart, the camera's module publishes the newest image once more.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,6 @@
-"""The flight management system: the stages of a landing, after Figures 11 and 12 of the paper by Ippolito et al.
+"""The flight management system: the stages of a landing.
+
+They follow Figures 11 and 12 of the paper by Ippolito et al. (docs/flights.md):
 
     approach ──► glide slope ──► flare transition ──► flare ──► (on the ground)
         any of them ──► go-around (climb straight ahead, then level)
@@ -13,12 +15,15 @@ The plan selects the mode of the module by the quality of the position that it c
 
 - *precise*: the position is good enough to land.
 - *forced*: the position is not good enough, but the aircraft must land, so it uses this position.
-- *waiting*: the position is not good enough. On approach the aircraft stays level until the position is good enough,
-  or until the landing point is too far. On the glide slope the aircraft goes around, but below `DECISION_M` it always
-  lands.
+- *waiting*: the position is not good enough. On approach the aircraft stays level until the position is good enough. On
+  the glide slope the aircraft goes around; below `DECISION_M` it lands as in the other modes.
+
+In every mode the aircraft goes around if the landing point is too far (`_LONGEST_M`), on approach or on the glide slope
+below `DECISION_M`.
 
 No input tells the module from which sensor its position comes. A restart loses the stage. The restarted module finds
-its stage again from height and position; if it starts below the decision height, it lands.
+its stage again from height and position. If it starts below `DECISION_M`, it lands, except if the landing point is too
+far.
 """
 
 import math

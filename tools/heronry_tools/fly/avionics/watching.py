@@ -34,7 +34,7 @@ class AccuracyMonitor(Module):
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._way = [0.0, 0.0, 0.0]
-        self._fixes: deque[tuple[int, tuple[float, ...]]] = deque()  # when, fix less the way flown until then
+        self._fixes: deque[tuple[int, tuple[float, ...]]] = deque()  # time, position less the way flown
         self._age_ns = 0
         self._wrong = 0
         self._looks_until_ns = ctx.now_ns + round(WINDOW_S * NS_PER_S)
@@ -130,9 +130,10 @@ class TrackingHead(Module):
         self._seen_ns: int | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the demanded direction (0.1 mrad): that of a new image, or of the approach; see the head of the file.
+        """Publish the demanded direction (0.1 mrad): that of a new image.
 
-        For a second after the last image, publish nothing.
+        Before the first image, and from a second after the last one, publish the direction of the approach. In the
+        second after an image, publish nothing.
         """
         angles = numbers(inputs, "image_angles", 2)
         if angles is not None:

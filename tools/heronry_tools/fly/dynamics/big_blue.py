@@ -9,7 +9,7 @@ the centre of gravity. A burn wire cuts the line for good. A charge opens the pa
 Wings whose pressure is less than 430 hPa carry only the share pressure / 430 hPa of their full forces, until light has
 cured their skin.
 
-Time. While the aircraft hangs on the line, its surfaces have no effect. So nothing is lost if this hour passes faster
+Time. While the aircraft hangs on the line, its surfaces have no effect, so the time of the plant may then pass faster
 than the avionics' clock: the plant makes `pace` steps for each step of the avionics. The plant keeps to the avionics'
 clock in three cases: near the ground, near and above the lowest height at which the line may be cut, and while the
 valve inflates the wings. Angular rates are given per second of the avionics' clock.

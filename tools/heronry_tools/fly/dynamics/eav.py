@@ -1,6 +1,7 @@
 """The Exploration Aerial Vehicle on final: dynamics, sensors, servos, and the rover's camera beside the runway.
 
-Devices, and the reading of each sensor (whole numbers, as such devices give them):
+The first group below has the sensors with their readings, the second the actuators with their commands. Values in
+mdeg/s, mdeg, mm/s, mm, 0.1 mrad and ms are whole numbers, as such devices give them.
 
     ins_1, ins_2             roll, pitch and yaw rate (mdeg/s), roll, pitch (mdeg), velocity north, east, up (mm/s)
     pitot_1, pitot_2         airspeed (m/s)
@@ -89,7 +90,7 @@ class EavPlant:
         start_m: x, y and height
         corrections_lost_s: time of the flight from which the differential receiver is inaccurate; None: it never is
         height_bias_m: a constant error of the differential receiver's height, in addition to its usual errors
-        perfect: whether all sensors but the camera have no errors
+        perfect: whether only the camera has errors, and no other sensor
         held: whether the aircraft is held at its start until `release`; its sensors and servos work meanwhile
         watch: is called with the state after each step near the ground
         probe: adds steps to the measured pitch rate, to measure the latency to the servo

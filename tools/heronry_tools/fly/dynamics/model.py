@@ -1,7 +1,8 @@
-"""Loads an aircraft into JSBSim without its banner, and converts the units of JSBSim.
+"""Loads an aircraft into JSBSim, and converts the units of JSBSim.
 
-JSBSim prints a banner, unless `JSBSIM_DEBUG` is 0 in the environment before the first object of JSBSim is made. JSBSim
-accepts misspelt properties without a message, so `Model.put` checks that a property exists before it is written.
+JSBSim prints a banner, unless `JSBSIM_DEBUG` is 0 in the environment before the first object of JSBSim is made; `Model`
+sets this variable. JSBSim accepts misspelt properties without a message, so `Model.put` checks that a property exists
+before it is written.
 
 In JSBSim, the force of a wheel is the force of its spring, divided by the squared cosine of the tilt. This force has no
 limit for an aircraft that lies on its side: in one step the aircraft would get a speed of thousands of metres per
@@ -73,9 +74,10 @@ class Model:
         self.fdm[name] = value
 
     def start(self, *, north_m: float, east_m: float, up_m: float, airspeed_m_per_s: float, heading_deg: float) -> None:
-        """Place the aircraft in level flight and trim it.
+        """Place the aircraft in level flight with its engine running; the aircraft is not trimmed yet.
 
         up_m: height of the centre of gravity above the runway.
+        Raises UserError if JSBSim does not accept these initial conditions.
         """
         fdm = self.fdm
         fdm["ic/lat-geod-deg"] = math.degrees(north_m / _M_PER_RAD_NORTH)

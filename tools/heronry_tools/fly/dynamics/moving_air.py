@@ -14,7 +14,7 @@ class MovingAir:
     def begin(self, model: Model) -> None:
         """Switch JSBSim's own turbulence off.
 
-        It has no effect below 1 000 ft, and its random numbers do not come from the flight's seed.
+        This turbulence has no effect below 1 000 ft, and its random numbers do not come from the flight's seed.
         """
         model.put("atmosphere/turb-type", 0)
 

@@ -10,7 +10,8 @@ reading the control loops would integrate an error that they cannot reduce while
 would then begin with the elevator far from its trim.
 
 Standard output gets two JSON lines. The first is `{"released_ns": TIME}`, when the aircraft is released. The last one
-has the touchdown and the delays of the process; if the flight could not go on, it is `{"problem": REASON}` instead.
+has the touchdown and the longest standstill of the process; if the flight could not go on, it is
+`{"problem": REASON}` instead.
 Standard input takes lines `{"fail": DEVICE, "how": HOW}`; when standard input is closed, the process ends.
 """
 

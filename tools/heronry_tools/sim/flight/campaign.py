@@ -2,8 +2,7 @@
 
 The number of flight hours says little. What counts is which kinds of faults were injected in which state of the
 protocol (`Coverage`). The table has a cell for each kind in each state. A cell without an injection was never tried,
-and a cell with fewer than `ENOUGH` injections was hardly tried. Drawn faults aim at all states (`drawing`), with one
-manager and with two, and whether or not the spec has a DEMUX.
+and a cell with fewer than `ENOUGH` injections was hardly tried. Drawn faults aim at every state (`drawing`).
 
 Worker processes share nothing: each loads the spec once, and keeps the plans of its flights for its later flights.
 """
@@ -91,7 +90,10 @@ class Coverage:
         return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
 
     def table(self) -> list[str]:
-        """Return lines of text: faults by kind and state, entries of each state, rarely tried cells, waived shares."""
+        """Return lines of text with the number of faults by kind and state, and with how often each state was entered.
+
+        The last lines name the cells with too few faults, and the share of the time in which each rule was waived.
+        """
         cells = self.cells()
         kinds = list(dict.fromkeys(kind for kind, _ in cells))
         lines = [_row("faults in state", STATES)]

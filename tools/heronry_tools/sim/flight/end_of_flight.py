@@ -1,8 +1,9 @@
 """The end of a flight: the same for drawn flights, scenario files and exhaustive cases.
 
 When the time for faults is over, every fault that can be ended is ended. The oracle `service` verifies silences of
-critical functions up to this moment. Afterwards no fault is injected, until the aircraft has converged or the longest
-time for converging is over (`oracles.liveness`). All other rules for the whole flight are verified up to this end.
+critical functions up to this moment. Then the flight continues without a new fault. It ends when the aircraft has
+converged, or when the longest time for converging is over (`oracles.liveness`). Until then all other rules that must
+hold in the whole flight are verified.
 """
 
 from collections.abc import Collection, Iterable

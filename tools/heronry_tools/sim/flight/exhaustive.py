@@ -59,7 +59,7 @@ _BY_THEIR_END = ("return", "clear")
 _DEATHS = ("crash", "death")
 _STARTED_NS = 10_000 * MS
 _ADMITTED_NS = 60 * MS  # three heartbeat periods
-_QUIET_NS = 1_000 * MS  # a story is over when nothing was completed for so long
+_QUIET_NS = 1_000 * MS  # a story is over when no reconfiguration was completed for so long
 _LOOK_NS = 100 * MS
 _LONGEST_NS = 4_000 * MS  # longest flight before all faults are ended
 _FRAME_FAULT = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<victim>\S+)", re.ASCII)
@@ -257,7 +257,10 @@ def _faults(story: str) -> tuple[Fault, ...]:
 
 
 def begin(simulation: Simulation, story: str) -> Injections:
-    """Simulate up to the event of a story, which then happens as soon as the simulation continues."""
+    """Simulate up to the event of a story, and return the faults that cause it.
+
+    The event happens as soon as the simulation continues. Raises UserError if the aircraft does not start.
+    """
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:

@@ -101,7 +101,7 @@ class Fleet:
     def make_stale(self, pe: str) -> None:
         """Let a PE start with the table of another spec next time.
 
-        The PE then counts as down, since it can run nothing.
+        From now on the PE counts as down, since it can run nothing with that table.
         """
         self._stale.add(pe)
         self._truth.failed(f"pe:{pe}")

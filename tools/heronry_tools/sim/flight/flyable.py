@@ -10,7 +10,10 @@ from heronry_tools.console.errors import UserError
 
 
 def check_images(spec: Spec) -> None:
-    """Look for the code of each module, also in the present folder; raise UserError where there is none."""
+    """Find the code of each module; raises UserError if a module has none.
+
+    Code may also be in the current folder, which is therefore added to Python's search path.
+    """
     with suppress(FileNotFoundError):  # the present folder may have been removed
         here = str(Path.cwd())
         if here not in sys.path:

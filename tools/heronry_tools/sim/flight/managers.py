@@ -68,7 +68,10 @@ class Managers:
 
     @property
     def foremost(self) -> SimulatedManager | None:
-        """Return the active manager; if no manager is active, the first running one; None if none runs."""
+        """Return the active manager, of two the one with the higher term; None if no manager runs.
+
+        If no manager is active, return the running one with the lowest node-ID.
+        """
         active_manager = [one for one in self.running.values() if one.core.is_active]
         first = next((self.running[seat] for seat in sorted(self.running, key=abs)), None)
         return max(active_manager, key=lambda one: one.core.term, default=first)
@@ -138,7 +141,10 @@ class Managers:
         self.protocol.set_active_manager(is_heard=any(active_manager))
 
     def _tell(self, seat: int, event: dict[str, Any]) -> None:
-        """Keep an event of the manager at a seat; of a standby manager keep only events about itself."""
+        """Keep an event of the manager at a seat.
+
+        While another manager is the active one, keep only events of a kind in `_OF_A_STANDBY`.
+        """
         foremost = self.foremost
         self.see_active_manager()
         if foremost is not None and foremost.core.is_active and foremost is not self.running.get(seat):

@@ -112,7 +112,7 @@ class Operator:
             self._clock.at(self._clock.now_ns + _AGAIN_NS, self._look)
 
     def _is_well(self, element: str, term: int) -> None:
-        """Update the truth after an order to clear an element, which the active manager has not latched any more."""
+        """Update the truth after an order to clear an element; the active manager no longer has the element latched."""
         if not self._has_failed_everywhere(element):
             everywhere = not self._managers.are_two
             self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)

@@ -65,7 +65,7 @@ class Outcome:
 def lossy(share: float) -> Faults:
     """Return the quality of a bus that destroys the share `share` of all frames.
 
-    A receiver misses a tenth as many frames, and gets a tenth as many twice.
+    Of the frames that are sent, each receiver misses a tenth of this share, and receives a tenth of this share twice.
     """
     return Faults(share, share / 10, share / 10)
 
@@ -92,7 +92,7 @@ def play(
     """Simulate a flight to its end, and return its outcome.
 
     begun: is called once the first configuration runs, with the simulation and the time (ns) at which it began to run.
-    second_passed: is called for each second of virtual time in which faults are injected.
+    second_passed: is called after each second of the time in which faults are injected (virtual time).
     """
     has_key = scenario.keyed or need_key(scenario.faults)
     simulation = Simulation(

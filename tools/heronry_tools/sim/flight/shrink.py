@@ -3,7 +3,8 @@
 First halves of the list are left out, then quarters, down to single faults, as long as the flight still fails in the
 same way (Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002); ddmin, without
 the steps that try a part alone). The result fails, and no longer fails if any one fault is left out. Then each fault is
-made simpler: shorter, and injected at its time instead of in a state. Finally the flight is ended with its last fault.
+made simpler: shorter, and injected at its time instead of in a state. Finally the flight is made to end soon after its
+last fault.
 
 The random numbers of a fault do not depend on the other faults (`injection.schedule`), but the state of the flight
 does: without one fault, another fault may meet another state. So the search may miss a shorter list; its result is

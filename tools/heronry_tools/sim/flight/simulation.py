@@ -75,6 +75,7 @@ class Simulation:
         contingencies: number of faults for which contingencies are on board; None: no contingencies are made
         key: the key of managers and PEs; None without authentication
         standby: whether there are two managers, 126 and 127, each being the standby manager while the other is active
+        keep_trace: whether `trace` gets every frame
         absent: PEs that are started only later, by `Fleet.arrive`
         aloft_ns: time of the scripted flight at which the simulation starts
         plant: what the devices read and move; None: the scripted flight
@@ -207,8 +208,8 @@ class Simulation:
         stay undetected. If the aircraft does not converge in the time allowed, the simulation ends, too, and the
         violations of the last moment are among those returned.
 
-        The oracle `planned_load` counts data only in the second half of this certain time. In the first half a
-        controller may still send queued frames, and a PE that returns may send the data of what it ran before.
+        The oracle `planned_load` counts data only in the second half of this time. In the first half a controller may
+        still send queued frames, and a PE that returns may still send data of the modules that it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)

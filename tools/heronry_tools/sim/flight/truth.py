@@ -22,7 +22,7 @@ class Truth:
         self._spec, self._checks, self._waivers = spec, checks, waivers
         self._down: set[str] = set()
         self._cut: set[str] = set()
-        self.declared: dict[str, int] = {}  # declared failed by the operator: the term that was told last
+        self.declared: dict[str, int] = {}  # by element declared failed: term of the last order to fail it
         self.excusable: set[str] = set()  # healthy elements that may be reported as failed
         self._lacking: set[str] = set()  # places where the code is missing
 
@@ -73,8 +73,8 @@ class Truth:
     def excuse(self, module: str) -> None:
         """Allow false reports about a healthy module and its device: a servo that no module drives may look stuck.
 
-        If no branch of a DEMUX is left, the surface that it drives stands still, so the sensors of this surface may
-        look stuck, too.
+        When this is so for every branch of a DEMUX, the surface that the DEMUX drives stands still. Then every sensor
+        on a PE with an actuator of such a branch may look stuck, too.
         """
         spec, excusable = self._spec, self.excusable
         devices = {spec.modules[module].device}

@@ -65,6 +65,9 @@ class Wiring:
         return [clash for wires in self.wires.values() for wire in wires for clash in wire.clashes]
 
     def tamper(self, frame: Sent, tampering: Tampering) -> None:
-        """Lose or double one certain frame, which is known from an earlier flight with equal frames."""
+        """Deliver one frame of the flight as `tampering` says: lose it, or double it.
+
+        frame: an equal frame, with the same time and sender, from an earlier flight that was equal up to this frame
+        """
         for wire in self.wires[frame.bus]:
             wire.tamper = lambda sent: tampering if sent == frame else None

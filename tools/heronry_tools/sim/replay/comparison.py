@@ -37,7 +37,7 @@ class Comparison:
     entries: list[Compared | Remark]
 
     def differences(self) -> int:
-        """Return the number of decisions that only one side has, plus the number of remarks on differences."""
+        """Return the number of decisions that recording and replay do not share, plus the remarks on differences."""
         return sum(e.differs if isinstance(e, Remark) else e.taken != "both" for e in self.entries)
 
     def decisions(self) -> int:

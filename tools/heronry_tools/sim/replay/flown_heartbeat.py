@@ -4,10 +4,10 @@ On a computer that cannot keep the spec's heartbeat period, `heronry demo` uses 
 (`USUAL_HEARTBEAT_NS`), doubled as often as needed. Every time of the protocol follows from the period of the flight, so
 the core that replays must use the same period.
 
-The recording shows the period, since a manager sends one LEASE in each period. Even if some LEASEs were late, half of
-the intervals between two LEASEs are shorter than a period and half are longer. So of all possible periods, the one that
-is nearest to the median interval is taken. A recording with fewer than `_FEWEST` intervals shows nothing, and is
-replayed with the spec's own period.
+The recording shows the period, since a manager sends one LEASE in each period. A late LEASE makes one interval between
+two LEASEs longer and the next one shorter, so the median of all intervals is close to the period. Of all possible
+periods, the one that is nearest to the median is taken. A recording with fewer than `_FEWEST` intervals shows too
+little, and is replayed with the spec's own period.
 """
 
 from itertools import pairwise

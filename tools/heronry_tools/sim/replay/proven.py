@@ -5,7 +5,7 @@ which decides in a standby manager which frames are authentic, decides here, too
 recorded WELCOMEs have opened.
 
     a command          counts from the time of its TAG; TAGs and commands that are never proven are left out
-    pages 0 and 1      get their digest back if the tag in its place is correct
+    pages 0 and 1      were sent with a tag in the place of the digest; if the tag is right, they get their digest back
     an EMCY            comes after the page 0 that has proven it
     pages 2 and 3      are left out, as is every state that is not proven
 

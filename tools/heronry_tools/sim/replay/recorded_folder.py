@@ -33,7 +33,7 @@ def is_recorded_folder(path: Path) -> bool:
 
 
 def head_of(folder: Path) -> dict[str, Any]:
-    """Read `flight.json`; raises UserError if it is damaged or of a later version."""
+    """Read `flight.json`; raises UserError if it is damaged, or if its format is not `FORMAT`."""
     try:
         head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
         version = head["v"]

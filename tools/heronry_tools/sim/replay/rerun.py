@@ -10,7 +10,7 @@ prepared next:
   configuration, so that the replay can continue. A remark reports the difference, and the value of both plans.
 - If the configuration prepared next is not legal in this situation, or none was prepared, there was no answer in time:
   the next request replaced this request, or the plan was no better than what ran.
-- If a LEASE names a configuration that would be planned now, the manager adopted this configuration.
+- If a LEASE before any PREPARE names a configuration that could be the answer, the manager adopted this configuration.
 
 If the whole bus is silent for longer than two heartbeat periods, nothing ran on the manager's computer, or the bus was
 lost. A manager that runs again first takes the frames that have come meanwhile, and then handles its deadlines. So
@@ -169,7 +169,7 @@ class Rerun:
                 return
 
     def _due_ns(self, deadline_ns: int | None) -> int | None:
-        """Give the time at which the manager can handle a deadline; during a standstill, this is its end."""
+        """Return when the manager can handle a deadline: when it is due, or at the end of a standstill around it."""
         if deadline_ns is None:
             return None
         return next((end_ns for begin_ns, end_ns in self._standstills if begin_ns < deadline_ns < end_ns), deadline_ns)

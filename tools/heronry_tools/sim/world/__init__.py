@@ -1,1 +1,1 @@
-"""The simulated world: virtual time, buses with arbitration, controllers, and nodes that run the cores that fly."""
+"""The simulated world: virtual time, buses with arbitration, controllers, and nodes with the cores that fly."""

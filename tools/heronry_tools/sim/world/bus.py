@@ -5,17 +5,17 @@ takes the exact time of its bits, with stuffing and intermission, and is then re
 its identifier. A frame that is offered at the instant at which the bus becomes free takes part in the arbitration of
 this instant.
 
-A frame is destroyed by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival: a station that sends
-under the same identifier at the same time. After the bits that were sent, an error frame occupies the bus. The sender
-and all receivers count an error, and the sender repeats the frame.
+The *rival* of a station sends under the same identifier at the same time. If both send the same bits, they send one
+frame together. If the bits differ, both frames are destroyed. Both cases are recorded in `clashes`.
 
-If a station and its rival send the same bits, they send one frame together. If the bits differ, both frames are
-destroyed. Both cases are recorded in `clashes`.
+A frame is destroyed by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival with other bits.
+After the bits that were sent, an error frame occupies the bus. The sender and all receivers count an error, and the
+sender repeats the frame.
 
 CAN is not an atomic broadcast: a receiver accepts a frame at the last bit but one, the sender only at the last bit. So
 one receiver may miss a frame that was sent (`Faults.omission`), or receive the frame twice (`Faults.doubled`). `tamper`
-has these effects on a chosen frame. `corrupt` replaces a frame that was sent by another one for all receivers, like an
-error that the checksum does not detect.
+has these effects on a chosen frame. `corrupt` gives all receivers a changed frame instead of the frame that was sent,
+like an error that the checksum does not detect.
 
 A station that leaves while it sends destroys its frame. `slowdown` lengthens all bits, as for a radio far from its
 base. A wire that is `broken` carries nothing and causes no errors; frames wait until the wire is mended. A bus that is
@@ -92,7 +92,8 @@ class Tampering:
     """How a bus must deliver one frame.
 
     copies: how often the frame is received; 0 if not at all
-    receiver: the only station that receives so many copies; None: every station receives so many
+    receiver: the station that receives so many copies, while all others receive the frame as usual; None: every station
+        receives so many copies
     """
 
     copies: int
@@ -330,10 +331,10 @@ class SimulatedBus:
         return None
 
     def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
-        """Find another station that sends under the same identifier at the same time.
+        """Find a rival: another station that sends under the identifier of `head` at the same time.
 
-        Returns whether both frames are destroyed, and how many bits are sent. Without such a station, these are False
-        and `bits`, the length of the frame.
+        Returns whether both frames are destroyed, and how many bits are sent. Without a rival, these are False and
+        `bits`, the length of the frame.
         """
         rival = self._head()
         if rival is None or rival.key != head.key or rival.station is head.station:

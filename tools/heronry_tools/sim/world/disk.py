@@ -1,7 +1,7 @@
 """The disk with a simulated manager's journal: the bytes that a real manager would write, and effects of power cuts.
 
 Terms, and numbers that are reserved for later use, are on the disk immediately. Other records reach the disk
-`SYNCED_AFTER_NS` later, when the manager's frames have been sent. If the power is cut before (`torn`), any part of
+`SYNCED_AFTER_NS` later, when the manager's frames have been sent. If the power is cut earlier (`torn`), any part of
 these records may be on the disk. If only the manager is killed, nothing is lost.
 
 A full or read-only disk (`refuses`) writes a part of the first line that it refuses, and nothing after this part. With

@@ -14,7 +14,7 @@ REMEMBERED_NS = 1_000_000_000
 
 
 class FirstCopies:
-    """Calls each of `taps` for a frame that neither channel has carried before."""
+    """Calls each of `taps` with the first copy of every transmission."""
 
     def __init__(self) -> None:
         self.taps: list[Callable[[Sent], None]] = []

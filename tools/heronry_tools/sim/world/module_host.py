@@ -66,7 +66,7 @@ class ModuleHost:
         return None
 
     def code(self, module: int) -> Module | None:
-        """Return the object of a running module, for an observer that does not change it; None if it does not run."""
+        """Return the object of a module, for an observer that does not change it; None if the module does not run."""
         return self._runner.code(module)
 
     def _step(self, action: StepModule, now_ns: int) -> Stepped | StepFailed:

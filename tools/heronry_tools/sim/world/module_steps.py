@@ -116,7 +116,10 @@ class ModuleSteps:
         return self._broken.get(f"{module}@{self._pe}", self._broken.get(module))
 
     def measure(self, action: MeasureStep) -> StepMeasured:
-        """Return the time for which a step has been hanging; 0 if it does not hang."""
+        """Return the time for which a step has been hanging.
+
+        The time is 0 if the step does not hang, or if it waits for another hanging step of its partition.
+        """
         partition = self._partitions[action.module]
         first = next((module for module in self._hung if self._partitions[module] == partition), None)
         spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0

@@ -34,7 +34,7 @@ class Node:
         self._offers: list[Callable[[Frame, int], None]] = []  # by port
         self._clock = clock
         self._armed_ns = NEVER_NS  # on the node's own clock
-        self._last_ring_ns, self._rings = -1, 0  # the last instant of a call, and the calls at it
+        self._last_ring_ns, self._rings = -1, 0  # when the timer last expired, and how often then
         self._paused_until_ns: int | None = None
         self._kept: list[tuple[int, Received]] = []
 
@@ -117,7 +117,7 @@ class Node:
         if len(self._kept) < RECEIVE_BUFFER:
             self._kept.append((self._clock.now_ns, event))
 
-    # The timer: an alarm that was replaced by a later alarm is ignored
+    # The timer: a new setting replaces the one before, whose callback then has no effect
 
     def _arm(self, due_ns: int) -> None:
         """Set the timer to this time on the node's own clock."""

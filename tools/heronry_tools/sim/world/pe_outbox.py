@@ -58,7 +58,7 @@ class PeOutbox:
             self._clock.at(self._clock.now_ns + self.delays(), offer)
 
     def withdraw(self, action: Withdraw) -> None:
-        """Drop the frames that have not been sent yet."""
+        """Drop the frames with the identifiers of the action that still wait in a queue or are delayed by a fault."""
         self._withdrawn.update(action.identifiers)
         for bus, station in self._stations:
             bus.withdraw(station, action.identifiers)
@@ -70,9 +70,9 @@ class PeOutbox:
                 bus.stand_back(station, self._time.when_ns(action.until_ns))
 
     def took_ns(self, port: int) -> int | None:
-        """Return the time in ns that the frame which has just left by a radio took since `send`.
+        """Return the time in ns from `send` to now, for the frame that this port has just sent to a radio.
 
-        Return None if the core does not need the time.
+        Return None if `send` was not called for this port since the last call of this method.
         """
         handed_ns = self._handed_ns.pop(port, None)
         return None if handed_ns is None else self._time.now_ns() - handed_ns

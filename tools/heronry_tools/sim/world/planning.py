@@ -1,9 +1,8 @@
 """Plans for simulated managers, and best plans for the oracles.
 
-Answers are kept for the life of the process. That changes no flight, since a plan depends only on the spec, the
-situation and what runs. As in flight, the verifier has accepted every plan. An oracle needs only levels 1 to 3 of the
-best plan. These do not depend on what runs (which counts at level 4), so any plan that is proven best at levels 1 to 3
-will do.
+Plans are kept for the life of the process. This changes no flight, since a plan depends only on the spec, the situation
+and what runs. As in flight, the verifier has accepted every plan. An oracle needs only levels 1 to 3 of the best plan.
+What runs has an effect only from level 4 on. So for an oracle any plan will do that is proven best at levels 1 to 3.
 
 The planning policy that flies (`heronry_manager.core.planning_policy`) decides which planner gets a request; `Planners`
 names the planners from which it can choose. By default (`BEST`) there is only the exact planner, so every answer is the

@@ -73,7 +73,7 @@ class SimulatedManager(Node):
         disk: the disk with its journal
         name: name of its station
         decide_ns: returns the time that the next planning run takes
-        tell: is called with every event
+        tell: is called with every event of the manager
         planned: is called with every request for a plan, and with every answer that the core is given
         ahead: the contingencies; its `made` and `numbers` are None if there are none
         reads_objects: whether the manager reads by SDO the details that PEs store for people, for example why a module

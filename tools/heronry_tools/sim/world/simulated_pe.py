@@ -4,8 +4,8 @@ Core and modules are those that fly. A PE has its own clock (`LocalClock`): the 
 switched on at the same moment, so the heartbeat periods of two PEs begin at different times. The effect of a fault may
 depend on this difference. `module_steps` models the time of steps, `pe_outbox` the sending of frames.
 
-The core's invariants are checked after every call that did more than send a frame or release a module, and at every
-sixteenth deadline.
+The core's invariants are checked after every call that did more than send a frame, release a module or command a
+device, and at every sixteenth deadline.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -122,9 +122,9 @@ class SimulatedPe(Node):
         self._wake()
 
     def code(self, module: str) -> Module | None:
-        """Return the object of a running module, for an observer that does not change it.
+        """Return the object of a module, for an observer that does not change it.
 
-        None if it does not run here.
+        Return None if the module does not run on this PE.
         """
         found = next((index for index, name in self.steps.names.items() if name == module), None)
         return None if found is None else self._host.code(found)
@@ -135,7 +135,7 @@ class SimulatedPe(Node):
         self._wake()
 
     def give(self, answer: Event) -> None:
-        """Give the core an event, for example the late answer to a request."""
+        """Give the core an event, for example the late answer to a request; after a pause of the processor."""
         if not self.is_awake:
             self._answers.append(answer)
         else:

@@ -1,4 +1,4 @@
-"""Injects foreign nodes on a bus (babbling nodes, twins, attackers), and alters frames without an error in the CRC."""
+"""Injects foreign nodes on a bus (babbling nodes, twins, attackers), and alters frames so that the CRC stays right."""
 
 from collections.abc import Sequence
 from random import Random

@@ -15,7 +15,10 @@ def _channel_loss(simulation: Simulation, fault: Fault, _: Random) -> End:
 
 
 def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
-    """Break a bus in the middle, with one manager on each side; `random` decides on which side each PE is."""
+    """Break a bus in the middle, with one manager on each side; `random` decides on which side each PE is.
+
+    If the level of the fault is 1, frames still pass in one of the two directions.
+    """
     managers = [f"manager {node}" for node in random.sample(MANAGER_NODES, 2)]
     beyond = {managers[0], *(pe for pe in simulation.spec.pes if random.randrange(2))}
     wires, one_way = simulation.wiring.wires[fault.name], fault.level == 1

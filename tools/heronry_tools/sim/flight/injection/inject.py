@@ -1,7 +1,8 @@
-"""The form of an injection: a function that does something to a simulation, and returns the function that ends it.
+"""The form of an injection: a function that injects a fault into a simulation, and returns the function that ends it.
 
-An injection returns None if it did nothing (for example a pause of a dead PE). No fault is ended twice. A fault of a PE
-or manager that has died meanwhile is not ended, because it ended with that incarnation.
+An injection returns None if it did nothing (for example a pause of a dead PE). The function that ends the fault is
+called at most once. A fault of a node, for example a broken receiver, ends with the death of the node, and the function
+then has no effect. Some faults outlast the node: its death, a wrong table, and faults of its modules.
 """
 
 from collections.abc import Callable
@@ -15,7 +16,7 @@ End = Callable[[], None]
 Inject = Callable[[Simulation, Fault, Random], End | None]
 
 _PLUGS = ((True, False), (False, True), (True, True), (False, False))  # transmit failed, receive failed
-_PLUG_HOLDS_MS = (6, 40, 200)  # longest times in such a state, of which one is drawn each time
+_PLUG_HOLDS_MS = (6, 40, 200)  # upper limits of the time in such a state; one limit is drawn each time
 
 
 def nothing() -> None:
@@ -43,7 +44,7 @@ def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
 
 
 def loosen(simulation: Simulation, node: Node, random: Random) -> End:
-    """Let the transmitter and receiver of a node fail and recover repeatedly, at random intervals of 6 to 200 ms."""
+    """Let the transmitter and receiver of a node fail and recover repeatedly, at random intervals of 1 to 200 ms."""
 
     def turn() -> int | None:
         if not node.running:

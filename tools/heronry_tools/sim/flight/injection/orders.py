@@ -1,4 +1,4 @@
-"""Orders of the operator, right or wrong, as faults."""
+"""Orders of the operator as faults: elements declared failed or cleared, and a phase requested."""
 
 from random import Random
 

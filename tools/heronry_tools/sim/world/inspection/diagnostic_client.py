@@ -69,7 +69,7 @@ class DiagnosticClient:
         return self._talk is None
 
     def leave(self) -> None:
-        """Leave the bus."""
+        """End the inspection, and leave the bus."""
         self._talk = None
         if self._station.present:
             self._bus.leave(self._station)

@@ -28,7 +28,10 @@ class Transfers(Topic):
     """Makes mistakes in SDO transfers, and verifies that each one is answered with the right abort code."""
 
     def mistakes(self) -> Talk[None]:
-        """Demand that a message out of place is refused, and ends the transfer that was under way."""
+        """Demand that a message out of place is refused, and ends the transfer that was under way.
+
+        Also demand that the server aborts a transfer that the client does not continue.
+        """
         sdo = self._sdo
         first, next_one = with_data(UPLOAD, STORED_EDS, 0), segment(SEGMENT_UPLOAD, b"")
         yield from sdo.refused(segment(SEGMENT_UPLOAD, b""), Abort.COMMAND)
