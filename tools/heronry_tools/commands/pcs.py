@@ -240,7 +240,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
 
 
 def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
-    """Give the graph that an operation makes; for an operation on a view also the view that results."""
+    """Give the graph that an operation makes, and the view that results; None if the operation is not on a view."""
     from heronry_pcs import operations, views  # noqa: PLC0415
     from heronry_pcs.names import COMPONENT_HINT, is_component  # noqa: PLC0415
 

@@ -18,7 +18,7 @@ from heronry_tools.console.output import add_json
 _ANSWER_WITHIN_S = 5.0
 _AGAIN_AFTER_S = 0.2
 _REMEDY = "the PE must wait for its table (pe-agent --node), this bus must be its uplink, and --key must name its key"
-_CHUNK = 7000  # whole segments: the client can send a shorter one only as the last
+_CHUNK = 7000  # bytes, a multiple of 7: an SDO segment has 7 bytes, and only the last one may be shorter
 _EPILOG = """\
 examples:
   pe-agent --node 92 -i socketcan -c can0                        on the PE: it waits

@@ -318,7 +318,10 @@ class Story:
                 yield from self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for an outage when it is over; for a long outage, also a line while it lasts."""
+        """Give a line for an outage when it is over; for a long outage, also a line while it lasts.
+
+        An outage that is `gathered` gets no line here: one line (`_outages`) tells of it and of many others.
+        """
         self._silences += 1
         if event.get("gathered"):
             return

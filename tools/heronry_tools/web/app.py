@@ -51,7 +51,7 @@ class Site:
     orders: Orders
     access: Access
     frames: Sequence[LoggedFrame] = ()  # of a recorded flight
-    pictures: dict[str, str] = field(default_factory=dict)  # by function; the empty one: of all
+    pictures: dict[str, str] = field(default_factory=dict)  # by function; under the empty name: the whole graph
     closing: asyncio.Event = field(default_factory=asyncio.Event)
     drawing: Lock = field(default_factory=Lock)
 

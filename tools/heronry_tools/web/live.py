@@ -62,7 +62,7 @@ class Live:
 
     @property
     def snapshot(self) -> Snapshot:
-        """What is known now."""
+        """Give the present snapshot."""
         return self._state.snapshot
 
     def age_s(self) -> float:

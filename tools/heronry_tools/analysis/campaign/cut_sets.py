@@ -68,7 +68,10 @@ class Servable:
         self._by_rest: dict[object, bool] = {}
 
     def after(self, down: FaultSet) -> bool:
-        """Tell whether a legal configuration serves the function; raises UserError where the search is undecided."""
+        """Tell whether a legal configuration can serve the function with the elements `down`.
+
+        Raises UserError if the search does not decide this.
+        """
         if self._planning.survives((self._function,), down):
             return True
         rest = what_is_left(survivors(self._planning.spec, Situation(down)))

@@ -51,7 +51,7 @@ class Dependence:
                 self._lost_with.setdefault(lost, []).append(element)
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
-        """Give the elements without which no end of a DEMUX can run, although its variable can be given."""
+        """Give the elements without which no end of a DEMUX can run, although its variable could still be given."""
         ends = [self.spec.modules[name] for name in demux.ends]
         if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()

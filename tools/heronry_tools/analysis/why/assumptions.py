@@ -22,7 +22,8 @@ MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
 class Assumption:
     """One assumption that could be relaxed.
 
-    name: by kind, an element, a PE, a bus, a function, the index of a placement rule, or empty for deadlines.
+    name: what the assumption is about. By kind, this is an element, a PE, a bus, a function, or the index of a
+        placement rule; it is empty for deadlines.
     """
 
     kind: Kind

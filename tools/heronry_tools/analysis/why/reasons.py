@@ -70,7 +70,7 @@ class Explanation:
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
-    """Explain how a function is served in a situation, if the plan with everything up ran before the faults.
+    """Explain how a function is served in a situation; the plan with everything up is taken to run before the faults.
 
     Raises UserError if the planner does not decide in time what is possible.
     """

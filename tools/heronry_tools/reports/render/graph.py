@@ -1,6 +1,7 @@
 """The dependency graph as nodes and edges: the content of a picture, without the places of the symbols.
 
-The symbols are those of the paper, section 3.1 and Figures 1 to 3: modules, variables, devices, and the four gates.
+The symbols are those of the paper by Rawashdeh et al. (docs/semantics.md), section 3.1 and Figures 1 to 3: modules,
+variables, devices, and the four gates.
 `build` makes a Graph of a spec; `ranks`, `ordering` and `layout` place its symbols; `svg` and `text` write it.
 """
 
@@ -41,7 +42,7 @@ class Edge:
 
     source: str
     target: str
-    label: str = ""  # the versions that flow, where not all do
+    label: str = ""  # the versions that flow; empty: all versions
     out_cell: int | None = None  # the mode from which the edge comes; None: from the symbol itself
     in_cell: int | None = None
     dead: bool = False
