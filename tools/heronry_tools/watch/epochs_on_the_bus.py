@@ -1,7 +1,8 @@
 """Reconfigurations as a bus shows them: PREPARE, ACTIVATE, and the PEs that report to run the epoch.
 
 The bus shows when an epoch was prepared, activated, and reported by every PE that is heard, but not why. The times to
-detect and to decide are known only if the loss of a PE was noticed before (`lost`): they begin with its silence.
+detect and to decide are known only if the loss of a PE was noticed before (`lost`). Then the time to detect begins with
+the last frame of that PE, and the time to decide begins when the PE was called lost.
 """
 
 from collections.abc import Callable, Iterator

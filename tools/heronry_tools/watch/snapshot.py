@@ -179,7 +179,7 @@ class Reconfiguration:
     number: int  # from 1, in the order of the feed
     epoch: int
     term: int | None
-    began_ns: int  # of a lost PE, its last frame; otherwise when the first known time of `times_ns` begins
+    began_ns: int  # after a loss, the last frame of the PE; without a loss, the start of the first known time
     done_ns: int
     times_ns: Times
     causes: tuple[str, ...]

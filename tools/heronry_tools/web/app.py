@@ -77,7 +77,7 @@ class Site:
         return FileResponse(PAGE / "index.html", headers={"cache-control": "no-cache"})
 
     async def tell_facts(self, _: Request) -> Response:
-        """Answer with what a page gets once, when it is opened."""
+        """Answer with the facts that a page gets once, when it is opened (`facts`)."""
         return JSONResponse(self.facts, headers=_NO_STORE)
 
     async def draw(self, request: Request) -> Response:
@@ -122,7 +122,7 @@ class Site:
         return StreamingResponse(lines, media_type="text/plain", headers=head)
 
     async def ask(self, request: Request) -> Response:
-        """Ask the planner's process; the search ends if the page is closed, or asks something else."""
+        """Answer with what the planner's process answers; if the page gives the request up, the search ends."""
         question = await _json(request)
         if question is None:
             return _refused(400, "a question must be a JSON object")

@@ -136,7 +136,7 @@ def _without_token(access: Access, asked: Asked) -> Refusal | None:
 
 
 class Guard:
-    """An ASGI application that lets requests through to another one, or refuses them."""
+    """An ASGI application that passes requests on to another application, or refuses them."""
 
     def __init__(self, inside: ASGIApp, access: Access) -> None:
         self._inside, self._access = inside, access

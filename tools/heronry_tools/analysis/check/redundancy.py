@@ -96,7 +96,7 @@ def _chooses(gate: Gate) -> bool:
 
 
 def independent(inputs: Sequence[frozenset[str]]) -> int:
-    """Give the largest number of inputs, up to three, of which no two depend on one element."""
+    """Give the largest number of inputs, up to three, of which no two depend on the same element."""
 
     def most(left: Sequence[frozenset[str]], wanted: int) -> int:
         best = 0
@@ -109,7 +109,7 @@ def independent(inputs: Sequence[frozenset[str]]) -> int:
 
 
 def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
-    """Give the first two inputs that depend on one element."""
+    """Give the indices of the first two inputs that depend on the same element."""
     return next(
         (first, second)
         for first in range(len(inputs))

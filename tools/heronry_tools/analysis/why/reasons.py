@@ -1,8 +1,9 @@
 """Why a function is not served as well as it could be: irreducible reasons, and the smallest repairs.
 
 The *goal* is to serve the function, or, if the plan serves it in a worse mode, to serve it in its best mode; and to
-serve every other function as well as the plan does. The plan is the best one, so the goal is impossible. This file
-finds out why.
+serve every other function as well as the plan does. A plan that reaches the goal would usually be better than this
+plan, which is the best one; so the goal is impossible, and this file finds out why. The goal is possible only if the
+function adds too little to the value of a plan; then there are no reasons and no repairs.
 
 *Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other. If
 the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The remaining set

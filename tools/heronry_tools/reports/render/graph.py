@@ -30,7 +30,7 @@ class Node:
     label: str  # the name, or what stands in the symbol of a gate
     note: str = ""  # a note below the name, in smaller letters
     cells: tuple[Cell, ...] = ()  # modes of a module that has more than one
-    again: bool = False  # a variable that is drawn solid on another sheet, where it is given
+    again: bool = False  # a variable that is drawn dashed here, and solid on another sheet
     initial: bool = False  # a variable that has a value before it is received: a cycle may pass through it
     dead: bool = False  # cannot run, hold or be given
     chosen: bool = False  # runs, holds or is given in the plan

@@ -214,7 +214,7 @@ class _Placing:
         return (2, 3, 8)[points]
 
     def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
-        """Give the left and right sides of the columns; the gap between two is wider where edges are steeper."""
+        """Give the left and right sides of the columns; the gap after a column is wider if steeper edges leave it."""
         steepest = [0] * len(self._layers.columns)
         for segment in self._layers.segments:
             out, into = self._ends(segment)
