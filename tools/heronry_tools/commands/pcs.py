@@ -351,7 +351,7 @@ def _fly(arguments: argparse.Namespace) -> int:
 
 
 def run_release(arguments: argparse.Namespace) -> int:
-    """End the script whose result the manager holds; returns 0, or 1 where there is none."""
+    """End the script whose result the manager holds; returns 0, or 1 if the manager holds none."""
     from heronry_manager.core.vocabulary import ReleaseTarget  # noqa: PLC0415 - keeps other commands quick
     from heronry_manager.shell.control_client import call  # noqa: PLC0415
 

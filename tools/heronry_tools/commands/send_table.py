@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _unlock(socket: Path | None, spec: str, pe: str) -> None:
-    """Let the manager unlock a PE; raises UserError where it does not."""
+    """Let the manager unlock a PE; raises UserError if the manager refuses."""
     from heronry_manager.core.vocabulary import UnlockPe  # noqa: PLC0415
     from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415
     from heronry_tools.console.errors import UserError  # noqa: PLC0415

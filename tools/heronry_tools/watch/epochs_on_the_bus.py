@@ -50,7 +50,10 @@ class EpochsOnTheBus:
         self._lost = t_ns, t_ns if last_heard_ns is None else last_heard_ns
 
     def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[dict[str, Any]]:
-        """Take a command of a manager; yields an event if the command shows another manager or term, or a new epoch."""
+        """Take a command of a manager; yields the events that follow from it.
+
+        They report a change of the manager or its term, an epoch of unknown content, or an epoch that every PE runs.
+        """
         message = decode_command(command, data)
         if isinstance(message, Malformed):
             return

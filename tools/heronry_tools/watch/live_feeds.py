@@ -1,4 +1,4 @@
-"""Live feeds: the events of a manager on this computer, with its bus beside them, or a bus alone.
+"""Live feeds: the events of a manager on this computer, together with its bus, or a bus alone.
 
 Nothing is ever sent on a bus. A feed is polled: `readers` gives the descriptors to wait on, `poll` the events that have
 come. If a manager ends, its feed stays open: it tries every second to connect to the manager again, and meanwhile

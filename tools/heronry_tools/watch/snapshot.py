@@ -38,7 +38,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Manager:
-    """The active manager; if the feed is the events of one manager, that manager, whether it is active or not."""
+    """The active manager; in a feed of one manager's events, the manager that sends them, active or not."""
 
     node: int | None = None
     term: int | None = None

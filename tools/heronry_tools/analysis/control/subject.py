@@ -82,7 +82,7 @@ def graph_path(text: str) -> Path | None:
 
 
 def shipped_spec_of(plan: str) -> Spec | None:
-    """Find the shipped spec for which a plan (JSON) was made, by the digest in the plan; None where there is none."""
+    """Find the shipped spec for which a plan (JSON) was made, by the digest in the plan; None if no spec has it."""
     try:
         digest = json.loads(plan)["spec"]
     except (ValueError, KeyError, TypeError):

@@ -123,7 +123,7 @@ def capacity(spec: Spec, one: Assumption) -> int:
 
 
 def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
-    """Return the same spec with another amount of a capacity."""
+    """Return the spec with one capacity changed to `amount`, in the unit of `capacity`."""
     if one.kind == "bandwidth":
         bus: Bus = replace(spec.buses[one.name], bitrate=amount)
         return replace(spec, buses={**spec.buses, one.name: bus})

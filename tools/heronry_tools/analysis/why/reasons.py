@@ -67,7 +67,7 @@ class Explanation:
     report: FunctionReport
     best_value: int
     reasons: tuple[Assumption, ...]
-    repairs: tuple[Repair, ...]  # all repairs that have one part, or else one smallest repair; empty: no repair helps
+    repairs: tuple[Repair, ...]  # all with a single part; if there are none, one smallest; empty: none helps
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
@@ -129,7 +129,7 @@ def _irreducible(
 def _repairs(
     question: Question, every: Sequence[Assumption], function: Function, now: Situation, possible: Possible
 ) -> Iterator[Repair]:
-    """Find the smallest repairs: all repairs with a single part, or else one repair."""
+    """Find the smallest repairs: all repairs with a single part; if there are none, one repair with more parts."""
     soft = [one for one in every if one.kind in MENDABLE]
     if not possible(soft):
         return

@@ -83,7 +83,10 @@ def _middle(group: Collection[str], middles: _Middles) -> int:
 
 
 def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
-    """Give the sheet on which each variable is drawn solid: where it is first given, else where it is first read."""
+    """Give the sheet on which each variable is drawn solid.
+
+    This is the first sheet on which the variable is given; if it is given on no sheet, the first on which it is read.
+    """
     given: dict[str, int] = {}
     read: dict[str, int] = {}
     for edge, sheet in zip(graph.edges, on, strict=True):
