@@ -21,7 +21,7 @@ class Command:
     file: str = ""
 
     def module(self) -> str:
-        """Give the name of the file in `commands/`: that of the command, if no other name is given."""
+        """Give the name of the file in `commands/`: `file`, or if that is empty the command's name with `_` for `-`."""
         return self.file or self.name.replace("-", "_")
 
 

@@ -115,7 +115,7 @@ def found_so_far(spec: "Spec") -> int:
 
 
 def _solver() -> str | None:
-    """Give the version of the solver; None where there is none."""
+    """Give the version of the solver; None if it is not installed."""
     try:
         return str(import_module("ortools").__version__)
     except ModuleNotFoundError:

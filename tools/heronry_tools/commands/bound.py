@@ -88,7 +88,7 @@ def _milliseconds(text: str) -> int:
 
 
 def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
-    """Plan for every fault; returns the plans, and the longest time that a plan took, in ns."""
+    """Plan for every fault; returns the plans, and the longest time in ns that a plan after the first one took."""
     from heronry_manager.bounds.fault_cases import count_plans, fault_cases  # noqa: PLC0415
     from heronry_manager.planner.exact import plan  # noqa: PLC0415
 
@@ -114,7 +114,10 @@ def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
 
 
 def _worst(bounds: "Sequence[Bound]") -> "list[Bound]":
-    """Give the largest bound of each class of faults, once for each bus on which PEs report."""
+    """Give the largest bound for each class of faults and each bus on which PEs report.
+
+    Faults after which no reconfiguration follows (`is_hopeless`) are left out.
+    """
     worst: dict[str, Bound] = {}
     for bound in (one for one in bounds if not one.is_hopeless):
         known = worst.get(_named(bound))

@@ -1,4 +1,4 @@
-"""`heronry campaign`: every set of faults, and what survives it.
+"""`heronry campaign`: plans for every set of faults, and reports which functions survive.
 
 Exit codes: 0 done, and every requirement holds; 1 a requirement is broken; 2 the input cannot be used.
 """

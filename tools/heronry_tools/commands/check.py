@@ -234,7 +234,7 @@ def _defects_of(what: str) -> Iterator[None]:
 
 
 def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]":
-    """Give the findings to report: all, or with `quiet` errors only."""
+    """Give the findings to report: only the errors with `quiet`, all findings without."""
     return [one.errors_alone() for one in assessed] if quiet else assessed
 
 

@@ -1,4 +1,4 @@
-"""`heronry dbc`: a DBC with which cantools reads the bus."""
+"""`heronry dbc`: writes a DBC file (CAN database), with which cantools and other tools decode the bus."""
 
 import argparse
 import sys

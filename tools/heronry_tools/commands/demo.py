@@ -107,7 +107,7 @@ def _seconds(text: str) -> float:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the demo; returns 0 if at the end every function that the plan serves is heard on the bus."""
+    """Run the demo; returns its exit code, 0 if at the end every function that the plan serves is heard on the bus."""
     from heronry_tools.runtime.demo.play import play  # noqa: PLC0415 - loads everything
 
     for name in ("starlette", "uvicorn") if arguments.web else ():

@@ -1,4 +1,4 @@
-"""`heronry diff`: what a change of a spec changes, in the graph and in consequence.
+"""`heronry diff`: compares two versions of a spec: the elements of the graph, and the consequences of the change.
 
 Exit codes: 0 the specs were compared; 1, with --exit-code only, they differ; 2 the input cannot be used.
 """

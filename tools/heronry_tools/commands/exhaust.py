@@ -121,7 +121,7 @@ def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
 
 
 def _counted(counts: dict[str, int]) -> str:
-    """Write the number of single faults of each story on a line, and their sum."""
+    """Write one line with the number of single faults for each story, and a last line with the sum."""
     return "\n".join([*(f"{count:7} {story}" for story, count in counts.items()), f"{sum(counts.values()):7} flights"])
 
 

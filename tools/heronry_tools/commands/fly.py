@@ -173,7 +173,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_live(arguments: argparse.Namespace) -> int:
-    """Fly every seed in real time, one after the other."""
+    """Fly the seeds in real time, one after the other; returns the exit code."""
     from heronry_tools.fly.acceptance import interval  # noqa: PLC0415
     from heronry_tools.fly.campaign import latency_line, quantiles  # noqa: PLC0415
     from heronry_tools.fly.kinds import aircraft_of  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""`heronry log convert`: a recorded flight for the tools that engineers have: MCAP and MDF 4."""
+"""`heronry log convert`: converts a recorded flight to MCAP or MDF 4, two formats that measurement tools read."""
 
 import argparse
 from pathlib import Path

@@ -33,7 +33,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the metrics once, or serve them until a signal; returns 0."""
+    """Print the metrics once, or serve them until a signal (with --port); returns 0."""
     from heronry_tools.watch.metrics import exposition  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.watch.metrics_server import serve  # noqa: PLC0415
     from heronry_tools.watch.source_arguments import opened_source  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""`heronry status`, `traceback`, `phase`, `priority`, `fail`, `clear`, `unlock`: orders to a manager here."""
+"""`heronry status`, `traceback`, `phase`, `priority`, `fail`, `clear`, `unlock`: orders to a local manager."""
 
 import argparse
 import json
@@ -47,7 +47,7 @@ examples:
 
 
 def add_parsers(subparsers: Any) -> None:
-    """Add the parsers of these commands."""
+    """Add the parsers of all commands that give an order to a manager."""
     status = _parser(subparsers, "status", "show the status of the system, as the manager knows it", _STATUS_EPILOG)
     add_output(status, "print the whole status as one JSON object")
     phase = _parser(subparsers, "phase", "enter another mission phase", _PHASE_EPILOG)

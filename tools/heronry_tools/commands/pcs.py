@@ -240,7 +240,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
 
 
 def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
-    """Give the graph that an operation makes; for an operation on a view also the view that results."""
+    """Give the graph that an operation makes, and the view that results; None if the operation is not on a view."""
     from heronry_pcs import operations, views  # noqa: PLC0415
     from heronry_pcs.names import COMPONENT_HINT, is_component  # noqa: PLC0415
 
@@ -351,7 +351,7 @@ def _fly(arguments: argparse.Namespace) -> int:
 
 
 def run_release(arguments: argparse.Namespace) -> int:
-    """End the script whose result the manager holds; returns 0, or 1 where there is none."""
+    """End the script whose result the manager holds; returns 0, or 1 if the manager holds none."""
     from heronry_manager.core.vocabulary import ReleaseTarget  # noqa: PLC0415 - keeps other commands quick
     from heronry_manager.shell.control_client import call  # noqa: PLC0415
 

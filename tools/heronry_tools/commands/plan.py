@@ -1,4 +1,4 @@
-"""`heronry plan` and `heronry verify`: find the best configuration of a spec in a situation; verify any other.
+"""`heronry plan` and `heronry verify`: find the best configuration in a situation; verify a given one.
 
 Exit codes: 0 a plan was made, or a configuration is legal; 1 it is not legal; 2 the input cannot be used.
 """

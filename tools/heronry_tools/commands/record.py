@@ -1,4 +1,4 @@
-"""`heronry record`: the black box: frames, events, spec and versions of a flight, in rotating files."""
+"""`heronry record`: a flight recorder, which writes frames, events, spec and versions into rotating files."""
 
 import argparse
 import re

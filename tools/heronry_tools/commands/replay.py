@@ -1,4 +1,4 @@
-"""`heronry replay`: the manager's core runs again on a recorded bus, and its decisions are compared.
+"""`heronry replay`: runs the manager's core again on a recorded bus, and compares its decisions with the recorded ones.
 
 Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
 """

@@ -129,7 +129,7 @@ def _is_live(arguments: argparse.Namespace) -> bool:
 
 
 def _patience(text: str) -> float:
-    """Read the factor by which times are longer, 1 to 100; raises ArgumentTypeError."""
+    """Read the factor, 1 to 100, by which the times after `within` are multiplied; raises ArgumentTypeError."""
     try:
         times = float(text)
     except ValueError:

@@ -18,7 +18,7 @@ from heronry_tools.console.output import add_json
 _ANSWER_WITHIN_S = 5.0
 _AGAIN_AFTER_S = 0.2
 _REMEDY = "the PE must wait for its table (pe-agent --node), this bus must be its uplink, and --key must name its key"
-_CHUNK = 7000  # whole segments: the client can send a shorter one only as the last
+_CHUNK = 7000  # bytes, a multiple of 7: an SDO segment has 7 bytes, and only the last one may be shorter
 _EPILOG = """\
 examples:
   pe-agent --node 92 -i socketcan -c can0                        on the PE: it waits
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _unlock(socket: Path | None, spec: str, pe: str) -> None:
-    """Let the manager unlock a PE; raises UserError where it does not."""
+    """Let the manager unlock a PE; raises UserError if the manager refuses."""
     from heronry_manager.core.vocabulary import UnlockPe  # noqa: PLC0415
     from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415
     from heronry_tools.console.errors import UserError  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""`heronry softbus`: a CAN bus in software, for computers without vcan."""
+"""`heronry softbus`: runs a CAN bus in software, for computers without vcan (the virtual CAN of Linux)."""
 
 import argparse
 from typing import Any

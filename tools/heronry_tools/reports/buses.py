@@ -1,4 +1,4 @@
-"""The messages on the buses as text: one line a message, with its worst case, and the totals of each bus.
+"""The messages on the buses as text: one line a message, with its longest response time, and the totals of each bus.
 
 The lines of the shipped specs fit a terminal of 80 columns. The JSON form has the values that the lines leave out:
 bytes, deadlines, slack.

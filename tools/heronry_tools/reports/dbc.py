@@ -172,7 +172,7 @@ def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
 
 
 def _emergency_event() -> Iterator[Signal]:
-    """Write the CANaerospace frame that reports the same fault as an EMCY."""
+    """Give the signals of the CANaerospace emergency event, which reports the same fault as an EMCY of CANopen."""
     yield from _header((_signal("service_code", 16, 8),))
     yield _signal("error_code", 32, 16, signed=True)
     yield _signal("operation_id", 48, 8, _ELEMENT_KINDS, signed=True)
@@ -183,7 +183,10 @@ _ELEMENT_KINDS = {kind.value: kind.name for kind in ElementKind}
 
 
 def _echo(spec: Spec | None) -> Iterator[Signal]:
-    """Write the output echoes: of a driven device (FLOAT), and of a module that ran (ULONG); with a spec, by name."""
+    """Give the signals of an output echo, of a driven device (FLOAT) or of a module that ran (ULONG).
+
+    With a spec, the numbers of devices and modules have their names.
+    """
     devices = dict(enumerate(spec.devices)) if spec is not None else None
     modules = dict(enumerate(spec.modules)) if spec is not None else None
     kinds = {

@@ -1,4 +1,4 @@
-"""The event stream on standard output, one line of JSON for each event, flushed at once so that a pipe follows live.
+"""The event stream on standard output, one line of JSON for each event, written at once.
 
 The flight does not depend on a reader of the stream. If a line cannot be written (a full disk, a reader that has
 ended), it is dropped, and one message on standard error reports that. The next line is tried again.

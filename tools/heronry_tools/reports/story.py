@@ -116,12 +116,12 @@ class Story:
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
     _lost: dict[str, int] = field(default_factory=dict)  # when each PE was lost that has not joined since
-    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by PE or process: the last line
+    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # PE or process -> (t_ns, for_ns) told last
     _stood_still: tuple[int, int] = (0, 0)  # the last standstill of this computer: when, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
-    _prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict)  # epoch -> its plan: a newer one may be ready
+    _prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict)  # epoch -> its plan; `_next` may be newer
 
     _given_up: list[str] = field(default_factory=list)  # epochs since the last one that ran, with the reasons
 
@@ -318,7 +318,10 @@ class Story:
                 yield from self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for an outage when it is over; for a long outage, also a line while it lasts."""
+        """Give a line for an outage when it is over; also a line while it lasts, if the plan serves the function.
+
+        An outage that is `gathered` gets no line here: one line (`_outages`) tells of it and of many others.
+        """
         self._silences += 1
         if event.get("gathered"):
             return

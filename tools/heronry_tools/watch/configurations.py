@@ -1,6 +1,6 @@
-"""What the running configuration means in the present situation, for a snapshot.
+"""The parts of a snapshot that follow from the running configuration in the present situation.
 
-It gives the functions and modules, the budgets of the PEs, the planned loads of the buses, and the graph.
+These are the functions and modules, the budgets of the PEs, the planned loads of the buses, and the graph.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,8 @@
 """Reconfigurations as a bus shows them: PREPARE, ACTIVATE, and the PEs that report to run the epoch.
 
 The bus shows when an epoch was prepared, activated, and reported by every PE that is heard, but not why. The times to
-detect and to decide are known only if the loss of a PE was noticed before (`lost`): they begin with its silence.
+detect and to decide are known only if the loss of a PE was noticed before (`lost`). Then the time to detect begins with
+the last frame of that PE, and the time to decide begins when the PE was called lost.
 """
 
 from collections.abc import Callable, Iterator
@@ -49,7 +50,10 @@ class EpochsOnTheBus:
         self._lost = t_ns, t_ns if last_heard_ns is None else last_heard_ns
 
     def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[dict[str, Any]]:
-        """Take a command of a manager; yields an event if the command shows another manager or term, or a new epoch."""
+        """Take a command of a manager; yields the events that follow from it.
+
+        They report a change of the manager or its term, an epoch of unknown content, or an epoch that every PE runs.
+        """
         message = decode_command(command, data)
         if isinstance(message, Malformed):
             return

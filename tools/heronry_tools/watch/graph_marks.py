@@ -27,7 +27,7 @@ def edge_key(edge: Edge) -> str:
 
 
 class LiveGraphs:
-    """Finds the live parts of one spec's graph; the last results are remembered, since faults come and go."""
+    """Finds the live parts of one spec's graph; remembers the last results, since the same situations often return."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec

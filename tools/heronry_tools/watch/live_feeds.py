@@ -1,4 +1,4 @@
-"""Live feeds: the events of a manager on this computer, with its bus beside them, or a bus alone.
+"""Live feeds: the events of a manager on this computer, together with its bus, or a bus alone.
 
 Nothing is ever sent on a bus. A feed is polled: `readers` gives the descriptors to wait on, `poll` the events that have
 come. If a manager ends, its feed stays open: it tries every second to connect to the manager again, and meanwhile
@@ -89,12 +89,15 @@ class HeardBuses:
 
 
 class FollowedManager:
-    """The feed of a manager of this computer, with its bus where that can be opened."""
+    """The feed of a manager on this computer, with the traffic of the manager's bus if the bus can be opened."""
 
     source: Source = "manager"
 
     def __init__(self, path: Path, *, hears_bus: bool = True) -> None:
-        """Connect to the manager's socket; raises ControlError, or UserError where its spec cannot be read."""
+        """Connect to the socket `path` of the manager; `hears_bus`: also open the manager's bus, if possible.
+
+        Raises ControlError, or UserError if the manager's spec cannot be read.
+        """
         self._path = path
         self.trouble: str | None = None
         self.frames: list[LoggedFrame] = []
@@ -188,7 +191,7 @@ class FollowedManager:
 
 
 class ListenedBuses:
-    """The feed of buses without a manager's events; it has no causes of reconfigurations."""
+    """The feed of buses without a manager's events: it shows reconfigurations, but not their causes."""
 
     source: Source = "bus"
 

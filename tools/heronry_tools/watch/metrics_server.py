@@ -48,6 +48,6 @@ def _page(source: TopSource) -> type[BaseHTTPRequestHandler]:
             self.wfile.write(body)
 
         def log_message(self, *_: Any) -> None:
-            """Write no line in the log for each request."""
+            """Log no requests: this replaces the method that would write a line for each request."""
 
     return Page

@@ -1,8 +1,8 @@
-"""What a feed gives beside the manager's events (`heronry_manager.core.events`), as JSON lines of the same form.
+"""What a feed gives in addition to the manager's events, as JSON lines of the same form.
 
-The manager's driver sends `status`, `runs` and `lines_lost` to a reader of its events (`follow`). `resumed` and `feed`
-begin a recording or a feed. The others come from the frames of a bus, live or recorded. A reader ignores a kind that it
-does not know.
+The manager's events are those of `heronry_manager.core.events`. The manager's driver also sends `status`, `runs` and
+`lines_lost` to a reader of its events (`follow`). `resumed` begins a file of a recording, and `feed` begins a feed. All
+other kinds come from the frames of a bus, live or recorded. A reader ignores a kind that it does not know.
 """
 
 from collections.abc import Mapping

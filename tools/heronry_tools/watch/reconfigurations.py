@@ -1,4 +1,4 @@
-"""The reconfigurations of a feed: what changed in each, and which functions were silent meanwhile."""
+"""The reconfigurations of a feed: what changed in each of them, and which functions were silent during it."""
 
 from collections.abc import Mapping
 from dataclasses import replace

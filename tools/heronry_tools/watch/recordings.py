@@ -52,7 +52,8 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
 
     spec: file or name of the spec; None is possible for a folder or a scenario, which name their spec.
     key: the key of the flight, if it had one; only a log needs it.
-    Raises UserError if the path is none of these, if its spec is missing or another one, or if its key is missing.
+    Raises UserError if the path is none of these, if the spec is missing or is not that of the recording, or if the key
+        is missing.
     """
     if is_recorded_folder(path):
         return Recording(spec_of(path, spec), log_of(path), list(events_of(path)), "record")

@@ -1,8 +1,10 @@
 """The one reducer of all views: events in, a snapshot out.
 
     state = reducer.start()
-    state = reducer.after(state, event)      for the manager's events (`heronry_manager.core.events`), and for
-    state.snapshot                           what the feeds add (`observations`)
+    state = reducer.after(state, event)
+    state.snapshot
+
+An event is one of the manager (`heronry_manager.core.events`), or an observation that a feed adds (`observations`).
 
 The reducer is pure: it reads no clock, a state is never changed, and the same events give the same snapshot, whether
 they come live or from a recording. An event of an unknown kind, or of a later version, only raises the number of
@@ -178,12 +180,15 @@ def _status(spec: Spec, state: State, event: Event) -> State:
 
 @cache
 def _reader() -> TypeAdapter[Snapshot]:
-    """Make the adapter that reads a snapshot from its document; making it is slow, and only recordings need it."""
+    """Make the adapter that reads a snapshot from JSON data, only when a recording needs it, since this is slow."""
     return TypeAdapter(Snapshot)
 
 
 def _resumed(spec: Spec, state: State, event: Event) -> State:
-    """Continue from the snapshot in a `resumed` event, which a reader of all earlier events has already."""
+    """Continue from the snapshot in a `resumed` event.
+
+    If all earlier events have been read, too, this is the snapshot that `state` already has.
+    """
     view = _reader().validate_python(event["snapshot"])
     return replace(state, snapshot=view, running=RunningPlan.of_document(spec, event["plan"]))
 

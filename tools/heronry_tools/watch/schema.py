@@ -1,6 +1,6 @@
 """The JSON schema of a snapshot, made from its data classes.
 
-A file beside them has the same text, for programs in other languages.
+The file snapshot.schema.json in this folder has the same text, for programs in other languages.
 """
 
 import json

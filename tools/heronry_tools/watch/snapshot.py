@@ -4,11 +4,13 @@
 same events give the same snapshot. `docs/watch.md` describes it to users.
 
 Times end in `_ns`: nanoseconds of the clock of the feed, which is CLOCK_MONOTONIC of a live system, the recorder's
-clock of a recording, or virtual time of the simulator. In the document `null` is a fact that this feed does not give.
-The feed of a bus alone gives no causes (`knows_why` is false): then reconfigurations have no `causes`, and `detect` and
-`decide` are known only where a PE fell silent.
+clock of a recording, or virtual time of the simulator. The *document* is a snapshot as JSON. In it, `null` is a fact
+that this feed does not give, unless the text about a field says something else. The feed of a bus alone gives no causes
+(`knows_why` is false): then reconfigurations have no `causes`, and `detect` and `decide` are known only where a PE fell
+silent.
 
-The document is versioned: a later version adds keys; a key that is removed, or means something else, raises `v`.
+A later program may add keys to the document. If it removes a key, or changes the meaning of a key, it also raises the
+version `v`.
 """
 
 from collections.abc import Mapping
@@ -177,7 +179,7 @@ class Reconfiguration:
     number: int  # from 1, in the order of the feed
     epoch: int
     term: int | None
-    began_ns: int  # of a lost PE, its last frame; otherwise when the first known time of `times_ns` begins
+    began_ns: int  # after a loss, the last frame of the PE; without a loss, the start of the first known time
     done_ns: int
     times_ns: Times
     causes: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Fills a snapshot with what a manager's status (`heronry_manager.core.status`) says."""
+"""Fills a snapshot with the content of a manager's status (`heronry_manager.core.status`)."""
 
 from collections.abc import Mapping
 from dataclasses import replace

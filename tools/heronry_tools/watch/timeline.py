@@ -25,12 +25,12 @@ class Timeline:
 
     @property
     def begins_ns(self) -> int:
-        """Give the time of the first event; 0 where there is none."""
+        """Give the time of the first event; 0 if there is no event."""
         return self.times_ns[0] if self.times_ns else 0
 
     @property
     def ends_ns(self) -> int:
-        """Give the time of the last event; 0 where there is none."""
+        """Give the time of the last event; 0 if there is no event."""
         return self.times_ns[-1] if self.times_ns else 0
 
     def at(self, t_ns: int) -> Snapshot:

@@ -77,7 +77,7 @@ class Traffic:
             self._next_tell = number + TELL_SLOTS
 
     def until(self, t_ns: int) -> list[dict[str, Any]]:
-        """Return the observations that are due before `t_ns`; after a long pause only the last one."""
+        """Return the observation that is due before `t_ns`, or none; if several are due after a pause, the last one."""
         number = t_ns // SLOT_NS
         if self._next_tell is None or number < self._next_tell:
             return []

@@ -51,7 +51,7 @@ class Site:
     orders: Orders
     access: Access
     frames: Sequence[LoggedFrame] = ()  # of a recorded flight
-    pictures: dict[str, str] = field(default_factory=dict)  # by function; the empty one: of all
+    pictures: dict[str, str] = field(default_factory=dict)  # by function; under the empty name: the whole graph
     closing: asyncio.Event = field(default_factory=asyncio.Event)
     drawing: Lock = field(default_factory=Lock)
 
@@ -77,7 +77,7 @@ class Site:
         return FileResponse(PAGE / "index.html", headers={"cache-control": "no-cache"})
 
     async def tell_facts(self, _: Request) -> Response:
-        """Answer with what a page gets once, when it is opened."""
+        """Answer with the facts that a page gets once, when it is opened (`facts`)."""
         return JSONResponse(self.facts, headers=_NO_STORE)
 
     async def draw(self, request: Request) -> Response:
@@ -122,7 +122,7 @@ class Site:
         return StreamingResponse(lines, media_type="text/plain", headers=head)
 
     async def ask(self, request: Request) -> Response:
-        """Ask the planner's process; the search ends if the page is closed, or asks something else."""
+        """Answer with what the planner's process answers; if the page gives the request up, the search ends."""
         question = await _json(request)
         if question is None:
             return _refused(400, "a question must be a JSON object")

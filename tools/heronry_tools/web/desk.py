@@ -3,8 +3,8 @@
     python -m heronry_tools.web.desk SPEC DIGEST           started by `questions`, which holds its standard input
 
 The process has loaded the solver and the spec. Questions come on standard input, answers go to standard output, each as
-one line of JSON, in order. Its plans are never flown. The process ends when standard input closes, even in the middle
-of a search.
+one line of JSON, in order. The plans of this process are never flown. The process ends when standard input closes, even
+in the middle of a search.
 
     {"ask": "plan", "down": ["pe:nav"], "limits": [], "phase": "glide", "priorities": []}
     {"plan": {... as 'heronry plan --json'}, "graph": {... as in a snapshot}}

@@ -84,7 +84,10 @@ def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:
 
 
 def _standby(feed: Feed, manager: Path) -> Feed:
-    """Connect to the standby manager, or else to the manager; returns the feed of the one that listens, else `feed`."""
+    """Give a new feed of the standby manager, or of the manager itself if the standby manager does not listen.
+
+    Closes `feed`. If neither manager listens, `feed` stays open and is returned.
+    """
     for path in (standby_of(manager), manager):
         with suppress(ControlError):
             other = FollowedManager(path)

@@ -1,16 +1,22 @@
-"""Who may ask what: all requests are let in or refused here, and every answer gets its security headers.
+"""Lets each request in or refuses it, and adds the security headers to every answer.
 
 A page of another site that is open in the same browser can send requests to this computer. Three checks refuse such
-requests. Their `Origin` is not this server. If the name of the other site was bound to this computer's address later
-(DNS rebinding), their `Host` is not an address of this server. And they have no token.
+requests:
+
+    Origin    must be this server, if the request has one; a question or an order must have one
+    Host      must be an address of this server; this refuses a site whose name was bound to this computer's address
+              after its page was loaded (DNS rebinding)
+    token     must be right, where the table below asks for one
 
 The token stands in the part of the printed address after `#`, which no browser sends. The server's own page adds the
 token to its requests as `Authorization: Bearer TOKEN`, and to the address of a download. There is no cookie, since a
 browser would send a cookie with requests of other sites, too.
 
+What a request needs depends on the address on which the server listens:
+
     request                         a loopback address                any other address
-    page, style, scripts            no token                          no token: they say nothing of the system
-    reading, and questions          no token                          token
+    page, style, scripts            nothing                           nothing: they show nothing of the system
+    reading, and questions          nothing                           the token
     orders                          --operate and the token           --operate and the token
 """
 
@@ -130,7 +136,7 @@ def _without_token(access: Access, asked: Asked) -> Refusal | None:
 
 
 class Guard:
-    """An ASGI application that lets requests through to another one, or refuses them."""
+    """An ASGI application that passes requests on to another application, or refuses them."""
 
     def __init__(self, inside: ASGIApp, access: Access) -> None:
         self._inside, self._access = inside, access

@@ -62,7 +62,7 @@ class Live:
 
     @property
     def snapshot(self) -> Snapshot:
-        """What is known now."""
+        """Give the present snapshot."""
         return self._state.snapshot
 
     def age_s(self) -> float:
@@ -94,7 +94,7 @@ class Live:
         self._wake()
 
     def waits(self, sentence: str) -> None:
-        """Set the reason why nothing comes, at present or for ever."""
+        """Set the reason why no events come, at present or ever again, as a sentence for the pages."""
         self.trouble = sentence
         self._wake()
 
@@ -107,7 +107,7 @@ class Live:
         return tuple(decompress(line).decode() for line in self._lines)
 
     async def changed(self, longest_s: float) -> bool:
-        """Wait until something comes; returns False where nothing came in that time."""
+        """Wait until something comes, at most `longest_s` seconds; returns False if nothing came in that time."""
         woken = asyncio.Event()
         self._waiting.add(woken)
         try:

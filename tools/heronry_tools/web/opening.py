@@ -34,9 +34,9 @@ class Opened:
 
     spec, file: the spec, and its file.
     shown: the live state or the recording.
-    feed: opens the live feed.
-    manager: the socket of the manager that takes orders.
-    frames: the frames of a recording.
+    feed: opens the live feed; None for a recording.
+    manager: the socket of the manager that takes orders; None if no manager is watched.
+    frames: the frames of a recording; empty for a live system.
     """
 
     spec: Spec

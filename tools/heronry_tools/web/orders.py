@@ -1,4 +1,4 @@
-"""Orders from pages: to the manager on its socket, and in a demo to the demo, which kills and restores processes.
+"""Passes the orders of pages on: to the manager on its socket, or to a demo, which kills and restores processes.
 
 A page sends an order, as in the lines below, and gets an answer, as in the last line. The orders to a manager are those
 of its socket (`control_protocol`), without their version. An order to kill or restore is passed on to the demo, on a

@@ -11,7 +11,7 @@ from heronry_tools.web.live import KEPT_LOADS, NOT_LISTED, DrawnLoads, Load, loa
 
 
 class Recording(Timeline):
-    """All events of a feed that has an end."""
+    """The timeline of a recorded flight, with the loads that the page draws and a mark at each reconfiguration."""
 
     def __init__(self, reducer: Reducer, events: Sequence[Mapping[str, Any]], source: Source) -> None:
         super().__init__(reducer, events, source)

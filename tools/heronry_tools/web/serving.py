@@ -1,6 +1,6 @@
 """Runs the server of the pages: the socket, the address that is printed, and the end on a signal.
 
-SIGINT and SIGTERM end it in order: every stream is closed, and the planner's process is ended.
+SIGINT, SIGTERM or SIGHUP end the server in order: every stream is closed, and the planner's process is ended.
 """
 
 import asyncio
@@ -60,7 +60,7 @@ class _Server(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Handle the signals that end a program while the server runs."""
+        """Let SIGINT, SIGTERM and SIGHUP end the server; a signal that the process ignores stays ignored."""
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is not signal.SIG_IGN:

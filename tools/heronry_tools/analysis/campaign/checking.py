@@ -36,7 +36,10 @@ class Entry:
 
 
 def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> list[str]:
-    """Verify a contingency file; returns one sentence for each error, in the order of the file."""
+    """Verify a contingency file; returns one sentence for each error, in the order of the file.
+
+    executor: verifies the entries in worker processes; None: this process verifies them.
+    """
     entries = iter(list(_entries(made)))
     parts = list(iter(lambda: list(islice(entries, _ENTRIES_IN_A_PART)), []))
     with Progress() as progress:
@@ -55,7 +58,7 @@ def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> lis
 
 
 def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
-    """Verify some plans; returns one sentence for each error."""
+    """Verify some entries of a contingency file; returns one sentence for each error."""
     return [f"{entry.what}: {wrong}" for entry in entries for wrong in _wrong(spec, entry)]
 
 

@@ -71,7 +71,10 @@ def _solved(planner: "Planner", task: Task, down: FaultSet) -> Outcome:
 
 
 def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]) -> Iterator[Answer]:
-    """Yield each answer when it is known, in any order; without an executor this process makes the plans."""
+    """Answer all questions; yields each answer as soon as it is known, in no fixed order.
+
+    executor: makes the plans; None: this process makes them. Raises UserError if a worker process has ended.
+    """
     tasks = list(_tasks(spec, questions))
     if executor is None:
         for task in tasks:

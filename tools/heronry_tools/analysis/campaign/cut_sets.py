@@ -3,14 +3,14 @@
 A function is *lost* when no legal configuration of the remaining elements serves it, even if every other function is
 given up. A *cut set* is a smallest set of faults that loses the function. More faults leave fewer configurations
 (`heronry_dg.losses`). So every set that contains a cut set loses the function, too, and the cut sets describe all sets
-that do. A loss does not depend on the other functions that are wanted: a configuration that serves a function beside
-others can serve it alone. There are two kinds of cut sets:
+that do. A loss does not depend on which other functions are wanted: a configuration that serves several functions
+serves each of them. There are two kinds of cut sets:
 
     logical     the graph cannot serve the function, even with unlimited CPU, memory, bandwidth and time, and without
                 placement rules
     resources   the remaining PEs and buses cannot carry what the function needs
 
-Every logical cut set also loses the function with real resources. With these, a smaller set may be enough.
+Every logical cut set also loses the function with real resources, but then a smaller set may be enough.
 
 The best plan of a phase may also *give up* a function that could be served, for a more important function. That is no
 loss as defined above: a further fault may make the more important function impossible, and then the given-up function
@@ -68,7 +68,10 @@ class Servable:
         self._by_rest: dict[object, bool] = {}
 
     def after(self, down: FaultSet) -> bool:
-        """Tell whether a legal configuration serves the function; raises UserError where the search is undecided."""
+        """Tell whether a legal configuration can serve the function with the elements `down`.
+
+        Raises UserError if the search does not decide this.
+        """
         if self._planning.survives((self._function,), down):
             return True
         rest = what_is_left(survivors(self._planning.spec, Situation(down)))

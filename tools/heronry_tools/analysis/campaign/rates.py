@@ -4,11 +4,11 @@ Elements fail independently. An element with rate r fails within the hour with t
 most r. A function is lost when all elements of one of several fault sets fail. Only sets up to a number of faults, the
 *order* of the scope, are known. The probability of a set is the probability that all its elements fail.
 
-    lower bound   the greater of two values. One is the sum of the probabilities of the known sets, less, for each pair
-                  of sets, the probability that all elements of both fail (Bonferroni). The other is the probability of
-                  the likeliest set. Sets with an element without a rate are left out. After some sets, the best plan
-                  gives the function up though it could be served: for these sets it is assumed that a further fault
-                  does not bring the function back
+    lower bound   the greater of two values. The first value is a difference (Bonferroni): the sum of the probabilities
+                  of the likeliest known sets, minus the sum, over all pairs of these sets, of the probability that all
+                  elements of both sets fail. The second value is the probability of the likeliest set. A set that has
+                  an element without a rate is left out. After some sets, the best plan gives the function up though it
+                  could be served; the bound assumes that a further fault does not bring the function back
     upper bound   the sum of the probabilities of the known sets, plus the probability that more elements fail than the
                   order. There is no upper bound if an element of the scope has no rate
 
@@ -24,7 +24,7 @@ from math import expm1, prod
 from heronry_dg.model import Spec
 from heronry_manager.planner.sweep import Scope
 
-_MOST_PAIRED = 300  # only the likeliest sets are taken: with fewer sets the lower bound is lower, and still a bound
+_MOST_PAIRED = 300  # most sets in the first value of the lower bound; fewer sets give a lower bound that is still valid
 
 
 @dataclass(frozen=True, slots=True)

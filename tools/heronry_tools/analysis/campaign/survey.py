@@ -1,8 +1,8 @@
 """The figures of a campaign: what survives a number of faults.
 
-The plans for all fault sets are made before; this file counts what the plans serve. Every fault set of a size counts
-alike, however likely it is. A function counts as lost after a fault set if the best plan does not serve it: either no
-plan can serve it, or the remaining resources go to a more important function.
+A sweep has already made the plans for all fault sets; this file counts what the plans serve. Every fault set of a size
+counts alike, however likely it is. A function counts as lost after a fault set if the best plan does not serve it:
+either no plan can serve it, or the remaining resources go to a more important function.
 """
 
 from collections import Counter

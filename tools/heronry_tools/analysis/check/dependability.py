@@ -1,8 +1,8 @@
 """The check of DG4xx: planning finds functions that a single fault loses, and the graph shows useless redundancy.
 
-Each finding has the place where it would be fixed or accepted: a loss stands at the element that fails, a gate at its
-first input, a placement rule at the rule. A spec with more sources than identifiers (DG505) is not planned, since the
-priorities of its frames are unknown.
+A finding names the place in the spec where an engineer would fix or accept it. For a loss, this is the element that
+fails; for a gate, its first input; for a placement rule, the rule itself. A spec with more sources than identifiers
+(DG505) is not planned, since the priorities of its frames are unknown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -75,9 +75,10 @@ def _tell_plants(subject: Subject, findings: Findings, loss: "Loss") -> None:
 
 
 def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:
-    """Give the functions that are of one of these classes in a phase in which they are lost, each with its text.
+    """Choose the functions that have one of these classes in a phase in which they are lost.
 
-    The most critical function comes first.
+    functions: the phases in which each function is lost. Returns each chosen function with a text that names it, its
+    classes and the phases. The most critical function comes first.
     """
     words: dict[str, list[str]] = {}
     for level in classes:
@@ -98,7 +99,7 @@ def _tell_loss(subject: Subject, findings: Findings, loss: "Loss", lost: Mapping
 
 
 def _redundancy(subject: Subject, findings: Findings) -> None:
-    """Check every DEMUX, XOR and voter."""
+    """Find the DEMUXes, XORs and voters whose redundancy does not protect from some fault."""
     dependence = Dependence(subject.spec)
     for demux in subject.spec.demuxes.values():
         shared = dependence.of_ends(demux)
@@ -169,7 +170,7 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
 
 
 def _bound_together(spec: Spec) -> dict[str, str]:
-    """Give a group for each module; modules that `together` binds, directly or through others, have one group."""
+    """Give a group for each module: modules that `together` binds, directly or through others, have the same group."""
     bound = {name: name for name in spec.modules}
     for group in spec.together:
         joined = {bound[name] for name in group}

@@ -1,9 +1,9 @@
 """DG4xx, rules about dependability: functions that one fault loses, and redundancy that protects from no fault.
 
-dependability.py checks these rules in a spec that loads. They are warnings: many an aircraft has one engine. An
-engineer who accepts a single point of failure says so where the element is declared, with an ignore comment and its
-reason; a project that accepts none raises the codes to errors. The head of heronry_dg/rules/rule.py shows how a rule is
-added.
+dependability.py checks these rules in a spec that loads. They are warnings, since an aircraft may have a single point
+of failure by design, such as its only engine. An engineer who accepts a single point of failure says so where the
+element is declared, with an ignore comment and its reason; a project that accepts none raises the codes to errors. The
+head of heronry_dg/rules/rule.py shows how a rule is added.
 """
 
 from typing import Final

@@ -1,11 +1,11 @@
 """A lower bound of what must cross the buses whenever some functions are served, whatever a planner decides.
 
-A function needs one of its output modules. A module that runs needs the variables without which its gates hold in none
-of its modes. Each of these variables comes from one of the modules that give it, and these modules have needs in turn.
+A function needs one of its output modules. A module that runs needs each variable that the gates of all its
+modes need. Each of these variables comes from one of the modules that give it, and these modules have needs in turn.
 
-If no module that gives a variable can share a PE with a module that reads it, the variable must be published. It then
-crosses every bus that all routes between them have in common, at the slowest rate of the modules that give it or at a
-higher one. The bounds of a bus may be added, because each variable is counted once.
+If no module that gives a variable can share a PE with a module that reads it, the variable must be published. The
+variable then crosses every bus that lies on all routes between these modules. Its rate there is at least the lowest
+rate of the modules that give it. The rates on a bus may be added, because each variable is counted once.
 """
 
 from collections.abc import Iterator, Mapping

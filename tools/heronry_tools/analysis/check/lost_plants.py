@@ -22,7 +22,7 @@ _CLASSES: Final = ("A", "B")
 
 
 def lost_plants(planning: Planning) -> Iterator[Loss]:
-    """Give each element whose loss also loses plants, with these plants.
+    """Yield each element whose loss takes plants of class A or B off every control path, with these plants.
 
     A module is left out if the loss of its device loses the same plants.
     """

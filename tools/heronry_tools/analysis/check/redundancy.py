@@ -51,7 +51,7 @@ class Dependence:
                 self._lost_with.setdefault(lost, []).append(element)
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
-        """Give the elements without which no end of a DEMUX can run, although its variable can be given."""
+        """Give the elements without which no end of a DEMUX can run, although its variable could still be given."""
         ends = [self.spec.modules[name] for name in demux.ends]
         if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()
@@ -96,7 +96,7 @@ def _chooses(gate: Gate) -> bool:
 
 
 def independent(inputs: Sequence[frozenset[str]]) -> int:
-    """Give the largest number of inputs, up to three, of which no two depend on one element."""
+    """Give the largest number of inputs, up to three, of which no two depend on the same element."""
 
     def most(left: Sequence[frozenset[str]], wanted: int) -> int:
         best = 0
@@ -109,7 +109,7 @@ def independent(inputs: Sequence[frozenset[str]]) -> int:
 
 
 def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
-    """Give the first two inputs that depend on one element."""
+    """Give the indices of the first two inputs that depend on the same element."""
     return next(
         (first, second)
         for first in range(len(inputs))

@@ -101,7 +101,7 @@ class Planning:
     ) -> Answer:
         """Tell whether some functions can all be served, with some elements down.
 
-        least: the value with which each function must be served; 0 for a function that is not named.
+        least: the lowest value with which each function may be served; 0 for a function that is not named.
         """
         known = self.survives(functions, down, least) if down else None
         if known is not None:

@@ -91,7 +91,7 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
 
 
 def _differs_by_phase(planning: Planning, by_phase: Mapping[Phase, frozenset[str]]) -> bool:
-    """Tell whether an input is not wired in some of these phases (`only_in`)."""
+    """Tell whether the spec has an input that `only_in` leaves unwired in at least one of these phases."""
     return any(planning.in_phase(phase) is not planning for phase in by_phase)
 
 

@@ -11,7 +11,7 @@ second side are the sink. Each net becomes an arc of its weight between two node
 of the net to the first of these nodes, and from the second node to each leaf (Lawler 1973). After the maximum flow, the
 first side keeps all leaves from which no path of arcs with free capacity leads to the sink.
 
-Source: the paper, section 3.4: "a minimum-cut was determined to partition the components".
+Source: Ippolito et al. (docs/polymorphic.md), section 3.4: "a minimum-cut was determined to partition the components".
 """
 
 from collections.abc import Mapping

@@ -40,16 +40,16 @@ class Subject:
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """Give the side that is to keep most leaves in a cut: for a spec the manager's side.
+        """Give the side that is to keep most leaves in a cut.
 
-        A graph that was read from a file has none; then the result is None.
+        This is the manager's side of a spec; None for a graph that was read from a file.
         """
         return managers_side(self.planned.spec) if self.planned is not None else None
 
     def critical_plants(self) -> frozenset[str] | None:
         """Give the plants that must be on a control path: those of class A and B of a spec.
 
-        A graph that was read from a file has no classes; then the result is None.
+        None for a graph that was read from a file, since it has no classes.
         """
         if self.planned is None:
             return None
@@ -82,7 +82,7 @@ def graph_path(text: str) -> Path | None:
 
 
 def shipped_spec_of(plan: str) -> Spec | None:
-    """Find the shipped spec for which a plan (JSON) was made, by the digest in the plan; None where there is none."""
+    """Find the shipped spec for which a plan (JSON) was made, by the digest in the plan; None if no spec has it."""
     try:
         digest = json.loads(plan)["spec"]
     except (ValueError, KeyError, TypeError):

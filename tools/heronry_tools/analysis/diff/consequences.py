@@ -32,7 +32,8 @@ from heronry_manager.planner.exact import plan
 class PhaseConsequences:
     """The consequences of a spec in one phase, with nothing down.
 
-    served: the module (and mode, if it has several) that serves each function; "not wanted"; or None: not served.
+    served: for each function the module that serves it, with its mode if the module has several; "not wanted" if the
+        phase does not want the function; None if it is wanted and not served.
     hangs_on: the single points of failure of each critical function that is served.
     bus_bits_per_s: the load of each bus.
     cpu_millis: the load of all PEs, in thousandths of a core.

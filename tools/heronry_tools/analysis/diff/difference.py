@@ -31,7 +31,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class PhaseDifference:
-    """Old and new values, in this order, of all that differs in one phase."""
+    """What differs between the specs in one phase; each pair has the old value, then the new value."""
 
     phase: str | None
     against: str | None  # the phase of the old spec

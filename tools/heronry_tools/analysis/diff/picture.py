@@ -26,8 +26,9 @@ _SHAFTS = {"added": "==>", "removed": "-.->", "": "-->"}
 class Arrow(NamedTuple):
     """One flow of data in the picture.
 
-    modes: the modes at both ends, by name. In `words` a mode has a number, which may mean another mode in the other
-    spec.
+    words: the label of the arrow, which names a mode by its number.
+    modes: the names of the modes at both ends. Two arrows are equal only if these names are equal, too: the same number
+        may stand for different modes in the old and the new spec.
     """
 
     source: str

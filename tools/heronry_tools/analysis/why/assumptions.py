@@ -22,7 +22,8 @@ MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
 class Assumption:
     """One assumption that could be relaxed.
 
-    name: by kind, an element, a PE, a bus, a function, the index of a placement rule, or empty for deadlines.
+    name: what the assumption is about. By kind, this is an element, a PE, a bus, a function, or the index of a
+        placement rule; it is empty for deadlines.
     """
 
     kind: Kind
@@ -122,7 +123,7 @@ def capacity(spec: Spec, one: Assumption) -> int:
 
 
 def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
-    """Return the same spec with another amount of a capacity."""
+    """Return the spec with one capacity changed to `amount`, in the unit of `capacity`."""
     if one.kind == "bandwidth":
         bus: Bus = replace(spec.buses[one.name], bitrate=amount)
         return replace(spec, buses={**spec.buses, one.name: bus})

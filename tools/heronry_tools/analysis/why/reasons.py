@@ -1,8 +1,9 @@
 """Why a function is not served as well as it could be: irreducible reasons, and the smallest repairs.
 
 The *goal* is to serve the function, or, if the plan serves it in a worse mode, to serve it in its best mode; and to
-serve every other function as well as the plan does. The plan is the best one, so the goal is impossible. This file
-finds out why.
+serve every other function as well as the plan does. A plan that reaches the goal would usually be better than this
+plan, which is the best one; so the goal is impossible, and this file finds out why. The goal is possible only if the
+function adds too little to the value of a plan; then there are no reasons and no repairs.
 
 *Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other. If
 the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The remaining set
@@ -66,11 +67,11 @@ class Explanation:
     report: FunctionReport
     best_value: int
     reasons: tuple[Assumption, ...]
-    repairs: tuple[Repair, ...]  # all repairs that have one part, or else one smallest repair; empty: no repair helps
+    repairs: tuple[Repair, ...]  # all with a single part; if there are none, one smallest; empty: none helps
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
-    """Explain how a function is served in a situation, if the plan with everything up ran before the faults.
+    """Explain how a function is served in a situation; the plan with everything up is taken to run before the faults.
 
     Raises UserError if the planner does not decide in time what is possible.
     """
@@ -128,7 +129,7 @@ def _irreducible(
 def _repairs(
     question: Question, every: Sequence[Assumption], function: Function, now: Situation, possible: Possible
 ) -> Iterator[Repair]:
-    """Find the smallest repairs: all repairs with a single part, or else one repair."""
+    """Find the smallest repairs: all repairs with a single part; if there are none, one repair with more parts."""
     soft = [one for one in every if one.kind in MENDABLE]
     if not possible(soft):
         return

@@ -1,8 +1,8 @@
 """A component graph as nodes and edges of a picture: the members that have no components of their own are drawn.
 
-Circles are plants, squares all other members; devices have their own symbols. An arrow stands for all edges from one
-member to another. A bold arrow is on a loop that leads through a plant and through something that is no plant. An open
-plant, which is on no such loop, is drawn like an element that cannot run.
+Plants are circles, devices have their own symbols, and all other members are squares. An arrow stands for all edges
+from one member to another. A bold arrow is on a loop that leads through a plant and through something that is no plant.
+An open plant, which is on no such loop, is drawn like an element that cannot run.
 """
 
 from collections.abc import Mapping

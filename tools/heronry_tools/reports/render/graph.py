@@ -1,6 +1,7 @@
 """The dependency graph as nodes and edges: the content of a picture, without the places of the symbols.
 
-The symbols are those of the paper, section 3.1 and Figures 1 to 3: modules, variables, devices, and the four gates.
+The symbols are those of the paper by Rawashdeh et al. (docs/semantics.md), section 3.1 and Figures 1 to 3: modules,
+variables, devices, and the four gates.
 `build` makes a Graph of a spec; `ranks`, `ordering` and `layout` place its symbols; `svg` and `text` write it.
 """
 
@@ -29,7 +30,7 @@ class Node:
     label: str  # the name, or what stands in the symbol of a gate
     note: str = ""  # a note below the name, in smaller letters
     cells: tuple[Cell, ...] = ()  # modes of a module that has more than one
-    again: bool = False  # a variable that is drawn solid on another sheet, where it is given
+    again: bool = False  # a variable that is drawn dashed here, and solid on another sheet
     initial: bool = False  # a variable that has a value before it is received: a cycle may pass through it
     dead: bool = False  # cannot run, hold or be given
     chosen: bool = False  # runs, holds or is given in the plan
@@ -41,7 +42,7 @@ class Edge:
 
     source: str
     target: str
-    label: str = ""  # the versions that flow, where not all do
+    label: str = ""  # the versions that flow; empty: all versions
     out_cell: int | None = None  # the mode from which the edge comes; None: from the symbol itself
     in_cell: int | None = None
     dead: bool = False

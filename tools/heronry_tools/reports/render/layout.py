@@ -19,9 +19,9 @@ from heronry_tools.reports.render.shapes import PORT_STEP, ROUND, Shape, shape_o
 MARGIN = 24
 _ROW_GAP = 14
 _WAY_POINT = Shape(0, 2, 0, 2, (), ())
-_LANE = 12  # between feedback edges
+_LANE = 12  # pixels between two feedback edges
 _SWEEPS = 80
-_FINE = 64  # heights are settled in this fraction of a pixel; coarser rounding would stop them early
+_FINE = 64  # heights are computed in 1/64 of a pixel: with coarser rounding the sweeps would end too early
 
 Point = tuple[int, int]
 
@@ -120,7 +120,11 @@ class _Placing:
         )
 
     def _in_ports(self) -> dict[int, int]:
-        """Give the height at which each edge ends in its target's box: side by side, in the order of arrival."""
+        """Give the height at which each edge ends, from the top of its target's box.
+
+        The edges into one symbol or cell end one below the other, ordered from top to bottom as the symbols or
+        way-points that they come from. Feedback edges end lowest.
+        """
         place = {key: number for column in self._layers.columns for number, key in enumerate(column)}
         comers: dict[tuple[str, int | None], list[tuple[int, int]]] = {}
         for segment in self._layers.segments:
@@ -172,7 +176,7 @@ class _Placing:
                 y.update(zip(column, _apart(offsets, wanted), strict=True))
 
     def _offsets(self, column: tuple[str, ...]) -> list[int]:
-        """Give the least distance of each symbol of a column from the first symbol."""
+        """Give the least distance of each symbol of a column from the first symbol, in 1/64 of a pixel (`_FINE`)."""
         offsets = [0]
         for key in column[:-1]:
             offsets.append(offsets[-1] + (self._shapes[key].height + _ROW_GAP) * _FINE)
@@ -210,7 +214,7 @@ class _Placing:
         return (2, 3, 8)[points]
 
     def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
-        """Give the left and right sides of the columns; the gap between two is wider where edges are steeper."""
+        """Give the left and right sides of the columns; the gap after a column is wider if steeper edges leave it."""
         steepest = [0] * len(self._layers.columns)
         for segment in self._layers.segments:
             out, into = self._ends(segment)

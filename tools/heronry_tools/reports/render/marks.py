@@ -15,7 +15,7 @@ from heronry_dg.why_not import Feasible, feasible
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """What is dead and what is chosen, for one spec, situation and configuration; made by the function `marks`."""
+    """Tells what is dead or chosen, for one spec, situation and configuration; made by the function `marks`."""
 
     spec: Spec
     found: Feasible

@@ -1,4 +1,4 @@
-"""The column of each symbol: data flows to the right, sensors stand at the left and actuators at the right.
+"""Finds the column of each symbol: data flow to the right, sensors stand at the left and actuators at the right.
 
 A feedback edge leads out of a variable with an initial value and would close a cycle. It is left out of the ranking,
 and drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far

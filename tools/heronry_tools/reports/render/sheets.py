@@ -13,7 +13,7 @@ from heronry_tools.reports.render.graph import Graph
 from heronry_tools.reports.render.layout import Layout, laid_out
 
 _WIDEST = 2000  # pixels of a sheet, where possible
-_MOST = 16
+_MOST = 16  # sheets of a graph
 _VARIABLE = "variable:"
 
 _Middles = Mapping[str, int]  # symbol -> the middle of its box, from the left, in the picture in one piece
@@ -28,7 +28,7 @@ class Sheet:
 
 
 def sheets(graph: Graph) -> tuple[Sheet, ...]:
-    """Lay a graph out on as few sheets as possible, none of them too wide."""
+    """Lay a graph out on as few sheets as possible, at most `_MOST`; only with `_MOST` sheets may one be too wide."""
     whole = laid_out(graph)
     middles = {key: box.x + box.shape.width // 2 for key, box in whole.boxes.items()}
     found: tuple[Sheet, ...] = (Sheet(graph, whole),)
@@ -77,13 +77,16 @@ def _groups(graph: Graph) -> list[set[str]]:
 
 
 def _middle(group: Collection[str], middles: _Middles) -> int:
-    """Give the horizontal place of a group: the mean of its modules, without its devices."""
+    """Give the horizontal place of a group: that of its rightmost module; without a module, of its rightmost symbol."""
     modules = [key for key in group if key.startswith("module:")]
     return max(middles[key] for key in modules or group)
 
 
 def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
-    """Give the sheet on which each variable is drawn solid: where it is first given, else where it is first read."""
+    """Give the sheet on which each variable is drawn solid.
+
+    This is the first sheet on which the variable is given; if it is given on no sheet, the first on which it is read.
+    """
     given: dict[str, int] = {}
     read: dict[str, int] = {}
     for edge, sheet in zip(graph.edges, on, strict=True):

@@ -4,8 +4,8 @@ If there are several sheets, each is drawn completely before the next one. The e
 them come the edges that are in use in the configuration (`Edge.chosen`), and then the symbols. In the file every symbol
 has its key, and every edge has the keys of its ends, so that programs can read the picture, too.
 
-`uncoloured` draws the graph for a page that colours the symbols itself: without a style, with a cross on every symbol,
-and with the names of all edges on every line.
+`uncoloured` draws the graph for a page that colours the symbols itself. The drawing has no style, every line has the
+names of all its edges, and every symbol has a cross, which the page shows only on a dead or lost symbol.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,4 +1,6 @@
-"""The paper's symbols as SVG elements: Figure 1 (module, variable), Figure 2 (gates), Figure 3 (devices).
+"""The symbols of a dependency graph as SVG elements, after the paper by Rawashdeh et al. (docs/semantics.md).
+
+Figure 1 of the paper shows modules and variables, Figure 2 the gates, and Figure 3 the devices.
 
 A symbol is drawn in its box. Dead symbols are crossed out, chosen symbols have bold lines, and the cell of the running
 mode is filled.

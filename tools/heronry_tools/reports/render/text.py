@@ -1,7 +1,7 @@
 """A graph as text for other programs: Mermaid, as forges show it in Markdown, and DOT, as Graphviz reads it.
 
-Both lack the paper's symbols of gates: a gate gets the nearest shape, with the gate's name in it. A cell of a module is
-a port in DOT. Mermaid has no ports, so there the words on the edge name the mode.
+Both lack the symbols of gates that the SVG picture has: a gate gets the nearest shape, with the gate's name in it. A
+cell of a module is a port in DOT. Mermaid has no ports, so there the words on the edge name the mode.
 """
 
 from collections.abc import Iterator, Mapping

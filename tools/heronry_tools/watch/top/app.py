@@ -174,7 +174,7 @@ class TopApp(App[None]):
             self.query_one(f"#{name}-box").display = is_large or number == self._tab
 
     def paint(self) -> None:
-        """Write the panels, if they are mounted: a timer may call this before that, and while the program ends."""
+        """Write the panels. Do nothing if a timer calls this before the panels exist, or while the program ends."""
         if not self.query("#modules"):
             return
         view, width = self.snapshot(), self.size.width

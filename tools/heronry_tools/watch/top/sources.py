@@ -44,7 +44,7 @@ class LiveSource:
 
 
 class RecordedSource:
-    """A recording, and a cursor in it that can be moved, or runs."""
+    """A recording with a cursor in time, which the user moves, or which runs by itself."""
 
     is_recorded = True
 
@@ -68,14 +68,17 @@ class RecordedSource:
         self._ran_ns = now_ns
 
     def play(self) -> None:
-        """Let the cursor run at the next higher speed, at the end from the start; after the highest speed, stop it."""
+        """Let the cursor run at the next higher speed; after the highest speed, stop the cursor.
+
+        A cursor at the end of the recording is first moved to the start.
+        """
         faster = [speed for speed in SPEEDS if speed > self._speed]
         if self.at_ns >= self.timeline.ends_ns:
             self.at_ns = self.timeline.begins_ns
         self._speed, self._ran_ns = (faster[0] if faster else 0), self._clock_ns()
 
     def move(self, by_ns: int) -> None:
-        """Move the cursor by a time, backwards if it is negative."""
+        """Move the cursor by `by_ns`, backwards if `by_ns` is negative."""
         self.move_to(self.at_ns + by_ns)
 
     def move_to(self, at_ns: int) -> None:
