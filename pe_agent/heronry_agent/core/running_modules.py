@@ -106,7 +106,7 @@ class RunningModules:
         self.phase_requests = PhaseRequests(index, self.faults)
         self._priority_requests = PriorityRequests(self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
-        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module and code: last report of what is no fault
+        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module and code: when `_notice` last reported it
         self.has_exclusive_output = False
         self.load_percent = 0
         self._lacking: set[int] = set()  # modules whose code is not on this PE

@@ -3,7 +3,7 @@
 A slice is checked before it is staged, so that its activation cannot fail half way. A slice is accepted only if
 
 - every index is in the table,
-- every wired leaf reads its own variable, from a module of this slice or from a named node,
+- every wired leaf gets the variable that it reads, from a module of this slice or from a PE that the slice names,
 - every published source is an output of a module of this slice,
 - every bit mask names only ports of this PE, and
 - the code of every module is on this PE.

@@ -28,7 +28,7 @@ _GRAVITY_PULL_S = 2.0
 _GLIDE_PULL_S = 25.0
 _GLIDE_DEG = (BEST_GLIDE_PITCH_DEG, 0.0)
 _HORIZON_LAG_S = 0.3
-_HORIZON_COUNTS = 1000  # contrast of a horizon that stands upright
+_HORIZON_COUNTS = 1000  # contrast at an angle of 90 degrees
 
 
 class AttitudeFilter(Module):

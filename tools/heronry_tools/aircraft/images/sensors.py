@@ -113,7 +113,7 @@ class Horizon(SensorDriver):
 
 
 class Barometer(NumberSensor):
-    """Static pressure in hPa, from the barometer of the paper's Figure 3."""
+    """Static pressure in hPa, from the barometer of `elevator_and_chute`."""
 
     device = "barometer"
     variable = "absolute_pressure"
@@ -148,7 +148,7 @@ class Pitot(NumberSensor):
 
 
 class ElevatorAngle(NumberSensor):
-    """The true angle of the elevator, in degrees, down positive."""
+    """The measured angle of the elevator, in degrees, down positive."""
 
     device = "elevator_angle_sensor"
     variable = "elevator_angle"
@@ -198,13 +198,13 @@ class CommandReceiver(SensorDriver):
 
 
 class Console(CommandReceiver):
-    """The same two commands, from the switches of the ground's console."""
+    """The two commands of `CommandReceiver`, from the switches of the console on the ground."""
 
     device = "console"
 
 
 class ChuteReceiver(SensorDriver):
-    """The only command of the paper's Figure 3: open the parachute; 1 is yes."""
+    """The only command of `elevator_and_chute`: open the parachute; 1 is yes."""
 
     device = "receiver"
 
