@@ -115,7 +115,7 @@ class Context(Protocol):
 
     @property
     def now_ns(self) -> int:
-        """Time of this step on the host's monotonic clock, in ns."""
+        """Time of this step on the monotonic clock of the PE, in ns."""
 
     def read(self) -> Value | None:
         """Return the reading of the module's device when this step began; None if there is no valid reading."""

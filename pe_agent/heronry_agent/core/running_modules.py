@@ -260,7 +260,7 @@ class RunningModules:
     def lack(self, images: Mapping[str, str]) -> None:
         """Report every module with one of these images to the manager, as a module whose code is not on this PE.
 
-        images: each with the reason, which an SDO client can read.
+        images: the reason why each image cannot be run here; an SDO client can read the reason.
         """
         for image, reason in sorted(images.items()):
             self._turn.note("image", f"{image} cannot be run here: {plain_reason(reason)}")

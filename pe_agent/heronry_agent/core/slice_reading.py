@@ -39,7 +39,7 @@ class SliceReader:
     def read(self, body: bytes, digest: int) -> Slice | Reason:
         """Decode the bytes of a slice, and check it; returns the slice, or the reason why it is refused.
 
-        digest: the one that the manager has announced for these bytes.
+        digest: digest of these bytes, as the manager has announced it.
         """
         if slice_digest(self._index.table.spec_digest, body) != digest:
             return Reason.DIGEST

@@ -137,8 +137,8 @@ class RollControl(Module):
 class StateEstimator(Module):
     """A stand-in for the state estimation of `elevator_and_chute`.
 
-    The paper by Rawashdeh et al. shows no source of `state_info` (Figure 3). It is the error of the pitch in degrees; a
-    nose that is too high is positive. This stand-in lets the error swing slowly, as a function of time.
+    The paper by Rawashdeh et al. shows no source of `state_info` (Figure 3). `state_info` is the error of the pitch in
+    degrees; a nose that is too high is positive. This stand-in lets the error swing slowly, as a function of time.
     """
 
     amplitude_deg = 6.0

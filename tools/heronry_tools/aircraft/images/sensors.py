@@ -1,4 +1,4 @@
-"""Device drivers of the sensors: they convert a device's readings to variables in their units.
+"""The drivers of the sensors: modules that convert the readings of their devices to variables in their units.
 
 A driver also decides whether its device has failed. A device is reported as `device:...` if it was silent, or gave
 impossible readings, for half a second. The report is repeated every half second, since the operator may have cleared
