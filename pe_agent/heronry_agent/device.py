@@ -17,8 +17,8 @@ before any command. When a module only changes its mode, no call comes. While an
 neither commands the actuator nor calls for the safe action: the actuator stays as it is. An agent that is killed makes
 no call; for that case the hardware needs a watchdog.
 
-An exception of a driver does not end the agent: the reading counts as missing, or the command as failed, with the
-exception as the reason.
+An exception of a driver does not end a running agent: after an exception of `read` the reading counts as missing, and
+after an exception of `command` the command has failed, with the exception as the reason.
 """
 
 from collections.abc import Iterable

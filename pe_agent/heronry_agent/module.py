@@ -87,8 +87,8 @@ class Inputs(Mapping[str, Datum]):
     def leaf(self, path: str) -> Datum | None:
         """Return the datum at one leaf of the mode's `needs`; None if it is absent.
 
-        path: position of the leaf in the gate expression: "" (there is no gate), "0" (first operand), "0.1" (the second
-            operand of the first one).
+        path: position of the leaf in the gate expression: "0" for the first operand of the outermost gate, "0.1" for
+            the second operand of the gate at "0"; "" if the mode needs a single variable and has no gate.
         """
         found = self._by_leaf.get(path)
         return found[1] if found else None
@@ -115,7 +115,7 @@ class Context(Protocol):
 
     @property
     def now_ns(self) -> int:
-        """Time of this step on the host's monotonic clock, in ns."""
+        """Time of this step on the monotonic clock of the PE, in ns."""
 
     def read(self) -> Value | None:
         """Return the reading of the module's device when this step began; None if there is no valid reading."""

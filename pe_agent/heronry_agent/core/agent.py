@@ -177,7 +177,7 @@ class AgentCore:
         return self._radios.ports.keys()
 
     def step(self, now_ns: int, event: Event) -> list[Action]:
-        """Process one event, and return the actions that the driver has to execute, in this order.
+        """Process one event, and return the actions that the driver has to execute, in the order of the list.
 
         Raises ValueError if `now_ns` is before that of the last call.
         """

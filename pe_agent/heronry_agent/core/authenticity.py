@@ -1,8 +1,8 @@
 """Which commands a PE with a key accepts: new ones that a holder of the key has tagged (protocol rule 11).
 
 A TAG is a frame that follows a command and proves that a holder of the key sent the command. Every command passes this
-file before its handler is called. The PE holds a command until its TAG comes, for at most T_lease (on a busy computer
-the frames of a manager come far apart). If the TAG is valid, the handler gets the command with the time at which the
+file before its handler is called. The PE holds a command until its TAG comes, for at most T_lease: if the computer of
+the manager is busy, the TAG may come late. If the TAG is valid, the handler gets the command with the time at which the
 command itself arrived; if the command is forwarded, its TAG follows it. A command without a valid TAG changes nothing;
 it is counted (`command_tags.Refusal`), and page 3 of the state reports the count.
 
@@ -10,12 +10,13 @@ it is counted (`command_tags.Refusal`), and page 3 of the state reports the coun
 nonce (page 2), and the manager answers with the command WELCOME, whose tag covers this nonce. Each manager numbers its
 commands; from the WELCOME on, the PE accepts a command of this manager if its number is above that of the last accepted
 command. While the PE hears a manager that has not welcomed the PE, the PE sends a nonce once in a heartbeat period.
-This happens in three cases: the PE or the manager has restarted; the standby manager has taken over; or the PE has
-missed so many commands that it cannot derive the numbers any more, and has accepted no command for T_lease. A PE that
-has a session with its manager, and has accepted a command within T_lease, does not react to commands that it cannot
-verify, since any node can send such commands. There is one exception: after a LEASE or ACTIVATE with a higher term and
-a tag made with the key, the PE sends a nonce. Only the active manager sends a WELCOME. Like any command the WELCOME
-names a term, so the PE then refuses commands of the previous manager.
+This happens when the PE or the manager has restarted, and when the standby manager has taken over. The PE also sends a
+nonce if it has accepted no command for T_lease and has missed so many commands that it cannot derive their numbers any
+more: a TAG carries only the lowest 13 bits of a number. A PE that has a session with its manager, and has accepted a
+command within T_lease, does not react to commands that it cannot verify, since any node can send such commands. There
+is one exception: after a LEASE or ACTIVATE with a higher term and a tag made with the key, the PE sends a nonce. Only
+the active manager sends a WELCOME. Like any command the WELCOME names a term, so the PE then refuses commands of the
+previous manager.
 
 *Session.* The number of the WELCOME also identifies the session under which the PE tags its states from now on; a
 manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed the
@@ -25,9 +26,9 @@ PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a ses
 pages cover them in turn. A new EMCY causes an immediate page 0, so authentication takes no extra time.
 
 A command of a manager that has not welcomed this PE is not executed. But a LEASE or ACTIVATE whose tag was made with
-the key proves that its epoch was activated at some time. If this epoch is newer than that of the PE, the PE has been
-replaced (`output_authorization`); an older epoch proves nothing. A PE whose transmitter has failed cannot send a nonce
-and gets no WELCOME from a new manager: only this proof shows that the PE has been replaced.
+the key proves that its epoch was activated at some time. If this epoch is newer than that of the PE, the PE is
+overtaken (`output_authorization`); an older epoch proves nothing. A PE whose transmitter has failed cannot send a nonce
+and gets no WELCOME from a new manager: only this proof shows that the PE is overtaken.
 
 *Lock.* The PE refuses NMT commands and SDO downloads until the active manager sends it UNLOCK, and again after the time
 that UNLOCK gives. While the lock is open any node can send SDO requests, since these do not name their sender; so a
@@ -136,7 +137,10 @@ class Authenticity:
     # Commands
 
     def guarded(self, handlers: Iterable[tuple[int, Handler]]) -> Iterator[tuple[int, Handler]]:
-        """Wrap command handlers, given with their identifiers, so that each is called only for verified commands."""
+        """Yield each identifier with a handler that holds the command, and calls the given handler once it is verified.
+
+        Also yields the identifiers of the TAGs, each with the handler that verifies the commands.
+        """
         for identifier, handler in handlers:
             _, manager, command = classify(identifier)
             assert manager is not None

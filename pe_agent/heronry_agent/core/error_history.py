@@ -2,7 +2,7 @@
 
 The history holds one number for each new EMCY, and none for repetitions: the code of the EMCY in bits 15..0, the index
 of the element in bits 27..16 and the kind of the element in bits 31..28. The oldest error is dropped when there is no
-room. The history is emptied when a client writes 0 to the number of errors, and by a restart.
+room. The history is emptied when a client writes 0 to the number of errors, by a reset by NMT, and by a restart.
 """
 
 from collections import deque

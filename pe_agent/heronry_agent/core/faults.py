@@ -21,7 +21,7 @@ are acknowledged separately, since the manager must learn of both.
 A fault on record is reported again to every new active manager, since the previous manager may have acknowledged the
 fault, and failed before the standby manager learned of it (`tell_all_again`). There is one exception: if this PE has
 been cut off from all other nodes since the acknowledgement, it may have missed a CLEAR. Then it reports only faults of
-modules that it keeps stopped because of the fault (`tell_again`).
+modules that it does not run because of the fault (`tell_again`).
 
 A fault of an element that may serve a function of class A is flight-critical: together with every EMCY of this fault
 the PE sends a CANaerospace emergency event. The event carries the code of the fault, and the kind and the index of the

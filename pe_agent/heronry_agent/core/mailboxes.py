@@ -1,8 +1,8 @@
 """The inputs of the modules: the last datum of every source that this PE reads, and when a module gets it.
 
-A mailbox belongs to one source and one origin: the PE on which the source's module runs. If a new slice keeps the
-origin, the mailbox keeps its datum. If the origin changes, the mailbox is emptied, since a datum of the old producer
-must not be used any more. A datum from another node, of another type, or without a version is refused.
+A mailbox belongs to one source and one *origin*, which is the PE that runs the module of the source. If a new slice
+keeps the origin, the mailbox keeps its datum. If the origin changes, the mailbox is emptied, since a datum of the old
+producer must not be used any more. A datum from another node, of another type, or without a version is refused.
 
 A leaf gets a datum if the leaf accepts the version of the datum, and the datum is fresh: no older than three periods of
 its source. (If the modes that give a source have different periods, the longest one counts.) Before the first datum a

@@ -118,7 +118,7 @@ class NetworkManagement:
             self.next_ns = now_ns + time_ms * _NS_PER_MS if time_ms else NEVER_NS
 
     def tick(self, now_ns: int, *, configured: bool, managed: bool) -> list[Send]:
-        """Return the heartbeat frames that are due; the first of them are the boot-up frames."""
+        """Return the frames that are due, one for each port: heartbeats; after the start or a reset, boot-up frames."""
         if now_ns < self.next_ns:
             return []
         state = self.state(configured=configured, managed=managed) if self.booted else NmtState.INITIALISING

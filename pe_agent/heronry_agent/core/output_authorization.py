@@ -13,11 +13,11 @@ output with the time of that moment, so that a pause of the process counts:
     the uplink: the manager considers a gateway that is cut off from the uplink as down, even if the gateway hears nodes
     on its far buses.
 
-(c) This PE is not *overtaken*. It becomes overtaken when a state frame of another PE, or a LEASE at an activation step
-    after PREPARED, names a newer epoch than that of this PE, or when LEASE names the epoch of this PE with another
-    digest. It ceases to be overtaken when it takes the last activation step (GO_ALL) of a configuration, or when LEASE
-    names its configuration at that step. Before that, a PE that took over in the meantime may still drive the outputs,
-    even if this PE is to drive them again.
+(c) This PE is not *overtaken*. It becomes overtaken in two cases: a state frame of another PE, or a LEASE or ACTIVATE
+    at an activation step after PREPARED, names a newer epoch than that of this PE; or a LEASE or ACTIVATE names the
+    epoch of this PE with another digest. It ceases to be overtaken when it takes the last activation step (GO_ALL) of a
+    configuration, or when a LEASE or ACTIVATE names its configuration at that step. Before that step, a PE that took
+    over in the meantime may still drive the outputs, even if this PE is to drive them again.
 
 (d) No frame of another node with this PE's node-ID has arrived within T_lease: the manager may mistake that node for a
     restart of this PE, and give the outputs of this PE to another PE. With a key the manager cannot make that mistake,

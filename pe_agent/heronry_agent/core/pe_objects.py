@@ -2,10 +2,10 @@
 
 Only the two long texts, the EDS and the table, are kept once a client has read them; all other values are read anew
 each time. A client can write two numbers: the heartbeat time, and 0 to the number of errors, which empties the list. A
-client can also write a table. A PE that waits for a table (`table_waiting`) takes any table that fits. A PE that has a
-table accepts only the same table again. A PE that runs a configuration accepts no table, since a table has many bytes,
-which would load the bus. With a key the lock (`authenticity`) must be open for any download, and a table must be
-sealed.
+client can also write a table. A PE that waits for a table (`table_waiting`) takes any table that can be used and has
+the node-ID of this PE. A PE that has a table accepts only the same table again. A PE that runs a configuration accepts
+no table, since a table has many bytes, which would load the bus. With a key the lock (`authenticity`) must be open for
+any download, and a table must be sealed.
 """
 
 from collections.abc import Callable

@@ -6,9 +6,10 @@
     take      removes the most urgent frame for which its class has bandwidth. There are two classes, data and
               management, since data must leave management the share that the spec reserves
 
-In two cases the queue drops and counts a frame: the least urgent frame when the queue is full, and a frame that cannot
-leave before its time limit. A frame counts as late when less time is left than one frame takes on the radio: the driver
-would drop it silently, and the port would wait a whole period for its departure.
+In three cases the queue drops and counts a frame: a datum that a newer one replaces, the least urgent frame when the
+queue is full, and a frame that cannot leave before its time limit. A frame counts as late when less time is left than
+one frame takes on the radio: the driver would drop it silently, and the port would wait a whole period for its
+departure.
 
 The bandwidth of each class is limited by a token bucket. Each frame counts with its worst-case length, as in plans, so
 a plan that fits its bus fits this queue too.

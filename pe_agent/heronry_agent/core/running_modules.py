@@ -106,7 +106,7 @@ class RunningModules:
         self.phase_requests = PhaseRequests(index, self.faults)
         self._priority_requests = PriorityRequests(self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
-        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module and code: last report of what is no fault
+        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module and code: when `_notice` last reported it
         self.has_exclusive_output = False
         self.load_percent = 0
         self._lacking: set[int] = set()  # modules whose code is not on this PE
@@ -260,7 +260,7 @@ class RunningModules:
     def lack(self, images: Mapping[str, str]) -> None:
         """Report every module with one of these images to the manager, as a module whose code is not on this PE.
 
-        images: each with the reason, which an SDO client can read.
+        images: the reason why each image cannot be run here; an SDO client can read the reason.
         """
         for image, reason in sorted(images.items()):
             self._turn.note("image", f"{image} cannot be run here: {plain_reason(reason)}")

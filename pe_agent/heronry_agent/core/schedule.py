@@ -198,7 +198,7 @@ class Schedule:
         self._next_ns = None
         return left_ns <= 0
 
-    def _find_next(self) -> int:  # runs for each step, so modules that cannot be the first are skipped early
+    def _find_next(self) -> int:  # runs for each step, so it skips modules that are due later than others
         """Compute `next_ns`."""
         next_ns = NEVER_NS
         for grid in self._grids.values():

@@ -3,7 +3,7 @@
 A slice is checked before it is staged, so that its activation cannot fail half way. A slice is accepted only if
 
 - every index is in the table,
-- every wired leaf reads its own variable, from a module of this slice or from a named node,
+- every wired leaf gets the variable that it reads, from a module of this slice or from a PE that the slice names,
 - every published source is an output of a module of this slice,
 - every bit mask names only ports of this PE, and
 - the code of every module is on this PE.
@@ -39,7 +39,7 @@ class SliceReader:
     def read(self, body: bytes, digest: int) -> Slice | Reason:
         """Decode the bytes of a slice, and check it; returns the slice, or the reason why it is refused.
 
-        digest: the one that the manager has announced for these bytes.
+        digest: digest of these bytes, as the manager has announced it.
         """
         if slice_digest(self._index.table.spec_digest, body) != digest:
             return Reason.DIGEST

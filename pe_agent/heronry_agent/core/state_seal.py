@@ -1,11 +1,12 @@
 """How a PE with a key authenticates its states to its manager: sessions, and the tag of each page (protocol rule 11).
 
 With the command WELCOME a manager answers a nonce of this PE (`authenticity`), and begins a session with the PE. The
-number of the WELCOME identifies the session; the manager uses each number only once. A further WELCOME in the same term
-does not begin another session, since forged frames can cause a PE to request a WELCOME. The command RENEW ends a
-session. Only the session with the active manager is used; without a session, pages carry the tag 0. Pages 0 are
-numbered within a session, but a page carries only the lowest byte of its number. So that manager and PE count alike,
-the first number of a session is rounded down to a multiple of 256.
+number of the WELCOME identifies the session; a manager uses no number twice in a term. A further WELCOME in the same
+term does not begin another session, since forged frames can cause a PE to request a WELCOME. The command RENEW ends a
+session. Only the session with the active manager is used; without a session, pages carry the tag 0.
+
+Pages 0 are numbered within a session, but a page carries only the lowest byte of its number. So that the manager and
+the PE count alike, the first number of a session is rounded down to a multiple of 256.
 
 The tag of a page 0 also covers one EMCY that waits to be acknowledged; if there are several, the pages cover them in
 turn.

@@ -58,7 +58,7 @@ class NVersion(Module):
         self._odd = {version: Lasting(self.patience_ns, ctx.period_ns) for version in self.authors}
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Return the best version that is not outvoted, or the median if all are; no value if none is present."""
+        """Return the best version that is not outvoted; the median if all are outvoted; nothing if none is present."""
         heard = {d.version: d.number() for d in inputs.every(self.variable) if d.valid and is_finite(d.value)}
         if not heard:
             return {}

@@ -25,7 +25,10 @@ class RateLimiter(Module):
         self._last: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Return the last output, moved towards the input by no more than the limit allows in one period."""
+        """Return the last output, moved towards the input by no more than the limit allows in one period.
+
+        Returns no output without an input.
+        """
         wanted = number(inputs, self.source)
         if wanted is None:
             return {}

@@ -8,8 +8,8 @@
                         where there is a second actuator, the image `servo_monitor` of the shipped aircraft can tell
                         whether the sensor or the actuator has failed
 
-Both monitors give the health of the element as an output: 0 healthy, 1 reported as failed. While an input is missing
-they do not compare.
+Both monitors give the health of the element as an output: 0 healthy, 1 reported as failed. Once the health is 1, it
+stays 1 until the monitor is started anew. While an input is missing the monitors do not compare.
 """
 
 from collections.abc import Mapping

@@ -1,14 +1,14 @@
 """The devices of one PE: each is read before every step of its module, and executes commands that the core authorizes.
 
-The agent's process reads and commands the devices, not the partition of the module: so the authorization is checked at
-the last moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. Only the device drivers
+The agent's process reads and commands the devices; the partition of a module does not. So the authorization is checked
+at the last moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. Only the device drivers
 (`heronry_agent.device`) depend on the hardware.
 
 Each device has one driver. A PE may have several drivers, and loads only those that the devices of its modules need. A
 spec cannot name a driver yet, so all devices of a PE have the driver that `pe-agent --devices` names, by default the
 plant; only `open_drivers` depends on this.
 
-A driver is foreign code in the agent's process. Its exceptions do not end the agent: after an exception a reading
+A driver is foreign code in the agent's process. Its exceptions do not end a running agent: after an exception a reading
 counts as missing, and a command as failed (`DriveFailed`). A driver that blocks also blocks the agent's loop; nothing
 here can prevent that.
 """

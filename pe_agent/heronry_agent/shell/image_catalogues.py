@@ -31,7 +31,7 @@ def find_image(name: str) -> type[Module]:
     """Return the class of an image, and import its code if necessary.
 
     Raises UnknownImageError if the name is in no catalogue and is not `package.module:Class`, or if its code cannot be
-    imported or has no such subclass of `Module`.
+    imported or has no subclass of `Module` with this class name.
     """
     target = name if ":" in name else _catalogues().images.get(name, name)
     module_name, _, class_name = target.partition(":")
@@ -51,9 +51,9 @@ def find_image(name: str) -> type[Module]:
 
 
 def why_not_here(name: str) -> str | None:
-    """Give the reason why the file of an image's code is not installed; None if it is installed.
+    """Return a sentence that says why the code of an image is not installed here; None if the code is installed.
 
-    Nothing is imported, so the code may still be broken.
+    The code is only searched for and not imported, so it may still be broken.
     """
     target = name if ":" in name else _catalogues().images.get(name, "")
     module, _, _ = target.partition(":")

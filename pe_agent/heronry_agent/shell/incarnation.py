@@ -3,11 +3,11 @@
 A PE needs a new count at its start, and whenever it begins anew after an outage of the bus. A file keeps a *reserve*: a
 count that is at most `RESERVE` ahead of the present count. The agent may use all counts up to the reserve without a
 further write to the disk. The agent never waits for the disk in flight: a thread writes the reserve, and tries again
-every `RETRY_S` seconds if writing fails. The count is new for these reasons:
+every `RETRY_S` seconds if writing fails. A new count is found in one of three ways:
 
     in one process       the last count is in memory, and the next count is the last one plus 1
-    from start to start  a process begins with the count after the reserve on the disk, and writes a reserve of its own
-                         before it sends a frame
+    from start to start  a process begins with the count after the reserve on the disk (at random if the disk has none),
+                         and writes a reserve of its own before it sends a frame
     no disk              the count is drawn at random, so the other nodes do not recognize one restart in 256. If the
                          reserve can be read, the drawn count is neither the reserve nor the count after it. This
                          applies without a folder, with a full or read-only disk at the start, and with a disk that

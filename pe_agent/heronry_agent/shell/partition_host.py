@@ -83,7 +83,7 @@ class PartitionHost:
         self._processes: dict[str, PartitionProcess] = {}
         self._load_by_ns: dict[str, int] = {}  # time limit of each partition that loads
         self._waiting: dict[str, list[StartModule]] = {}  # starts to send when the partition has loaded
-        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # steps to answer with NotReady then
+        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # steps: NotReady answers them after loading
         self._modes: dict[int, int] = {}
         self._numbers: dict[int, dict[str, int]] = {}  # numbers of the leaves of each running module, by path
         self._ending: list[tuple[PartitionProcess, bool]] = []  # each with: whether to report its end to the core

@@ -1,7 +1,7 @@
 """The messages between an agent and a partition: packets on one socket, each with several orders or one answer.
 
     agent to partition            partition to agent
-    LOAD    images, then          LOADED       images that cannot be loaded, with the reasons
+    LOAD    images                LOADED       images that cannot be loaded, with the reasons
     START   module, orders        START_FAILED module, reason, traceback        only if START has failed
     STOP    module, keep                       nothing
     STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, requests

@@ -7,12 +7,14 @@ process has a lower priority than its agent, so that heartbeats go first.
 The orders of one turn of the agent's loop form one packet. For GATHER_NS after such a packet, answers do not wake the
 agent; then the agent reads them together.
 
-The time that a step has *spent* is measured from the sending of its order to the arrival of its answer, less the time
-for which the partition waited for a processor. The kernel counts this waiting time (schedstat), except a wait that
-still lasts. So while the process runs or waits for a processor, the processor time that the step has used is taken as
-the time spent. On a kernel that does not count waiting times, the processor time is always taken. The count is not read
-at the beginning of each step, but only once in SAMPLE_NS, and after a late step. So the waiting time of earlier steps
-may be subtracted as well: the time spent may come out too short, but not too long.
+A step begins when its order is sent, or when the step before it in the partition ends. The time that a step has *spent*
+is the time from its beginning to its end, less the time for which the partition waited for a processor. The kernel
+counts this waiting time (schedstat), except a wait that still lasts. So for a step that is not finished, while the
+process runs or waits for a processor, the processor time that the step has used is taken as the time spent. On a kernel
+that does not count waiting times, the processor time is always taken. A step that has ended within its period is an
+exception: nothing is subtracted. The count is not read at the beginning of each step, but only once in SAMPLE_NS, and
+after a late step. So the waiting time of earlier steps may be subtracted as well: the time spent may come out too
+short, but not too long.
 
 When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds then, plus the
 RAM that the spec gives its modules, plus SLACK_BYTES for the interpreter. If a module exceeds the limit, Python raises

@@ -1,4 +1,4 @@
-"""Device drivers of the actuators: they limit each demand; without a demand, they hold the output or make it safe.
+"""The drivers of the actuators: modules that limit each demand; without a demand, they hold the output or make it safe.
 
 A driver decides which value is written to the device in each period:
 
@@ -24,7 +24,7 @@ class SurfaceServo(Module):
     """Drives a control surface to a demanded angle in degrees.
 
     demand: variable of the demanded angle
-    echo: variable that carries the last command to the servo; None for a servo without an echo
+    echo: variable under which the last command to the servo is published; None: the command is not published
     """
 
     demand: ClassVar[str]
@@ -54,7 +54,7 @@ class SurfaceServo(Module):
 
 
 class ElevatorServo(SurfaceServo):
-    """An elevator servo without an output echo."""
+    """An elevator servo; its last command is not published."""
 
     demand = "elevator_demand"
 
@@ -87,7 +87,7 @@ class LimitedElevatorServo3(SurfaceServo):
 
 
 class RudderServo(SurfaceServo):
-    """A rudder servo without an output echo."""
+    """A rudder servo; its last command is not published."""
 
     demand = "rudder_demand"
 

@@ -8,7 +8,7 @@ second, since the operator may have cleared the fault. The voter reports only wh
 two that differ, either may be wrong. In its first second the voter reports nothing, since some data may be old. The
 name of a variable in the spec shows the sensor: `pressure_2` is measured by `device:pressure_sensor_2`.
 
-A restart loses the last output, and starts both seconds anew.
+After a restart the voter has no last output, and both times of one second begin anew.
 """
 
 import statistics

@@ -1,4 +1,6 @@
-"""Altitude in three versions: GPS and pressure fused, GPS alone, pressure alone (the paper's Figure 3).
+"""Altitude in three versions: GPS and pressure fused, GPS alone, pressure alone.
+
+The versions are those of Figure 3 of the paper by Rawashdeh et al. (the spec `elevator_and_chute`).
 
 *Fusion.* Pressure altitude has little noise and no delay, but an offset that changes slowly: the error of the sensor,
 and the difference of the day from the standard atmosphere. GPS height is right on average, but noisy. So a slow

@@ -5,8 +5,8 @@ the same formulas, so that their altitude is that of the plant.
 
 Source: ICAO Standard Atmosphere (ICAO Doc 7488, ISO 2533), geopotential altitude, layers from -2 to 47 km. A layer has
 a constant lapse rate L. If L is 0, the pressure falls exponentially with altitude; if not, the pressure is a power of
-the temperature, with the exponent -g0 / (R L). Base pressures are computed from the layer below rather than copied, so
-that the function has no steps.
+the temperature, with the exponent -g0 / (R L). The pressure at the base of a layer is computed from the layer below,
+and not copied from the standard's table, so that the pressure does not jump between two layers.
 """
 
 import math

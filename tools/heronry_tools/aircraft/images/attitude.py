@@ -28,7 +28,7 @@ _GRAVITY_PULL_S = 2.0
 _GLIDE_PULL_S = 25.0
 _GLIDE_DEG = (BEST_GLIDE_PITCH_DEG, 0.0)
 _HORIZON_LAG_S = 0.3
-_HORIZON_COUNTS = 1000  # contrast of a horizon that stands upright
+_HORIZON_COUNTS = 1000  # contrast at an angle of 90 degrees
 
 
 class AttitudeFilter(Module):
@@ -45,7 +45,7 @@ class AttitudeFilter(Module):
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the attitude; nothing without both rates, or before `fused` has had its first accelerations."""
+        """Publish the attitude; nothing if a rate is missing, and in `fused` nothing before the first accelerations."""
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG
         pull_s = _GRAVITY_PULL_S if self.ctx.mode == "fused" else _GLIDE_PULL_S

@@ -58,7 +58,7 @@ class Pid:
         self._sum_deg_s = held(self._sum_deg_s + error_deg * period_s, self.trim_deg / self.integral)
 
     def output_deg(self, error_deg: float, rate_deg_per_s: float, gain: float = 1.0) -> float:
-        """Give the angle of the surface in degrees, before its limits, for an error of attitude and a present rate.
+        """Give the angle of the surface in degrees, within +-`limit_deg`, for an error of attitude and a present rate.
 
         error_deg: demanded minus present angle. gain: a factor for the whole output.
         """
@@ -79,7 +79,7 @@ class PitchControl(Module):
         self._drift_deg = 0.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the elevator's demand in degrees."""
+        """Publish the elevator's demand in degrees; nothing without a pitch angle."""
         pitch_deg = number(inputs, "pitch_angle")
         if pitch_deg is None:
             return {}
@@ -97,7 +97,11 @@ class PitchControl(Module):
         return {"elevator_demand": -self._pid.output_deg(wanted_deg - pitch_deg, rate, _gain(speed))}
 
     def _learn_drift(self, wanted_deg: float, speed_m_per_s: float | None) -> None:
-        """Learn by how much the measured pitch is too high; not on the line, nor with the nose up, as in the flare."""
+        """Learn by how much the measured pitch is too high.
+
+        Nothing is learned without an airflow (on the balloon's line), or if the wanted pitch is nose up, as in the
+        flare.
+        """
         if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S or wanted_deg > 0.0:
             return
         expected = BEST_GLIDE_M_PER_S + _FASTER_M_PER_S_PER_DEG * (BEST_GLIDE_PITCH_DEG - wanted_deg)
@@ -120,7 +124,7 @@ class RollControl(Module):
         self._pid = Pid(proportional=0.8, integral=0.05, damping=0.3, limit_deg=_RUDDER_LIMIT_DEG)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the rudder's demand in degrees."""
+        """Publish the rudder's demand in degrees; nothing without a roll angle."""
         roll_deg = number(inputs, "roll_angle")
         if roll_deg is None:
             return {}
@@ -131,9 +135,10 @@ class RollControl(Module):
 
 
 class StateEstimator(Module):
-    """A stand-in for the state estimation, since the paper's Figure 3 shows no source of `state_info`.
+    """A stand-in for the state estimation of `elevator_and_chute`.
 
-    `state_info` is the error of the nose (deg, too high is positive); here it swings slowly, as a function of time.
+    The paper by Rawashdeh et al. shows no source of `state_info` (Figure 3). `state_info` is the error of the pitch in
+    degrees; a nose that is too high is positive. This stand-in lets the error swing slowly, as a function of time.
     """
 
     amplitude_deg = 6.0
@@ -146,7 +151,7 @@ class StateEstimator(Module):
 
 
 class ElevatorControl(Module):
-    """Controls the elevator by `state_info`, the nose's error in degrees (the paper's Figure 3)."""
+    """Controls the elevator of `elevator_and_chute` by `state_info`, the error of the pitch in degrees."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

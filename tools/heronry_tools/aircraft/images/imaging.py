@@ -7,7 +7,7 @@ word has three grey pixels. Mode `preview` sends every fourth pixel word, which 
 The camera of the plant gives only a counter. The pixels are a pattern computed from the counter, so that the archive
 can verify what has arrived. A lost word spoils only its own picture: the next picture starts again at index 0.
 
-After a restart, `Imaging` begins with the next frame, and the archive's counts begin at 0.
+After a restart, `Imaging` begins a new picture, with the present count of the camera; the archive's counts begin at 0.
 """
 
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ class Imaging(Module):
         self._head = [0] * HEAD_WORDS
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the next word; after a picture, nothing until the camera has counted another frame."""
+        """Publish the next word; between two pictures, nothing while the count of the camera is missing."""
         if self._next == 0:
             frame = whole(inputs, "frame_count")
             if frame is None:

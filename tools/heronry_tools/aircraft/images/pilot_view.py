@@ -16,7 +16,10 @@ _PATH_DEG = 4.0
 
 
 class PilotView(GroundDisplay):
-    """The display's line with `distance` (m), `above` (m above the glide path) and `turn` (deg, right positive)."""
+    """A `GroundDisplay` that also shows the way to the field.
+
+    `distance` is in m, `above` is the height above the glide path in m, `turn` is in degrees, to the right positive.
+    """
 
     columns: ClassVar[tuple[str, ...]] = ("telemetry_altitude",)
 

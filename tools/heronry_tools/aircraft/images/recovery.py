@@ -1,7 +1,8 @@
 """The two events that end a flight: the logic of the parachute, and that of the balloon's line.
 
-The logic of the parachute has two inputs, the release command and the altitude. As in the paper (section 3.1), one of
-them is enough to keep the parachute shut. The parachute opens in one of three cases:
+The logic of the parachute has two inputs, the release command and the altitude. One of them is
+enough to keep the parachute shut (section 3.1 of the paper by Rawashdeh et al.). The parachute opens in one of three
+cases:
 
 - the release command is given;
 - the command has been missing for 3 s, and the aircraft, which has been above 3 000 m, is below the opening altitude:

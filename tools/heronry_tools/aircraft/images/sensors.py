@@ -1,4 +1,4 @@
-"""Device drivers of the sensors: they convert a device's readings to variables in their units.
+"""The drivers of the sensors: modules that convert the readings of their devices to variables in their units.
 
 A driver also decides whether its device has failed. A device is reported as `device:...` if it was silent, or gave
 impossible readings, for half a second. The report is repeated every half second, since the operator may have cleared
@@ -113,7 +113,7 @@ class Horizon(SensorDriver):
 
 
 class Barometer(NumberSensor):
-    """Static pressure in hPa, from the barometer of the paper's Figure 3."""
+    """Static pressure in hPa, from the barometer of `elevator_and_chute`."""
 
     device = "barometer"
     variable = "absolute_pressure"
@@ -148,7 +148,7 @@ class Pitot(NumberSensor):
 
 
 class ElevatorAngle(NumberSensor):
-    """The true angle of the elevator, in degrees, down positive."""
+    """The measured angle of the elevator, in degrees, down positive."""
 
     device = "elevator_angle_sensor"
     variable = "elevator_angle"
@@ -198,13 +198,13 @@ class CommandReceiver(SensorDriver):
 
 
 class Console(CommandReceiver):
-    """The same two commands, from the switches of the ground's console."""
+    """The two commands of `CommandReceiver`, from the switches of the console on the ground."""
 
     device = "console"
 
 
 class ChuteReceiver(SensorDriver):
-    """The only command of the paper's Figure 3: open the parachute; 1 is yes."""
+    """The only command of `elevator_and_chute`: open the parachute; 1 is yes."""
 
     device = "receiver"
 

@@ -1,20 +1,20 @@
 """The servo monitors: they compare a surface's command with its position, and report the device that has failed.
 
-*Detection.* The monitor computes where a healthy servo, which has a short lag, would have brought the surface. A
-difference from that position beyond the tolerance, for the whole delay and in several comparisons, is a failure. After
-a report the monitor waits while the manager activates the other servo.
+*Detection.* The monitor computes where a healthy servo, which has a short lag, would have brought the surface. It
+detects a failure if the difference from that position is beyond the tolerance for `delay_ns` without a break, and in at
+least five comparisons. After a report the monitor waits while the manager activates the other servo.
 
 *Which servo.* In `big_blue` each servo driver publishes its command with its own version, so the version of the datum
-shows which servo is driven. The monitor of the paper's Figure 3 has no such echo. It assumes that the first branch of
+shows which servo is driven. The monitor of `elevator_and_chute` has no such input. It assumes that the first branch of
 the DEMUX drives, and that the second branch drives after the first servo was reported. If the first servo is out of use
 for another reason, the assumption is wrong, but harmless: the report names a device that is already down.
 
-The monitor of Figure 3 also has no input that shows whether any servo is driven. A surface stands still, too, while its
-driver is silent or not authorized, until another driver takes over. So this monitor waits for longer than a
-reconfiguration takes before it reports a servo.
+The monitor of `elevator_and_chute` also has no input that shows whether any servo is driven. A surface stands still,
+too, while its driver is silent or not authorized, until another driver takes over. So this monitor waits for longer
+than a reconfiguration takes before it reports a servo.
 
 *Servo or sensor.* The second servo is reported only if the surface has followed its commands for a while since the
-report of the first servo. If not, the sensor is reported: two servos hardly fail within a short time, but one stuck
+report of the first servo. If not, the sensor is reported: two servos rarely fail within a short time, but one stuck
 potentiometer makes both servos look wrong. A report of both servos would leave the aircraft without an elevator because
 of a sensor. If a reported device is still in use and fails again, the same device is reported again, since the operator
 may have cleared it.
@@ -123,12 +123,12 @@ class ElevatorMonitor(SurfaceMonitor):
 
 
 class ServoMonitor(SurfaceMonitor):
-    """The monitor of the paper's Figure 3: servo 1 counts as driven, and after its report servo 2."""
+    """The monitor of `elevator_and_chute`: servo 1 counts as driven, and servo 2 after servo 1 was reported."""
 
     command = "elevator_demand"
     health = "servo_failure"
     delay_ns = _DELAY_WITHOUT_ECHO_NS
 
     def working_servo(self, inputs: Inputs) -> int:  # noqa: ARG002 (its inputs do not say)
-        """Give the number of the servo that counts as driven: 1, and after the report of servo 1, 2."""
+        """Give the number of the servo that counts as driven: 2 after servo 1 was reported, 1 before."""
         return 2 if 1 in self._accused else 1

@@ -49,7 +49,7 @@ def _centidegrees(angle_deg: float) -> int:
 def _status(inputs: Inputs) -> tuple[int, ...]:
     """Give the four bytes of status; a byte is 255 where its value is missing.
 
-    They are the stage of the mission, the state of the wings, the health of the servos, and the battery in 0.1 V.
+    The bytes are the stage of the mission, the state of the wings, the health of the servos, and the battery in 0.1 V.
     """
     voltage = number(inputs, "battery_voltage")
     decivolts = None if voltage is None else round(DECIVOLTS * voltage)
@@ -75,7 +75,7 @@ class LineWriter(Module):
 
 
 class FlightRecorder(LineWriter):
-    """Writes the state of the flight on board to the recorder, which is its device, as lines of text."""
+    """Writes the state of the flight as lines of text; its device is the recorder on board."""
 
     columns = (
         "mission_stage",
@@ -93,7 +93,7 @@ class FlightRecorder(LineWriter):
 
 
 class GroundDisplay(LineWriter):
-    """Writes the telemetry that has come to the ground to the display, which is its device, as lines of text."""
+    """Writes the telemetry that the ground has received as lines of text; its device is the display."""
 
     columns: ClassVar[tuple[str, ...]] = (
         "telemetry_altitude",

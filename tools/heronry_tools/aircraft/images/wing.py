@@ -1,9 +1,9 @@
 """The inflatable wings: the control that inflates them, and the monitor that watches them until their skin is hard.
 
 The control decides when the valve is open, the monitor in which state the wings are. Each reads the output of the
-other, so the spec gives `wing_state` an initial value. The control stops when the monitor publishes that the wings are
-cured or leak, and does not start again. The monitor distinguishes folded wings from filling ones by the valve. A leak
-is a loss of pressure in wings that were firm.
+other, so the spec gives `wing_state` an initial value. The control keeps the valve closed while the monitor publishes
+that the wings are cured or leak. The monitor distinguishes folded wings from filling ones by the pressure, and by the
+demand of the valve. A leak is a loss of pressure in wings that were firm.
 
 A restart of the monitor loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose again.
 So the valve is controlled longer than necessary, which does no harm.
@@ -37,7 +37,7 @@ class WingState(IntEnum):
 
 
 class InflationControl(Module):
-    """Opens the valve below one pressure and closes it above another; `valve_demand` is 0 or 1."""
+    """Opens the valve below 470 hPa in the wings and closes it above 500 hPa; `valve_demand` is 0 or 1."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -45,7 +45,11 @@ class InflationControl(Module):
         self._altitude_heard_ns = ctx.now_ns
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the demand: closed without a pressure, near the ground, and when the wings are cured or leak."""
+        """Publish the demand of the valve.
+
+        The valve is closed without a pressure, when the wings are cured or leak, and while the wings are folded and the
+        altitude is below 15 000 m or has been missing for less than a minute.
+        """
         pressure_hpa = number(inputs, "wing_pressure")
         if pressure_hpa is None or self._refrains(inputs):
             self._open = False

@@ -5,8 +5,9 @@ its surfaces: pitch and roll are those of the scripted flight (flight.py) plus a
 rudder's angle. The share grows with the square of the airspeed, and the airframe adds a lag. On the balloon's line
 there is hardly any flow, so the surfaces have no effect.
 
-A sensor's reading is the value that the real device gives to its driver, in its own units: an inertial unit and a GPS
-receiver give integers, a pressure transducer hectopascals. Noise and bias are as large as those of such devices.
+A sensor's reading is the value that the real device gives to its driver, in the units of the device: an inertial unit
+and a GPS receiver give integers, a pressure transducer hectopascals. Noise and bias are as large as those of such
+devices.
 
 A device that is not in the table can be used, too: a sensor reads 0.0, an actuator keeps its last command.
 """
@@ -23,7 +24,7 @@ from heronry_tools.aircraft.plant.noise import noise
 
 CAMERA_FRAMES_PER_S = 5
 GPS_PERIOD_NS = 100_000_000
-HORIZON_COUNTS = 1000  # contrast of a horizon that stands upright
+HORIZON_COUNTS = 1000  # contrast at an angle of 90 degrees
 # The mechanisms that each actuator pushes. An actuator of a surface pushes the surface and the airframe.
 PUSHED_BY: Mapping[str, tuple[str, ...]] = {
     "elevator_servo_1": ("elevator", "pitching"),

@@ -10,7 +10,7 @@ glider. The sensors are consistent all the same: pressure with altitude, angular
 accelerations with attitude. Angles are small and the flight is quasi-steady: body rates are taken as the rates of pitch
 and roll, and an accelerometer feels gravity alone.
 
-    seconds   0      5        65          93..95        103      215      235     240
+    seconds   0      5        65          93..95        103      215      225     235
               field  ascent   17.8 km     line is cut   glide    landing  flare   stands
 """
 

@@ -29,7 +29,10 @@ class PlantOfDevices(Protocol):
         """Give the actuators on other PEs whose echoes a plant with these sensors needs."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail: dead (silent), stuck at its present reading, wrong by `offset`, or loose (a servo)."""
+        """Make a device fail: dead (silent), stuck at its present reading, wrong by `offset`, or loose.
+
+        A loose servo does not hold its surface.
+        """
 
     def heal(self, device: str) -> None:
         """End a device's failure; no effect on a healthy device."""

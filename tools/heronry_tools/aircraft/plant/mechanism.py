@@ -1,4 +1,4 @@
-"""The mechanism that actuators move: one value with inertia, moved by the last command of an actuator.
+"""The mechanism that actuators move: one value that follows the last command of an actuator with a lag.
 
 A *push* is a command to the mechanism. Two servos on one surface share one mechanism, and the servo that pushed last
 holds it. The clutch of a failed servo slips, and the surface stays where it is until the other servo pushes it.

@@ -1,11 +1,11 @@
 """The plant: the physical world that the simulated devices of one process read and move.
 
-Most of the world is a script that depends only on the time since the origin (flight.py). A few mechanisms depend on
+Most of the world is a script that depends only on the time since take-off (flight.py). A few mechanisms depend on
 actuators: the surfaces, the airframe that follows them, the gas in the wings.
 
-Each process has one `Plant`. The plants share only the origin, on one monotonic clock. A plant gets the commands to the
-actuators of its own PE by `write`. It gets the commands to the actuators of other PEs by `heard`, from output echoes on
-the bus:
+Each process has one `Plant`. The plants share only the time of take-off, on one monotonic clock. A plant gets the
+commands to the actuators of its own PE by `write`. It gets the commands to the actuators of other PEs by `heard`, from
+output echoes on the bus:
 
 - if an echo is lost or late, the mechanism lags in this plant until the next echo, which follows in the next period;
 - if an echo arrives twice, it moves the mechanism to the same position, so nothing changes;
@@ -13,8 +13,8 @@ the bus:
   echo.
 
 A device is healthy until `fail` is called. Other plants do not learn of the failure, so a device must be failed in the
-process of the PE to which it is connected. A failed actuator is not echoed (`write` returns None), so no other plant
-moves it.
+process of the PE to which it is connected. An actuator that is dead, stuck or loose is not echoed (`write` returns
+None), so no other plant moves it.
 """
 
 from collections.abc import Iterable
@@ -43,7 +43,7 @@ class _Fault:
 
 
 class Plant:
-    """The world since `origin_ns`, as the devices of one process read and move it."""
+    """The world as the devices of one process read and move it; take-off is at `origin_ns` of the monotonic clock."""
 
     def __init__(self, origin_ns: int) -> None:
         self._origin_ns = origin_ns
