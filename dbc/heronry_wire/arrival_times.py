@@ -1,4 +1,4 @@
-"""Computes when a frame arrived on CLOCK_MONOTONIC, from its time-stamp, which SocketCAN takes of the clock of the day.
+"""Computes the time of CLOCK_MONOTONIC at which a frame arrived. SocketCAN stamps frames with the clock of the day.
 
 The clock of the day may be set while a node flies, even by hours. It also runs on while a computer is suspended, and
 CLOCK_MONOTONIC does not. So the difference between two time-stamps, or between a time-stamp and the present time, may
@@ -46,7 +46,7 @@ class ArrivalTimes:
         self._looked_ns = 0
         self._empty_ns: int | None = None  # the last look that found nothing left
         self._offset_ns: int | None = None  # clock of the day minus CLOCK_MONOTONIC, at the last look
-        self._offset_before_ns = 0  # the same, at the look before the last one
+        self._offset_before_ns = 0  # the same difference, at the look before the last one
 
     def look(self) -> None:
         """Read both clocks, to compare them with the time-stamps of the frames that are read next."""

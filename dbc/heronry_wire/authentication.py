@@ -8,12 +8,12 @@ different kinds differ. BLAKE2s comes with Python; nothing has to be installed o
 One key serves the whole fleet, because a command is for all nodes and has room for one tag: an attacker who takes over
 one node has the key. A tag covers the bytes of the frame, and in addition:
 
-    command   manager, kind of the command, term, number of the command in that term; in a WELCOME also the nonce that
-              the WELCOME answers
+    command   manager, kind of the command, term, number of the command in that term. In a WELCOME, by which a
+              manager answers the nonce of a PE, also this nonce
     state     node; manager, term and number of the WELCOME that opened the node's session; digest of the configuration
-              that the PE runs (page 0) or has staged (page 1). The frame has the tag in place of this digest. On page 0
-              also the number of pages 0 since the WELCOME, and, with the flag FAULT_PENDING, one EMCY that waits to be
-              acknowledged, because an EMCY has no room for a tag of its own
+              that the PE runs (page 0) or has staged (page 1). The frame has the tag in place of this digest. The tag
+              of page 0 also covers the number of pages 0 since the WELCOME, and, with the flag FAULT_PENDING, one EMCY
+              that waits to be acknowledged, because an EMCY has no room for a tag of its own
 
 A nonce is *plausible* if its last 16 bits are the tag of its other bits and its node. A manager answers only plausible
 nonces. So a nonce that an attacker invents costs the manager nothing, and delays no answer to a PE. A recorded nonce is
@@ -62,7 +62,7 @@ class Place(NamedTuple):
 class Session(NamedTuple):
     """A session of a PE: the manager, term and number of the WELCOME that opened it.
 
-    The tags of the PE's states cover these three numbers.
+    WELCOME is the manager's answer to a nonce of the PE. The tags of the PE's states cover these three numbers.
     """
 
     manager: int
@@ -74,7 +74,7 @@ class Key:
     """The secret of a fleet: 32 bytes."""
 
     def __init__(self, secret: bytes) -> None:
-        """Take the secret; raises WireError where it does not have KEY_BYTES bytes."""
+        """Take the secret, of KEY_BYTES bytes; raises WireError for any other length."""
         if len(secret) != KEY_BYTES:
             raise WireError(f"a key has {KEY_BYTES} bytes, not {len(secret)}: make a key with 'heronry key'")
         self._commands = blake2s(key=secret, digest_size=COMMAND_TAG_BYTES, person=b"hrn-cmd")

@@ -24,7 +24,7 @@ _STUCK = "gets nothing out: no other node acknowledges; look at bit rate, termin
 
 
 class BusHealth:
-    """Keeps of one bus whether it can be used, its error counts, and its link status events."""
+    """Keeps for one bus whether the bus can be used, its error counts, and its link status events."""
 
     def __init__(self, name: str) -> None:
         """name: the name of the bus in messages."""
@@ -41,7 +41,7 @@ class BusHealth:
         return link_events
 
     def lost(self, now_ns: int, reason: str) -> None:
-        """Note that the bus is lost; makes an event if it was not lost before, or for another reason.
+        """Note that the bus is lost; makes an event if the bus was not lost before, or was lost for another reason.
 
         The caller repeats the call after every failed try to open the bus, with the reason of the failure.
         """

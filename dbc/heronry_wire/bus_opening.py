@@ -1,7 +1,8 @@
 """Opens a bus with python-can: gives the bus with its file descriptor, or an error of one sentence.
 
 Any exception of a back-end becomes LinkError. A node waits on the file descriptors of all its buses at once, so a
-back-end without a descriptor is refused. For a socketcand the descriptor is that of its TCP connection.
+back-end without a descriptor is refused. For a bus of a socketcand server (CAN over TCP, `socketcand`) the descriptor
+is that of the TCP connection.
 """
 
 import socket
@@ -43,7 +44,7 @@ def look_at_interface(config: Mapping[str, Any]) -> None:
 def open_bus(config: Mapping[str, Any]) -> Opened:
     """Open the bus that these keyword arguments of `can.Bus` describe; raises LinkError.
 
-    The channel of a socketcand is INTERFACE@HOST:PORT.
+    With the interface socketcand, the channel is INTERFACE@HOST:PORT.
     """
     name = bus_name(config)
     at_server = config.get("interface") == socketcand.INTERFACE

@@ -1,6 +1,6 @@
 """The report of a gateway on a radio to which it leads: which share of the radio's bandwidth can be used.
 
-    LINK, of radio r       291 + r       from the gateway between r and the manager, toward the manager
+    LINK, of radio r       291 + r       sent toward the manager by the gateway between r and the manager
 
 Radios are numbered in the spec's order; there are nine identifiers. The gateway sends a report on its uplink every
 heartbeat period of the radio, and immediately when the radio is gone or back. Other gateways on the way to the manager
@@ -8,8 +8,7 @@ forward the report.
 
 Reports are not acknowledged. The next report replaces a lost one, a doubled report has no effect, and a late report is
 recognized by its sequence number. A forged report can make the manager use less of the radio's bandwidth, or treat the
-radio as gone. The modules on the manager's side of the radio do not depend on it. Malformed bytes decode to
-`Malformed`; encoding a number that does not fit raises ValueError.
+radio as gone. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises ValueError.
 
 Source: docs/protocol.md, protocol rule 9.
 """

@@ -1,11 +1,12 @@
 """One bus of one node: frames in and out of python-can, one frame in flight at a time (protocol rule 13).
 
-A frame that was handed to the controller is *in flight* until its echo comes back: the bus is opened with
-`receive_own_messages`, and the echo is recognized by its identifier and bytes. (The flag by which SocketCAN marks a
-frame of this computer does not suffice, since the frames of other programs have the flag too.) The next frame is handed
-over only after the echo, so that a more urgent frame that is queued meanwhile goes first. If an echo does not come
-within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives the frame up and counts it. If the
-echo comes after all, the link still recognizes it, and does not take it for a frame of another node.
+A frame that was handed to the controller is *in flight* until its echo comes: with `receive_own_messages`, python-can
+gives each frame back to its sender when the frame was sent. The link recognizes the echo by its identifier and bytes.
+(The flag by which SocketCAN marks a frame of this computer does not suffice, since the frames of other programs have
+the flag too.) The next frame is handed over only after the echo, so that a more urgent frame that is queued meanwhile
+goes first. If an echo does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives
+the frame up and counts it. If the echo comes after all, the link still recognizes it, and does not take it for a frame
+of another node.
 
 Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock (`arrival_times`). So a
 process that was paused does not take old frames for new ones, and a clock of the day that is set changes nothing.
@@ -15,7 +16,7 @@ error ends a link that was once open:
 
     open   frames go in and out
     lost   the interface is down or gone, the hub has ended, the controller is bus-off, or a back-end has raised an
-           exception. The link closes the bus, drops frames that wait or are sent meanwhile, and tries to open the bus
+           exception. The link closes the bus, drops all frames in its queue and all new ones, and tries to open the bus
            again every REOPEN_NS. It first restarts a SocketCAN interface whose controller is bus-off, unless Linux will
            do so (restart-ms). It does not use an interface with another bit rate than requested: sending there would
            destroy frames. A bus that may take seconds to open (`slow_opening`) is opened in a thread
@@ -336,15 +337,16 @@ class Link:
             self._lose("its controller is bus-off", now_ns)
 
     def _count_overruns(self, now_ns: int) -> None:
-        """After a reading that reached its limit, count the frames that SocketCAN had no room for."""
+        """Count the received frames for which SocketCAN had no room since the last call."""
         dropped = 0 if self._bus is None else frames_dropped(self._bus)
         self.health.overrun(dropped - self._overruns, now_ns)
         self._overruns = dropped
 
     def _has_nothing_left(self) -> bool:
-        """Tell whether all frames have been read, once `recv` has given None.
+        """Tell whether all frames have been read, after `recv` has given None.
 
-        A serial modem's answer also makes `recv` give None. Raises OSError where the connection has ended.
+        None alone does not show this: the answer of a serial modem, which is no frame, also makes `recv` give None.
+        Raises OSError where the connection has ended.
         """
         if self._is_well_known or self._bus is None:
             return True

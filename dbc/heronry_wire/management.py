@@ -71,7 +71,7 @@ class Operation(IntEnum):
 class ElementKind(IntEnum):
     """Kinds of elements in EMCY and CONTROL. The index of an element is its position among its kind in the spec.
 
-    PHASE and PRIORITY are in an EMCY only if it is a request. The rule for the index has two exceptions.
+    An EMCY has the kind PHASE or PRIORITY only if the EMCY is a request. The rule for the index has two exceptions.
     For a requested priority, the index in an EMCY has the function in its high byte and the number of the request in
     its low byte; the detail is the priority, or SPECS_PRIORITY. For a channel, the index is the position of its bus
     among the buses of the reporting PE, and the detail of the EMCY is the number of the channel, from 1.

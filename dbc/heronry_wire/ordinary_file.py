@@ -24,7 +24,7 @@ def read_ordinary(file: Path, most_bytes: int | None = None) -> bytes:
 
 
 def open_ordinary(file: Path) -> int:
-    """Open a new, empty file that takes the place of an old one; gives a descriptor for writing, or raises OSError."""
+    """Open a file for writing: a new one, or the existing one, emptied. Gives the descriptor; raises OSError."""
     descriptor = _opened(file, os.O_WRONLY | os.O_CREAT)
     os.ftruncate(descriptor, 0)
     return descriptor

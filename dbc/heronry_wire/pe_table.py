@@ -52,7 +52,7 @@ class Port:
     channels: int
     nodes: tuple[int, ...]  # node-IDs of the PEs that are reached through this port, directly or over gateways
     data_per_mille: int = 700  # share of data in the bit rate (`max_load` - `reserve`); management has the rest
-    link_id: int | None = None  # of this PE's reports, if the bus is a radio on the side away from the manager
+    link_id: int | None = None  # identifier of this PE's reports, if the bus is a radio away from the manager
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ LEASE_PERIODS = 5
 """T_lease, in heartbeat periods."""
 
 IDENTIFIER_PERIODS = 2
-"""How long after hearing another node a PE may send under identifiers that other PEs may use as well."""
+"""Periods after a frame of another node in which a PE may send under identifiers that other PEs may also use."""
 
 UNSENT_PERIODS = 3
 """Periods of the slowest bus after which no frame of a silent PE is on its way any more; `unsent_ns` adds a quarter."""
@@ -43,7 +43,7 @@ START_UP_WINDOW_NS = 5_000_000_000
 """How long a manager waits for PEs that it has never heard."""
 
 PATIENCE_PERIODS = 25
-"""Time limit for one answer of a PE; a PE that sends no frame at all is declared down long before."""
+"""Time limit, in heartbeat periods, for one answer of a PE. A PE that sends no frame at all is down long before it."""
 
 PLAN_AGAIN_NS = 1_000_000_000
 """Time after a failure of the planner at which the manager repeats its request."""
@@ -76,7 +76,7 @@ RADIO_WINDOW_PERIODS = 10
 """Number of the radio's heartbeat periods over which its gateway measures the radio."""
 
 RADIO_QUICK_PERIODS = 2
-"""Number of last periods that are measured alone if they are far worse than the rest."""
+"""Number of last periods whose measurement counts alone if it is at most half of that over RADIO_WINDOW_PERIODS."""
 
 
 def late_ns(period_ns: int) -> int:

@@ -89,12 +89,12 @@ class ReplicatedLink:
 
     @property
     def nothing_waits(self) -> bool:
-        """Whether some open channel has no frame that waits for the controller; also true if no channel is open."""
+        """Whether no frame waits for the controller on at least one open channel; also true if no channel is open."""
         return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
 
     @property
     def all_left(self) -> bool:
-        """Whether on some channel every queued frame has been sent."""
+        """Whether every queued frame has been sent on at least one channel."""
         return any(link.all_left for link in self.links)
 
     def take_link_events(self) -> list[str]:

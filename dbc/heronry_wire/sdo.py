@@ -9,7 +9,7 @@ bytes of data.
     0       download, segment           1
     2       upload, initiate            2
     3       upload, segment             0
-    6       block download              5       two more bits say which part of it
+    6       block download              5       two more bits tell the step of the block transfer
     5       block upload                6
     4       abort                       4
 
@@ -113,7 +113,7 @@ def unused_in_block(message: bytes) -> int:
 
 
 def block_acknowledged(message: bytes) -> tuple[int, int]:
-    """Read the acknowledgement of a block: give the segments received in order, and the size of the next block."""
+    """Read the acknowledgement of a block: give the number of segments received in order, and the next block's size."""
     return message[1], message[2]
 
 

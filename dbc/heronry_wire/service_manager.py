@@ -31,7 +31,8 @@ class ServiceManager:
     def lives(self, now_ns: int) -> None:
         """Report that a heartbeat was sent.
 
-        The first report tells systemd that the node is ready; each later report resets the watchdog.
+        The first call tells systemd that the node is ready. This and later calls reset systemd's watchdog, but at most
+        four times in the time that systemd waits.
         """
         if self._socket is None:
             return

@@ -21,7 +21,7 @@ TELL_AGAIN_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class StoodStill:
-    """Event: this process was kept from running for `for_ns`, more than a quarter of its uplink's heartbeat period."""
+    """Event: this process was kept from running for `for_ns`, more than a quarter of the uplink's heartbeat period."""
 
     for_ns: int
 

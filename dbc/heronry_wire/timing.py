@@ -14,9 +14,9 @@ busy period is examined, deadlines are arbitrary, jitter counts. A message waits
 that has just started. It also waits for every frame of higher priority that is queued before the message starts. For
 each message, C is the length of its frame, T its period, J its jitter, and B the length of the frame of lower priority:
 
-    busy period    t    = B + sum over this one and all above of ceil((t + J) / T) C
+    busy period    t    = B + sum over this message and all of higher priority of ceil((t + J) / T) C
     instances      Q    = ceil((t + J) / T)
-    queueing delay w(q) = B + q C + sum over all above of ceil((w(q) + J + tau) / T) C
+    queueing delay w(q) = B + q C + sum over all of higher priority of ceil((w(q) + J + tau) / T) C
     response       R    = max over q in 0..Q-1 of J + w(q) - q T + C
 
 All times are bit times (tau = 1) and exact: arguments and results are rationals, and in between all times are integers
@@ -193,7 +193,7 @@ class _Window:
 
 
 class _Level(NamedTuple):
-    """The delays of one priority that messages of a higher priority do not cause.
+    """The delays at one priority that have other causes than messages of higher priority.
 
     blocking: length of a frame of lower priority that has just started. error_cost, error_jitter: length of an error
     with the frame that it destroys, and jitter of the errors.
