@@ -16,7 +16,7 @@ from heronry_manager.shell.control_protocol import Answer, Follow, Spoken, order
 PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process is not stopped
 
 
-TRACEBACK_PATIENCE_S = 30.0  # for a traceback that a PE gives on a slow bus, of which it may use a tenth
+TRACEBACK_PATIENCE_S = 30.0  # for a traceback: a PE sends it in a tenth of the bus, which may be slow
 
 
 def call(path: Path, order: Spoken) -> Answer:

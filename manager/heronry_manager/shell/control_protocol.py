@@ -38,9 +38,9 @@ LONGEST_ORDER_BYTES = 65536  # a script of a thousand lines
 
 @dataclass(frozen=True, slots=True)
 class FlyScript:
-    """The operator orders the configuration into which a script of component graphs changes the running one.
+    """Order of the operator: apply a script of component graphs to the running configuration, and fly the result.
 
-    `script_orders` computes the ordered configuration from the text.
+    text: the script. `script_orders` computes the configuration from it.
     """
 
     text: str
@@ -53,7 +53,7 @@ class Follow:
 
 Question = AskStatus | AskTraceback
 Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
-"""The orders and questions that a request can hold: those of the core, but a script is still text (`FlyScript`)."""
+"""The orders and questions that a request can hold: those of the core, except that a script is text (`FlyScript`)."""
 
 _WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | FlyScript | AskTraceback]] = {
     "phase": EnterPhase,

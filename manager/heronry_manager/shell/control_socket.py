@@ -142,7 +142,7 @@ class ControlSocket:
         return self._listener.accept()[0]
 
     def _has_room(self) -> bool:
-        """Tell whether there is room for one more caller; if there is none, drop first the caller idle for longest."""
+        """Make room for one more caller if needed: drop the one idle for longest. Tells whether there is room now."""
         if len(self._callers) < MOST_CALLERS and self._reserve is not None:
             return True
         waiting = self._awaiting_answer.values()

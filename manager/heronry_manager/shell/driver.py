@@ -4,8 +4,8 @@ In each turn of the loop, everything that has arrived (frames, answers of the pl
 the core before the core handles a deadline. So a time in which this process did not run does not count as silence of
 the other nodes. Time is CLOCK_MONOTONIC.
 
-While the bus is lost the core's clock stands still, because a manager that cannot receive must not take this for
-silence of all PEs. `heronry_wire.link` opens the bus again. Afterwards the manager goes on with its term and the
+While the bus is lost the core's clock stands still, because a manager that cannot receive must not conclude that all
+PEs are silent. `heronry_wire.link` opens the bus again. Afterwards the manager goes on with its term and the
 operator's orders. What may have changed meanwhile is then visible on the bus: a PE that restarted reports a new
 incarnation, and a manager that took over has a higher term. All other PEs are as the manager knew them.
 
@@ -167,7 +167,7 @@ class ManagerDriver:
         }
 
     def _look_after_journal(self) -> None:
-        """Sync the journal to the disk once every frame is out; tell the core when a problem begins and ends."""
+        """Sync the journal to the disk when no frame waits; tell the core when a problem with it begins or ends."""
         if self._journal is None:
             return
         if self._link.nothing_waits:
@@ -192,7 +192,7 @@ class ManagerDriver:
     def _on_this_clock(self, core_ns: int | None) -> int | None:
         """Convert a time on the core's clock to this computer's clock.
 
-        None if there is no time, or while the core's clock stands still.
+        None if `core_ns` is None, or while the core's clock stands still.
         """
         return None if core_ns is None or self._frozen_ns is not None else core_ns + self._stood_still_ns
 
@@ -273,7 +273,7 @@ class ManagerDriver:
     def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
         """Give the followers the plan of the epoch that runs from now on.
 
-        A follower that began to read after the plan was made has not received it before.
+        A follower that began to read after the plan was made has not received the plan before.
         """
         plan = self._core.plan
         if told["event"] in ("reconfigured", "adopted") and plan is not None:

@@ -52,7 +52,7 @@ class Followers:
         self._of: dict[socket.socket, _Follower] = {}
 
     def take(self, caller: socket.socket) -> bool:
-        """Make a caller a reader from now on; tells whether there was room for it."""
+        """Make a caller a reader from now on; returns False if there are MOST_FOLLOWERS readers already."""
         if len(self._of) >= MOST_FOLLOWERS:
             return False
         self._of[caller] = _Follower()
@@ -69,7 +69,7 @@ class Followers:
     def heard(self, caller: socket.socket) -> None:
         """Drop a reader that has closed its connection, and ignore what a reader sends.
 
-        A caller that is no reader stays as it is.
+        For a caller that is no reader this has no effect.
         """
         if caller not in self._of:
             return

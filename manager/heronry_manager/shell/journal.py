@@ -153,7 +153,7 @@ class Journal:
         self.close()
 
     def write(self, record: Record) -> None:
-        """Append a record; afterwards `problem` says why it is not on disk, or is None."""
+        """Append a record; afterwards `problem` says why the record could not be written, or is None."""
         self.memory = self.memory.after(record)
         if self.problem is not None or self._bytes > _LONGEST_BYTES:
             self._put_down()

@@ -1,8 +1,9 @@
 """Passes events on to a reader in the order of their times.
 
 Two kinds of events come later than they happened: events whose content the manager first has to read from a PE
-(`heard_ns` is when they happened), and, in a demo, events that come from another process. So each event is held for a
-moment, in case an earlier event comes within it. An event that comes later than this is passed on immediately.
+(`heard_ns` is when they happened), and, in a demo, events that come from another process. So each event is held until
+it is HELD_NS old, and an event that happened before it but comes later can be passed on first. An event that is older
+than HELD_NS when it comes is passed on immediately, out of order.
 """
 
 from collections.abc import Callable, Mapping

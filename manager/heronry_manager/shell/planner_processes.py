@@ -29,7 +29,7 @@ from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, 
 from heronry_manager.planner.client import Failed, Planned
 
 AWAITED_NS = 10_000_000_000
-"""Budget of a request whose plan the aircraft waits for: the first one, or one after a refused greedy plan."""
+"""Budget of a request whose plan the aircraft waits for: the first request, or one after a refused greedy plan."""
 
 AHEAD_NS = 300_000_000_000
 """Budget of a request while a legal configuration runs: for a better plan, or for a situation that may come."""
@@ -67,7 +67,7 @@ class PlannerProcesses:
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
         self._pre_planner: PlannerLink | None = None
         self._until_ns: dict[int, int] = {}  # by request in the planner: the end of its budget
-        self._ahead_until_ns: dict[int, int] = {}  # the same, by request in the pre-planner
+        self._ahead_until_ns: dict[int, int] = {}  # by request in the pre-planner: the end of its budget
 
     def readers(self) -> list[PlannerLink]:
         """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
@@ -91,7 +91,7 @@ class PlannerProcesses:
         return [answer for event in events for answer in self._carry_out(self._policy.step(event))]
 
     def next_deadline_ns(self) -> int | None:
-        """The time (ns) at which to call `poll` at the latest, since the budget of a request ends.
+        """The time (ns) at which to call `poll` at the latest, because the budget of a request ends then.
 
         None: no request waits for an answer.
         """
@@ -116,7 +116,7 @@ class PlannerProcesses:
 
 
 def _answers(planner: PlannerLink | None, until_ns: dict[int, int]) -> Iterable[Planned | Failed]:
-    """Give the answers of a process; if it exceeds a budget, it is replaced, and its requests have failed."""
+    """Give the answers of a process. A process that exceeds a budget is replaced, and all its requests have failed."""
     if planner is None:
         return []
     answers = planner.poll()
