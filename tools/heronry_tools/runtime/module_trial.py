@@ -122,7 +122,7 @@ class _TooLongError(BaseException):  # an Exception would be taken for one of th
 
 
 def _own_frames(frame: FrameType) -> list[traceback.FrameSummary]:
-    """Give the frames of the module's own code in a traceback, from its first function on."""
+    """Give the calls in the module's own code: the part of the call stack after the last function of the runner."""
     frames = traceback.extract_stack(frame)
     called = max((at for at, one in enumerate(frames) if not is_foreign(one.filename)), default=-1)
     return frames[called + 1 :]

@@ -107,7 +107,7 @@ class Witness:
         return sorted(found, key=lambda outage: outage.from_ns)
 
     def forget(self) -> None:
-        """Forget the silences that are over, and the rivals, so that a witness of days needs no more memory."""
+        """Forget the silences that are over, and the rivals, so that a witness can run for days without more memory."""
         self.rivals.clear()
         for watched in self._watched.values():
             watched.outages.clear()

@@ -1,4 +1,4 @@
-"""The events of one manager for a benchmark, which waits for one after the other.
+"""The events of one manager, for a benchmark that waits for one event after the other.
 
 An event that does not come in time, or a manager that has ended, ends the benchmark with one sentence.
 """

@@ -1,7 +1,7 @@
 """An observer of one bus of the spec: it receives each frame once, on a replicated bus from either channel.
 
-When the only channel of a bus ends, the observer raises an error, which ends the flight. When a channel of a replicated
-bus fails, the observer waits until it is back, as the nodes do.
+When the only channel of a bus ends, the observer raises an error, which ends the flight. When one channel of a
+replicated bus fails, the observer goes on with the other channel, and opens the failed one again, as the nodes do.
 """
 
 import time

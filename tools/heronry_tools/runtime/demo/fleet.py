@@ -1,11 +1,11 @@
 """The processes of a demo: the hubs of the software buses, the manager, every PE.
 
-They are started, killed and restored, and all of them end with the demo. Each process stands for a computer of its own,
-and a hub for a wire, which delays no frame. So, where this user is allowed to, they run with a higher priority than
-everything else on this computer, the hubs with the highest.
+The demo starts, kills and restores these processes, and ends all of them when it ends. Each process of a node stands
+for a computer of its own, and each hub for a wire, which delays no frame. So if this user may set priorities, these
+processes get a higher priority than all others on this computer, and the hubs the highest.
 
-The standard input of every child is a pipe from this process, and a child ends when that ends, so a demo that is itself
-killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and the process
+The standard input of every child is a pipe from this process. A child ends when the pipe ends (`--until-eof`), so a
+demo that is itself killed leaves no process behind. The folder of a run is named after its process and the process
 namespace (`_here`); the next start in the same namespace removes folders whose process is gone. Each process writes its
 standard error to a log in that folder; the log of an agent also has what its modules print. The logs of a run that
 failed are kept.
@@ -66,7 +66,7 @@ def _here() -> str:
 
 
 def keep_logs(folder: Path) -> Path:
-    """Move the logs of a run into a folder that stays, and remove older such folders but a few; returns the folder."""
+    """Move the logs of a run into a folder that stays; returns it. Of older such folders only the newest few stay."""
     kept = folder.with_name(f"{_LOGS}{os.getuid()}-{os.getpid()}")
     shutil.rmtree(kept, ignore_errors=True)
     kept.mkdir(mode=0o700)
@@ -97,9 +97,9 @@ class Fleet:
     ) -> None:
         """Write the files of the manager and of every PE: tables, and plans made ahead and a key if there are any.
 
-        aloft_s: time in seconds since the take-off of the simulated flight.
+        aloft_s: how long the simulated flight has already lasted when the demo begins, in s.
         called: the name under which the operator's commands find the manager (`manager_name`); None: by its path alone.
-        heartbeat_ns: shortest heartbeat period in `spec`, where it is longer than in the file; else None.
+        heartbeat_ns: shortest heartbeat period in `spec`, if it is longer than in the file; None if it is not.
         device_driver: name of the driver of all devices; None for the driver of the scripted flight.
         environment: environment variables for all processes.
         """
@@ -261,13 +261,13 @@ class Fleet:
         return keep_logs(self.folder)
 
     def close(self) -> None:
-        """End all processes: with SIGTERM first, with SIGKILL where that does not help."""
+        """End all processes: with SIGTERM, and with SIGKILL those that do not end."""
         self._end(signal.SIGTERM)
 
     def _end(self, number: signal.Signals) -> None:
-        """Send the signal `number` to all processes, and kill those that do not end.
+        """Send the signal `number` to all processes, and kill those that do not end within _STOP_TIMEOUT_S.
 
-        If the demo is interrupted meanwhile, they are killed without a wait.
+        After an interruption of the demo (Ctrl-C), `number` is SIGKILL, so that the user need not wait.
         """
         running = [*self._pes.values(), *self._managers.values()]
         for process in running:

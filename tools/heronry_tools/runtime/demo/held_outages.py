@@ -1,4 +1,4 @@
-"""Gathers outages, so that the functions of a busy computer do not fill the story of a demo.
+"""Gathers outages, so that a demo on a busy computer does not report each outage in a line of its own.
 
 The first outages after a quiet second are reported at once. Those that come within a second after them are reported
 together at the end of that second.
@@ -20,7 +20,7 @@ class HeldOutages:
         self._told_ns: int | None = None
 
     def take(self, outages: Sequence[Outage]) -> None:
-        """Hold those of `outages` that are of this kind. If this kind lasts, drop the held outages that have ended."""
+        """Hold the outages of this kind. If this kind is outages that last, drop those that have ended since."""
         if not self._are_over:
             ended = {(one.function, one.from_ns) for one in outages if one.to_ns is not None}
             self._held = [one for one in self._held if (one.function, one.from_ns) not in ended]

@@ -4,7 +4,7 @@
 
 The process starts when the first configuration runs. It has a lower priority than the nodes (`_NICENESS`), and does not
 preempt a process that has just woken (SCHED_BATCH). Its priority is not the lowest one, which on a busy computer would
-leave it no time at all. It plans alone, since each worker process would first have to load the solver. The plans go
+leave it no time at all. It has no worker processes, since each would first have to load the solver. The plans go
 into the user's cache (`made_ahead`). If the demo ends first, so does the process: the plans that were found are kept,
 and the next demo continues from them.
 
@@ -23,7 +23,7 @@ from heronry_dg.model import Spec
 from heronry_tools.analysis.made_ahead import Ahead, contingencies_of, found_so_far, kept_contingencies, questions
 from heronry_tools.console.spec_argument import load_spec
 
-_NICENESS = 5  # a third of the share of a process that does not stand back; of a node of a privileged user, a tenth
+_NICENESS = 5  # a third of the share of a process with nice value 0, a tenth of that of a node with NODE_PRIORITY
 
 
 class PlanningAhead:

@@ -93,7 +93,8 @@ def play(arguments: argparse.Namespace) -> int:
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
     """Give the plans made ahead with which the demo flies, and the process that makes them for the next demo.
 
-    The plans are None if the plans for single faults have not been made yet; only then there is a process.
+    If the plans for single faults are wanted but have not been made yet, the plans are None, and the process makes
+    them; the process is None if the solver is not installed. In all other cases there is no process.
     """
     if source is not Ahead.SINGLE_FAULTS:
         return contingencies_of(spec, source), None

@@ -37,9 +37,9 @@ LONGEST_START_S = 120.0  # a small computer takes long to load the solver; a pro
 GRACE_S = 15.0  # extra time for actions whose effect is not complete when the time is up
 LONG_SILENCE_NS = 1_000_000_000  # a silence of this length is reported while it lasts
 _LOOK_S = 0.1  # period of the check for outages
-_WAITS_NS = 1_000_000_000  # waits for a processor before the loss of a PE that count as a cause; at least T_lease
+_WAITS_NS = 1_000_000_000  # a wait for a processor this long before a PE is lost counts as a cause; at least T_lease
 
-_MOST_ALONE = 3  # functions that fall silent, or are heard again, at a time; more are told in one line
+_MOST_ALONE = 3  # outages at a time that are reported one by one; more are reported in one line
 
 
 class Show:
@@ -167,7 +167,7 @@ class Show:
     def _awaited(self) -> list[str]:
         """Name the joins, deployments, functions and the page that are not complete.
 
-        An end of the demo before that would look like a fault.
+        If the demo ended before they are complete, this would look like a fault.
         """
         joining = [f"{pe} to join" for pe in sorted(self._coming_back)]
         deploying = [] if self._pending is None else [f"{self._pending} to be complete"]
@@ -213,8 +213,8 @@ class Show:
     def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
         """Give an event of the manager, corrected by what only the demo knows.
 
-        If a PE is lost although the demo has not killed it, its process runs; `_pass_on` adds what that process waited
-        for.
+        If a PE is lost although the demo has not killed it, its process runs; `_pass_on` then adds how long that
+        process has waited for a processor.
         """
         if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
             return one | {"waited": None}
@@ -227,7 +227,7 @@ class Show:
         self._tell(one)
 
     def _waited(self, pes: Sequence[str]) -> dict[str, Any]:
-        """Give the longest wait for a processor that may have made these PEs silent, as events have it."""
+        """Give the longest wait for a processor that may have made these PEs silent, in the form that events have."""
         now_ns, processes = time.monotonic_ns(), self._fleet.processes()
         longest = max((self._waits.longest(now_ns, pe, processes) for pe in pes), key=lambda wait: wait.for_ns)
         return {"who": longest.who, "for_ns": longest.for_ns, "of_ns": longest.of_ns}

@@ -26,9 +26,9 @@ def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
 
 
 def assess_wake_ups(late_ns: int, heartbeat_ns: int) -> Finding:
-    """Give the finding about how late a node may run: `late_ns` was measured in a rehearsal (`wake_ups`).
+    """Give the finding about how late a node runs on this computer.
 
-    heartbeat_ns: heartbeat period of the bus.
+    late_ns: largest lateness in a rehearsal (`wake_ups`). heartbeat_ns: heartbeat period of the bus.
     """
     late = f"under the present load a node runs up to {late_ns / _NS_PER_MS:.1f} ms late here"
     if late_ns <= heartbeat_ns:

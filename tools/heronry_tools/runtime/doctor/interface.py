@@ -8,7 +8,7 @@ from heronry_wire.controller import ControllerState
 
 RESTART_MS = 100
 LEAST_QUEUE = 10  # frames: Linux' own default for a controller
-_ACTIVE_BELOW = 96  # of an error counter: then the controller is in ERROR-WARNING (ISO 11898-1)
+_ACTIVE_BELOW = 96  # of an error counter; from 96 on, the controller is in ERROR-WARNING (ISO 11898-1)
 
 
 def assess_interface(name: str, interface: CanInterface | None, bitrate: int | None) -> Iterator[Finding]:

@@ -99,7 +99,7 @@ class Hearing:
     def take_copy(self, channel: str, frame: Frame) -> None:
         """Note on which channel of a replicated bus a node was heard.
 
-        Of the two copies of a frame, each comes here, and only one goes to `take`, which counts it.
+        The caller passes both copies of a frame to this method, and only one of them to `take`, which counts it.
         """
         speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
         if speaker is not None and not (frame.extended or frame.remote or frame.error):

@@ -16,8 +16,9 @@ A bus can be made as bad as a radio (`disturb`): bits take longer, and each rece
 sender does not notice a missed frame, since the frame has left.
 
 Errors: `port.py` handles a client that is slow, stopped or dead. A client that breaks the protocol gets the reason and
-is removed. If the hub dies, its clients read the end of both sockets; if it restarts, they connect anew, and nothing
-was stored. `address.py` handles two hubs with one path, `starter.py` the death of the hub's starter, even by SIGKILL.
+is removed. If the hub dies, its clients read the end of both sockets. The hub stores nothing, so after its restart the
+clients connect anew. `address.py` handles two hubs with one path, and `starter.py` handles the death of the process
+that started the hub, even by SIGKILL.
 """
 
 import ctypes

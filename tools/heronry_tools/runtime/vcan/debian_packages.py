@@ -85,7 +85,7 @@ def _downloaded(package: str, staging: Path) -> Path:
     if attempt.returncode != 0:
         (lists / "partial").mkdir(parents=True)
         (staging / "cache" / "archives" / "partial").mkdir(parents=True)
-        # One dead source among several fails this command; whether it matters, the download tells.
+        # This command fails if one of several sources is dead; the download shows whether that source is needed.
         _run(["apt-get", *as_we_are, *own_lists, "update"], staging)
         attempt = _run(["apt-get", *as_we_are, *own_lists, "download", package], staging)
     archives = sorted(staging.glob("*.deb"))

@@ -24,7 +24,7 @@ SHARED_MEMORY = "/dev/shm"  # noqa: S108 - a folder of the guest, and empty
 MOUNTS = (("proc", "/proc"), ("sysfs", "/sys"), ("tmpfs", "/run"), ("devpts", "/dev/pts"), ("tmpfs", SHARED_MEMORY))
 DEVICE_LINKS = (("fd", ""), ("stdin", "/0"), ("stdout", "/1"), ("stderr", "/2"))
 TERMINAL = "/dev/tty1"
-CANNOT_EXECUTE = 126  # the shells' exit code for it
+CANNOT_EXECUTE = 126  # the shells' exit code for a program that cannot be executed
 
 
 class SetupError(Exception):
@@ -32,7 +32,7 @@ class SetupError(Exception):
 
 
 def busybox(job: "Job", *words: str) -> None:
-    """Run one of busybox' tools; its own message is on the kernel's console."""
+    """Run a tool of busybox; raises SetupError if it fails. Its error message appears on the kernel's console."""
     pid = os.posix_spawn(job["busybox"], ["busybox", *words], {})  # much faster here than a fork of all of Python
     if os.waitpid(pid, 0)[1] != 0:
         raise SetupError(f"{' '.join(words)} failed")

@@ -26,7 +26,7 @@ class UnavailableError(Exception):
 
 @contextmanager
 def interfaces_up(names: list[str]) -> Iterator[None]:
-    """Hold the interfaces `names` up while the block runs."""
+    """Make the missing ones of the interfaces `names` for the block; raises UnavailableError or CannotRunError."""
     with ExitStack() as made:
         for name in names:
             flags = Path("/sys/class/net", name, "flags")

@@ -127,10 +127,11 @@ def _job_folder() -> Iterator[Path]:
 
 
 def _roomy_folder(*, hidden_in_guest: bool) -> str:
-    """Find a folder from which programs may be mapped: for the guest's memory, or for the job.
+    """Find a writable folder, not mounted noexec, for the guest's memory or for the files of a run.
 
-    hidden_in_guest: True for the memory. It needs much room. The guest itself does not open it, so its folder may have
-    a path at which the guest mounts another folder, for example /dev/shm.
+    hidden_in_guest: True for the memory. It needs 1 GiB of room, and may be in the host's /dev/shm, which the guest
+    cannot see. False for the files of a run, which the guest must see.
+    Raises CannotRunError if there is no such folder.
     """
     candidates = [os.environ.get("TMPDIR", ""), "/dev/shm" if hidden_in_guest else "", "/tmp", "/var/tmp"]  # noqa: S108 - tried, not assumed
     for folder in candidates:
