@@ -60,7 +60,7 @@ def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[
     """Split the configuration of a bus into one configuration for each channel.
 
     config, result: keyword arguments of `can.Bus`. channels: number of channels that the bus has. bus: name of the bus,
-    for the error message. Raises BusArgumentError where the configuration names another number of channels.
+    for the error message. Raises BusArgumentError where the configuration names more or fewer channels.
     """
     if channels == 1:
         return [dict(config)]

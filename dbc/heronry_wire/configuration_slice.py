@@ -60,7 +60,7 @@ class Slice:
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
-        """Give a copy of this slice for BREAK, which publishes and forwards only what the slice `before` also does."""
+        """Give a copy of this slice for BREAK; the copy publishes and forwards only what `before` does, too."""
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {
             s: (node, mask & before.forward[s][1])

@@ -7,8 +7,9 @@ Numbers are as in `packing`. Most contingencies do not change most PEs, so equal
     number of bytes of all digests, then three bytes for each contingency: digest of the whole configuration, most
     significant byte first
 
-The digest proves that the manager and the PE mean the same configuration by a number. If the PE's block comes from
-another file or another spec, the digest under that number differs, and the PE stages nothing.
+The digest proves that the manager and the PE mean the same configuration by a number. If the block was made
+from other contingencies or another spec than those of the manager, the digest under the number differs, and the PE
+stages nothing.
 """
 
 from collections.abc import Sequence

@@ -65,7 +65,7 @@ class Operation(IntEnum):
     UNLOCK = 5  # a = seconds for which this one PE executes NMT commands and accepts SDO writes
     HOLDS = 6  # tells a standby manager a fact. a = element kind and place, b = element index: the fault of this
     # element is latched, or this is the phase. For a changed priority, a = PRIORITY and, in the high byte, the
-    # function, and b = the priority, with BY_OPERATOR. CLEAR with the same a: the priority is that of the spec again
+    # function, and b = the priority (plus BY_OPERATOR). CLEAR with the same a: the priority is that of the spec again
 
 
 class ElementKind(IntEnum):

@@ -20,7 +20,7 @@ def pack(numbers: Iterable[int]) -> bytes:
 
 
 class Unpacker:
-    """Decodes bytes of `pack`, from the first to the last."""
+    """Decodes bytes that `pack` has made, from the first to the last."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data

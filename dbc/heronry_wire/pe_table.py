@@ -241,7 +241,7 @@ def _mode_faults(module: str, mode: ModeEntry, variables: Collection[str]) -> It
 
 
 def _read(kind: Any, raw: Any, where: str) -> Any:
-    """Convert parsed JSON to the type `kind`, without converting a value of another type; raises TableError.
+    """Read parsed JSON as a value of type `kind`; raises TableError where a part of it has another type.
 
     where: the place in the table, for the message.
     """

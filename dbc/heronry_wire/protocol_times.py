@@ -43,7 +43,7 @@ START_UP_WINDOW_NS = 5_000_000_000
 """How long a manager waits for PEs that it has never heard."""
 
 PATIENCE_PERIODS = 25
-"""Time limit, in heartbeat periods, for one answer of a PE. A PE that sends no frame at all is down long before it."""
+"""Time limit, in heartbeat periods, for one answer of a PE. A PE that sends no frame is down long before this limit."""
 
 PLAN_AGAIN_NS = 1_000_000_000
 """Time after a failure of the planner at which the manager repeats its request."""

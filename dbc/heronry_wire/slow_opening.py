@@ -22,7 +22,7 @@ class SlowOpening:
     """One attempt to open a bus in a thread."""
 
     def __init__(self, open_bus: Callable[[], Opened]) -> None:
-        """Start the thread, which calls `open_bus`. This function returns the bus, or raises any exception."""
+        """Start the thread, which calls `open_bus`; `open_bus` returns the bus, or raises any exception."""
         self.result: Opened | HeronryError | None = None
         self._is_wanted = True
         self._lock = Lock()

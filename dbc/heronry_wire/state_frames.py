@@ -9,9 +9,9 @@ Every page begins with one byte (`_HEAD`): the number of the page, the PE's prog
 flag is a member of `PeFlags`, and takes the highest bit of the field `state`, which no state uses yet. A new field of a
 page is a `Field` in the page's layout and a field in its dataclass, in the same order.
 
-With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state` and
-`joined_state` take it out and put it in. The functions below that give a single field are faster than decoding the
-whole page; only this file contains the positions of the bytes.
+With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state`
+takes a digest or tag out, and `joined_state` puts a tag in. The functions below that give a single field are faster
+than decoding the whole page; only this file contains the positions of the bytes.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
@@ -178,13 +178,13 @@ def without_sequence(data: bytes) -> bytes:
 
 
 def split_state(data: bytes) -> tuple[bytes, int]:
-    """Split a page 0 or 1 that carries a tag into its other bytes and the tag, which is in the place of the digest."""
+    """Take the digest, or the tag in its place, out of a page 0 or 1; gives the other bytes, and the digest or tag."""
     first, after = _tag_place(data)
     return data[:first] + data[after:], int.from_bytes(data[first:after], "big")
 
 
 def joined_state(said: bytes, tag: int) -> bytes:
-    """Put a tag into a page 0 or 1 from which `split_state` has taken it."""
+    """Put a tag in the place of the digest of a page 0 or 1, whose other bytes `split_state` gave (`said`)."""
     first, after = _tag_place(said)
     return said[:first] + tag.to_bytes(after - first, "big") + said[first:]
 

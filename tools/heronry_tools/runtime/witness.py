@@ -2,8 +2,8 @@
 
 The witness reads frames alone, never the manager's own view. A function counts as served while its outputs are heard.
 These are the echoes of its actuators (each shows to what an actuator was commanded), or, for an output that drives no
-actuator, the output frames of its module. A function is no longer served after a silence of three periods of its
-slowest mode and a tenth of a second. An echo from a node that does not have the actuator is ignored.
+actuator, the output frames of its module. A function is no longer served after a silence that is longer than three
+periods of its slowest mode plus a tenth of a second. An echo from a node that does not have the actuator is ignored.
 
 The witness also detects a violation: two branches of one DEMUX are driven in turn within that silence (`rivals`).
 """

@@ -188,7 +188,7 @@ class Fleet:
     def order(self, order: Spoken, place: str) -> None:
         """Give an order to the active manager.
 
-        Raises UserError, which begins with `place`, where the manager refuses.
+        Raises UserError, which begins with `place`, where the manager refuses the order or does not answer.
         """
         try:
             answer = call(self.control_socket(self.active_manager()), order)

@@ -20,7 +20,7 @@ class HeldOutages:
         self._told_ns: int | None = None
 
     def take(self, outages: Sequence[Outage]) -> None:
-        """Hold the outages of this kind. If this kind is outages that last, drop those that have ended since."""
+        """Hold the outages of this kind. A held outage that lasted and has now ended is dropped."""
         if not self._are_over:
             ended = {(one.function, one.from_ns) for one in outages if one.to_ns is not None}
             self._held = [one for one in self._held if (one.function, one.from_ns) not in ended]

@@ -78,9 +78,9 @@ class Page:
         return self._process.stdout
 
     def address(self) -> str | None:
-        """Give the address when the page has sent it, and else None.
+        """Read the first line that the page sends, and give the address in it; None if the line was read before.
 
-        Raises UserError where the page cannot be served.
+        To be called when one of `readers` is readable. Raises UserError where the page cannot be served.
         """
         if self._is_told:
             return None

@@ -46,7 +46,8 @@ class ProcessorWaits:
     def longest(self, now_ns: int, pe: str, processes: Mapping[str, int]) -> Wait:
         """Give the longest wait that may have made a PE silent: that of its process, of a manager or of a bus.
 
-        The time that counts is the window. It is longer if the demo's own process had to wait and took no sample.
+        Waits since the last sample before the window count. If the demo's own process had to wait and took no sample,
+        this time is longer than the window.
         """
         began_ns, before = self._samples[0] if self._samples else (now_ns, {})
         of_ns = now_ns - began_ns

@@ -3,11 +3,11 @@
 The hub decides which clients may connect. It passes the frames that clients offer to the line (`line.py`), and each
 frame that has left the line to the clients.
 
-Each round notes the time, reads everything that has arrived by then, and only then lets the line advance to the noted
-time: so no offer made earlier is overlooked. After a sleep the noted time is older than the offers that ended the
-sleep, so the round starts none of them; the next round reads once more without sleeping, and lets all offers made until
-then take part in the arbitration. `select` is used because its time-out counts microseconds; that of `epoll` counts
-whole milliseconds.
+Each round of the loop notes the time, sleeps until a record comes or the line has to advance, reads all that has come,
+and then lets the line advance to the noted time. So no offer that was made before the noted time is overlooked. An
+offer that ends the sleep is newer than the noted time, so the line does not start it in this round. The next round
+reads again without a sleep, and all offers that have been made until then take part in the arbitration. `select` is
+used because its time-out counts microseconds; that of `epoll` counts whole milliseconds.
 
 Frames are stamped with CLOCK_MONOTONIC. Clients date them by the system clock as it stood when the hub started. So if
 the clock is set later, neither the date of a frame nor the interval between two frames changes.

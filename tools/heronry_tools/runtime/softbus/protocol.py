@@ -3,9 +3,9 @@
 A client has two sockets, both SOCK_SEQPACKET, so that one record is one read:
 
 - The *command* socket is its connection to the hub's path. The client says hello, sets filters and asks for statistics;
-  each of these is answered by one JSON record. It also offers frames; each is answered by `DONE` when it has left the
-  bus. The client offers the next frame only after that. So this is a transmit mailbox for one frame, and the client's
-  own priority queue decides which frame comes next.
+  each of these is answered by one JSON record. The client also offers frames; the hub answers `DONE` when a frame
+  has left the bus. The client offers the next frame only after that. So the command socket is a transmit mailbox for
+  one frame, and the client's own priority queue decides which frame comes next.
 - The *receive* socket carries frames from the hub, and nothing else. Its hub end travels with the hello. Because the
   sockets are separate, a thread that waits to send does not block a thread that receives.
 

@@ -26,7 +26,10 @@ class UnavailableError(Exception):
 
 @contextmanager
 def interfaces_up(names: list[str]) -> Iterator[None]:
-    """Make the missing ones of the interfaces `names` for the block; raises UnavailableError or CannotRunError."""
+    """Make the missing ones of the interfaces `names`, and remove them after the block.
+
+    Raises UnavailableError if an interface cannot be made, and CannotRunError if an existing one is down.
+    """
     with ExitStack() as made:
         for name in names:
             flags = Path("/sys/class/net", name, "flags")
