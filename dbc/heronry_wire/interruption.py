@@ -67,7 +67,7 @@ def begin() -> None:
 
 
 def running() -> None:
-    """Let a signal raise `Interrupted` from now on, and end the process where the exception has no effect."""
+    """Let a signal raise `Interrupted` from now on; a thread ends the process if the exception has no effect."""
     if not _handle(_interrupt):
         return
     reader, writer = os.pipe()

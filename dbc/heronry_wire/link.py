@@ -141,7 +141,7 @@ class Link:
         return self._fileno
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
-        """Queue a frame, and hand it to the controller as soon as it is the most urgent one and the bus is free.
+        """Queue a frame; the link hands its most urgent frame to the controller once no other frame is in flight.
 
         until_ns: time after which the frame is dropped instead.
         """

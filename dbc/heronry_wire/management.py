@@ -55,7 +55,7 @@ class Step(IntEnum):
 
 
 class Operation(IntEnum):
-    """Operations of CONTROL."""
+    """Operations of CONTROL; `a` and `b` are its arguments."""
 
     ACKNOWLEDGE = 1  # a = element kind, b = element index (for a phase request: its detail): the manager has the
     # report on this element. RESTART_HEARD is added to a if the report says only that a module was restarted

@@ -52,7 +52,7 @@ Exact = int | Fraction
 
 
 def worst_bits(data_bytes: int, *, extended: bool = False) -> int:
-    """Give the length in bits of the longest frame with 0..8 data bytes; raises WireError for other numbers."""
+    """Give the greatest length in bits of a frame with this number of data bytes; raises WireError outside 0..8."""
     if not 0 <= data_bytes <= MAX_DATA_BYTES:
         raise WireError(f"a frame has 0..8 data bytes, not {data_bytes}")
     return (80 if extended else 55) + 10 * data_bytes

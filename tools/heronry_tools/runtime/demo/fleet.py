@@ -251,7 +251,7 @@ class Fleet:
         return None
 
     def last_words(self, name: str) -> str:
-        """Give the last line that a process wrote to its standard error, or a sentence that there is none."""
+        """Give the last line that a process wrote to its standard error, or a sentence if it wrote nothing."""
         log = self.folder / f"{name}.log"
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
         return lines[-1] if lines else "it wrote no message"

@@ -1,7 +1,7 @@
 """Where a software bus is: a path, or a name that all programs of one user find.
 
     with a slash      a path: /tmp/can0.sock, ./can0.sock
-    without one       a name: can0 is can0.bus in the user's `heronry_wire.runtime_folder`
+    without a slash   a name: can0 is can0.bus in the user's `heronry_wire.runtime_folder`
 
 So `heronry softbus` in one terminal and `-i softbus -c can0` in any other are the same bus.
 """
