@@ -1,7 +1,7 @@
 """The component graph of a plan: its modules, their devices, the physical world, and how all are wired.
 
     leaf M            each running module. Ports: `V` for each variable that its mode gives, of weight frame bits times
-                      rate; `V:PATH` for each leaf of its mode's needs, wired or not; `device:` if it has a device;
+                      rate; `V:PATH` for each input of its mode, wired or not; `device:` if it has a device;
                       `none` if it has none of these. Image `IMAGE:MODE@PE`
     leaf device:D     each device of a running module: ports `module` and `world`
     leaf plant:P      each plant: ports `device:D` for each device that moves or sees it, `to:Q` for each plant that it

@@ -74,7 +74,10 @@ def apply_to_plan(
 
 
 def _target(leaf: Leaf, port: str) -> str:
-    """Give the input that port `V` means at the end of an edge: the only input of variable V."""
+    """Give the input that port `V` means at the end of an edge: the only input of variable V, `V:PATH`.
+
+    If the leaf has no such input, or several, the result is the port as written.
+    """
     inputs = [one for one in leaf.ports if one.startswith(f"{port}:")] if ":" not in port else []
     return inputs[0] if len(inputs) == 1 else port
 
