@@ -205,7 +205,7 @@ class When:
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A mission phase, and the rule by which the phase is entered automatically; None: there is no rule."""
+    """A mission phase, and the rule by which it is entered automatically; `when` is None if there is no rule."""
 
     name: str
     when: When | None = None

@@ -162,8 +162,8 @@ class Transitions:
     ) -> frozenset[str]:
         """Give the PEs for whose BREAK the manager must wait, if a PE may still run any of several configurations.
 
-        may_run: these configurations, for each available PE. exclusive: PEs to wait for in any case; the result
-        includes them.
+        may_run: for each available PE, the configurations that the PE may still run.
+        exclusive: PEs to wait for in any case; the result includes these PEs.
         """
         left = survivors(self._spec, now)
         parts: dict[int, dict[str, Part]] = {}

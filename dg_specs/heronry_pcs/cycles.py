@@ -8,7 +8,8 @@ another cycle that shares a member with it.
 Every cycle lies in a *block*: a largest set of members that stays connected whichever one of them is removed. In a
 block of three or more members, any two members lie on one cycle. Two blocks share at most one member. So a graph is
 cycle-bound iff three conditions hold. The graph is connected. Each member is in a block of three or more. Some longest
-cycle of the whole graph lies in a block that shares a member with every other block, and passes all these members.
+cycle of the whole graph lies in a block that shares a member with every other block, and this cycle passes all of these
+shared members.
 
 To find a longest cycle is NP-hard. A `Search` finds bounds of the length for one block. `bounds_alone` gives bounds
 without a search. These bounds suffice if the whole graph is one block, or if no block shares a member with every other

@@ -131,7 +131,7 @@ PREDICATES: Final[Mapping[str, Callable[[Graph], bool]]] = {
 
 
 def need(graph: Graph, *names: str) -> None:
-    """Raise PcsError `needs:P` with P the first of these predicates that does not hold."""
+    """Raise PcsError `needs:P` if one of these predicates does not hold; P is the first of them that does not."""
     for name in names:
         if not PREDICATES[name](graph):
             raise PcsError(f"needs:{name}")
