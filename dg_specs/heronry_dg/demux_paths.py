@@ -65,7 +65,7 @@ def _check_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findi
 
 
 def _check_lack_of_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
-    """Find the first branch of a DEMUX without `to` that drives no actuator, but on which a driver of one depends."""
+    """Find the first branch of a DEMUX without `to` that drives no actuator, and leads on to modules that drive one."""
     actuators = [name for name, module in paths.spec.modules.items() if _drives(paths.spec, module)]
     lost = [name for name in actuators if not paths.can_run(name, without=demux.branches)]
     for branch in _bare(paths.spec, demux):

@@ -5,8 +5,8 @@ expression holds with nothing wired, its DEMUXes and its depth. A leaf of a name
 named.
 
 Each named gate is read before the gates that name it. If no such order exists, the gates name one another in a cycle,
-which is reported. Each named gate is read twice, since its leaves have another default worth below an OR or a XOR. All
-expressions that name the gate share the two readings.
+which is reported. Each named gate is read twice, since the default worth of its leaves depends on whether an OR or a
+XOR is above the gate. All expressions that name the gate share the two readings.
 
 Gates with too many inputs are refused. The inputs are counted before named gates are written out, so that a small file
 cannot take much memory.

@@ -1,4 +1,4 @@
-"""Checks the gates of a whole spec: DEMUXes have branches, a vote counts a producer once, and cycles can start.
+"""Checks the gates of a spec: DEMUXes have branches, no two inputs of a mode accept one datum, and cycles can start.
 
 A cycle of wires can start if it passes through a variable with an `initial` value. Cycles are searched in the graph of
 all modes. In this graph an edge leads from mode A to mode B if A gives a variable without `initial` in a version that a
@@ -112,7 +112,7 @@ class _GateRules:
                 self._refuse_cycle(cycle)
 
     def _check_votes(self, reading: Reading) -> None:
-        """Check that a mode names a DEMUX once at most, and that its leaves accept different versions of a variable."""
+        """Check that a mode names a DEMUX at most once, and that no two leaves accept one version of a variable."""
         demuxes: set[str] = set()
         accepted: set[_Datum] = set()
         for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):

@@ -9,7 +9,8 @@ A leaf holds iff it is wired. A gate holds iff the number of its inputs that hol
 `bounds` and in `words`, and a syntax (`expression_reader`, `check.json_schema`). A DEMUX is no node of a tree. Instead,
 the expression of each branch has a leaf that carries the name of the DEMUX.
 
-Source: the paper, section 3.1 and Figure 2; the numbers (worth, accepted versions) are this project's.
+Source: the paper by Rawashdeh et al. that docs/semantics.md names, section 3.1 and Figure 2. The paper has no numbers
+for worth and accepted versions.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence

@@ -4,17 +4,18 @@ A configuration *uses* the modules that it runs, the PEs on which they run (and 
 they drive. Faults take out of use the elements that they name, and others as a consequence: the devices of a dead PE
 are out of use, and a PE without a route to the manager's bus counts as down.
 
-*A configuration that is the best before some faults is also the best after them, iff it uses no element that the faults
-take out of use.* Reasons why the configuration is legal: semantics rules 3 to 6 and 8 concern the configuration alone.
-Capacities do not change. The frames of the configuration take the same buses, so they need the same bandwidth and have
-the same response times. The buses and gateways on the routes need no check: both PEs at the ends of a route are in use,
-so both still have a route to the manager's bus. These two routes together give a route between both PEs. In a forest of
-buses there is only one route, so it is the route from before the faults.
+Two facts allow a plan to be kept after further faults.
 
-*More faults leave fewer configurations.* A configuration that is legal with some elements down is legal, and has the
-same value, with fewer elements down: the argument above holds in reverse. So if a plan is the best with the faults F,
-and uses no element that the faults E take out of use, the plan is also the best with F and E together. This holds at
-all seven levels of the objective, as long as level 4 compares with the same running configuration.
+*A configuration stays legal after faults iff it uses no element that the faults take out of use.* Semantics rules 3 to
+6 and 8 concern the configuration alone. Faults do not change the capacity of what stays in use. The frames of the
+configuration take the same buses as before, so they need the same bandwidth and have the same response times. The buses
+and gateways on a route need no check: both PEs at its ends still have a route to the manager's bus, so these two routes
+together join both PEs. The buses form a forest, which has only one route between two PEs, so this route is the old one.
+
+*Faults make no other configuration legal.* A configuration that is legal with some elements down is also legal, and has
+the same value, if fewer elements are down. So if a plan is the best with the faults F, and uses no element that the
+faults E take out of use, the plan is also the best with F and E together. This holds at all seven levels of the
+objective, as long as level 4 compares with the same running configuration.
 """
 
 from heronry_dg.configuration import Configuration

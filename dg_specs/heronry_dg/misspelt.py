@@ -1,16 +1,16 @@
 """Reports an undeclared name as one mistake, however many elements use the name.
 
-If several elements use the same unknown name, the declaration is wrong, not the uses. There are three cases:
+If several elements use the same unknown name, the mistake is probably in its declaration. There are three cases:
 
 - An element with a similar name is declared, and nothing uses that element. Then the declaration is misspelt: one
   finding at the declaration replaces the findings at the uses.
 - No similar name is declared. Then the declaration is missing: one finding is placed at the section that lacks it.
 - A similar name is declared and used. Then it is unclear which name the author meant: the findings stay at the uses.
 
-If one element uses an unknown name, the use is misspelt, and the finding stays there. There is one exception, in which
-the declaration counts as misspelt: nothing uses a declared element with a similar name, the words of the declared name
-occur nowhere else in the file, and the words of the used name do. For example, `gsp` is declared, `gps` is used once,
-and `gps_altitude` is declared as well.
+If only one element uses an unknown name, the use counts as misspelt, and the finding stays there. There is one
+exception, in which the declaration counts as misspelt: nothing uses a declared element with a similar name, the words
+of the declared name occur nowhere else in the file, and the words of the used name do. For example, `gsp` is declared,
+`gps` is used once, and `gps_altitude` is declared as well.
 """
 
 from collections import Counter

@@ -205,7 +205,7 @@ class When:
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A mission phase, and the rule by which the phase is entered automatically; None: there is no rule."""
+    """A mission phase, and the rule by which it is entered automatically; `when` is None if there is no rule."""
 
     name: str
     when: When | None = None
@@ -245,7 +245,7 @@ class Spec:
     devices: Mapping[str, Device]
     variables: Mapping[str, Variable]
     demuxes: Mapping[str, Demux]
-    shorthands: Mapping[str, Expression]  # the other named gates; in modules they are written out
+    shorthands: Mapping[str, Expression]  # named gates that are no DEMUX; in modules they are written out
     modules: Mapping[str, Module]
     functions: Mapping[str, Function]
     phases: Mapping[str, Phase] = field(default_factory=dict)  # the first is the initial one

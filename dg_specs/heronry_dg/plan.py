@@ -30,7 +30,7 @@ Json = dict[str, object]
 Bounds = Sequence[int | None]
 """For each of the ten integers of `Objective.key` an upper bound (None: not known).
 
-A bound holds for all legal configurations that are no worse on the levels above.
+A bound holds for all legal configurations that are no worse than the plan on all levels above.
 """
 
 LEVELS = (

@@ -37,7 +37,7 @@ class PeReport:
 
 @dataclass(frozen=True, slots=True)
 class BusReport:
-    """Bandwidth published on a bus, rounded down, and its share of the bit rate."""
+    """Bandwidth published on a bus, in bit/s (rounded down) and as a fraction of the bit rate."""
 
     bits_per_s: int
     load: float

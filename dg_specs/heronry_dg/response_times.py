@@ -6,9 +6,9 @@ PE that is down, since the PE may come back) and two frames of the manager. Then
 one 8-byte frame of lower priority that has just started.
 
 The delay of a datum on one bus is its jitter on the next bus, so a response time counts from the source. A wireless bus
-is not analysed and adds no delay. Some data may cross two buses in one direction, and other data in the other. So the
-analysis of all buses is repeated until no jitter changes. The repetition ends, because only data with smaller
-identifiers delay a datum, and a datum has the same identifier on every bus.
+is not analysed and adds no delay. Some data may cross two buses in one direction, and other data in the opposite
+direction. So the analysis of all buses is repeated until no jitter changes. The repetition ends, because only data with
+smaller identifiers delay a datum, and a datum has the same identifier on every bus.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

@@ -32,7 +32,7 @@ _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re
 
 
 class UnknownElementError(HeronryError, ValueError):
-    """The spec does not have an element or phase, or a limit is invalid; the message says what to write instead."""
+    """The spec lacks an element, phase or function, or a limit is invalid; the message says what to write instead."""
 
 
 @dataclass(frozen=True, slots=True)

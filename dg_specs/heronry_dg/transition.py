@@ -6,8 +6,8 @@ new ones, and each set fits. But PEs share buses, DEMUXes, and the identifiers o
 PE:
 
     before   the PE runs its part of the old configuration
-    broken   after BREAK: the PE runs the modules that both configurations have on it in the same mode, and sends and
-             forwards only what it does in both
+    broken   after BREAK: the PE runs the modules that both configurations have on it in the same mode; it sends and
+             forwards only what it sends and forwards in both configurations
     after    after GO_ALL: the PE runs its part of the new configuration; after GO the same, without DEMUX branches that
              are new on this PE
 
@@ -57,7 +57,7 @@ class Part:
     """What one PE does under a configuration: the modules that it runs, and the data that it sends and forwards."""
 
     modules: frozenset[tuple[str, str]] = frozenset()  # with their modes
-    sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # 1/1000 bit/s on each; the buses
+    sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # 1/1000 bit/s on a bus; buses
     forwards: frozenset[tuple[Source, str, str]] = frozenset()  # a source, its PE, the bus onto which it is forwarded
 
     def broken(self, after: "Part") -> "Part":
@@ -86,7 +86,7 @@ class Transition:
 
     steps: tuple[Step, ...]  # what ACTIVATE carries, in order; the last is always GO_ALL
     wait_for: Mapping[str, tuple[str, ...]]  # PEs that must report BROKEN before GO is sent, each with the reasons
-    hold: tuple[str, ...]  # DEMUXes that GO_ALL starts after T_lease of the silent PE that drove them
+    hold: tuple[str, ...]  # DEMUXes whose driver is silent: GO_ALL must wait until T_lease of that PE has expired
     interrupted: tuple[str, ...]  # functions served before and after, of which some module changes or stops
     peaks: Mapping[str, Peak]
 
@@ -162,8 +162,8 @@ class Transitions:
     ) -> frozenset[str]:
         """Give the PEs for whose BREAK the manager must wait, if a PE may still run any of several configurations.
 
-        may_run: these configurations, for each available PE. exclusive: PEs to wait for in any case; the result
-        includes them.
+        may_run: for each available PE, the configurations that the PE may still run.
+        exclusive: PEs to wait for in any case; the result includes these PEs.
         """
         left = survivors(self._spec, now)
         parts: dict[int, dict[str, Part]] = {}

@@ -7,8 +7,8 @@ configuration. A violation names the rule as number and sub-rule (`7.cpu`), the 
                  failed_there
     2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
     3 gate       leaf, and, or, xor (does not hold), below (wired below what does not hold)
-    4 demux      branches, ends (more than one runs), wired (a branch is not)
-    5 purpose    idle
+    4 demux      branches, ends (more than one runs), wired (a branch runs, and its input for the DEMUX is not wired)
+    5 purpose    idle (a module serves no wanted function)
     6 cycles     cycle (of wires none of whose variables has an initial value)
     7 resources  cpu, ram, flash, bus
     8 placement  separate, together
@@ -278,7 +278,7 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
                 "4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one of them may"
             )
         ended = [end for end in demux.to if end in case.known.modules]
-        if len(ended) > 1 and len(running) < 2:  # two ends that run are a consequence of two branches that run
+        if len(ended) > 1 and len(running) < 2:  # if two branches run, two ends may run as a consequence
             yield Violation(
                 "4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one of these ends may"
             )

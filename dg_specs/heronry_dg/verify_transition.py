@@ -71,7 +71,7 @@ class _Way:
 class _Traffic:
     """The buses on which each PE publishes each source, and the buses onto which each gateway forwards the source.
 
-    publish: by PE, module and variable. forward: by gateway, and PE, module and variable of the source.
+    publish: (PE, module, variable) -> buses. forward: (gateway, PE of the module, module, variable) -> buses.
     """
 
     publish: Mapping[tuple[str, str, str], frozenset[str]]
@@ -332,7 +332,7 @@ def _traffic(spec: Spec, runs: Placement, running: Configuration | Placement) ->
 
 
 def _wires(spec: Spec, runs: Placement, running: Configuration | Placement) -> Iterator[tuple[str, str, str]]:
-    """Give producer, variable and the consumer's PE of each wire; of each possible wire where wires are not known."""
+    """Give producer, variable and consumer's PE of each wire, or of each possible wire if the wires are not known."""
     if isinstance(running, Configuration):
         for consumer, _, wire in running.wires():
             if consumer in runs and wire.producer in runs:

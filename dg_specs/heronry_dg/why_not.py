@@ -6,7 +6,7 @@ and removes impossible modes round by round. So modules that feed one another in
 
 If the set lacks the output of a function, the cause can be traced to a fault. If the set has the output, the function
 was left out for lack of resources, or in favour of other functions. A planner that has found out which of these two
-causes holds passes it as `alone`.
+causes holds passes the answer to `why_not` as `alone`.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -52,8 +52,8 @@ class Feasible:
 class Feasibility:
     """Computes what could run with unlimited resources, in any situations of one phase.
 
-    What these situations have in common is computed once. A round checks only the modes that read data of modes removed
-    in the round before; the needs of all other modes are met as before.
+    What these situations have in common is computed once. Each round of the removal checks only the modes that read
+    data of modes removed in the previous round; the needs of all other modes are still met.
     """
 
     def __init__(self, spec: Spec, phase: str | None) -> None:
@@ -143,7 +143,7 @@ def _every_branch(found: Feasible, outputs: list[Module]) -> str:
 def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
     """Say why a module can run in none of `modes`, as a verb phrase.
 
-    branched: whether only one of several alternatives may be mentioned.
+    branched: True if a list of alternatives is being written already; then only the first alternative is named here.
     """
     if module.name in found.left.failed_modules:
         return "has failed"
@@ -166,7 +166,7 @@ def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bo
 
 
 def _unmet(found: Feasible, needs: Expression | None, before: int) -> Leaf:
-    """Find the first leaf that kept an expression from holding before round `before`."""
+    """Find the first leaf because of which an expression cannot hold with the modes that are left in round `before`."""
     while not isinstance(needs, Leaf):
         inputs = needs.inputs if needs is not None else ()
         needs = next(one for one in inputs if not found.can_hold(one, before))

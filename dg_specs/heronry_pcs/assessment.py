@@ -16,7 +16,7 @@ from heronry_pcs.predicates import PREDICATES, broken
 from heronry_pcs.views import view_graph
 
 NOT_SUFFICIENT: Final = "necessary, not sufficient"
-"""Stands beside what is said of controllability and observability, wherever it is shown."""
+"""The note that every output shows beside its statements about controllability and observability."""
 
 Json = dict[str, Any]
 

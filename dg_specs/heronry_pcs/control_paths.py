@@ -5,9 +5,9 @@
     on_path   a loop leads from the plant through a sensor and modules to an actuator, and back to the plant
     open      the plant is moved and seen, and no loop leads through it
 
-The first state that holds counts. A path shows that control is possible, not that the control is good (`neighborhood`).
+The first state that holds counts. There is no control without a path, but a path alone does not prove control.
 
-Source: the paper, section 3.4, and the loops of `loops`.
+Source: the paper that graph.py names, section 3.4, and the loops of loops.py.
 """
 
 from collections.abc import Collection, Mapping
@@ -31,9 +31,9 @@ class PathState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ControlPath:
-    """The state of a plant's control path, and a sentence that says why the path is not closed.
+    """The state of a plant's control path.
 
-    None where it is closed.
+    why: a sentence that says why the path is not closed; None if the path is closed.
     """
 
     state: PathState
@@ -54,7 +54,7 @@ def control_paths(spec: Spec, configuration: Configuration) -> dict[str, Control
 
 
 def path_states(paths: Mapping[str, ControlPath]) -> dict[str, str]:
-    """Give the state of each path, as the event `control_paths` carries it."""
+    """Give the state of each plant's path by the plant's name, as text for the event `control_paths`."""
     return {plant: path.state.value for plant, path in paths.items()}
 
 

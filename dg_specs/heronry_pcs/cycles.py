@@ -8,14 +8,16 @@ another cycle that shares a member with it.
 Every cycle lies in a *block*: a largest set of members that stays connected whichever one of them is removed. In a
 block of three or more members, any two members lie on one cycle. Two blocks share at most one member. So a graph is
 cycle-bound iff three conditions hold. The graph is connected. Each member is in a block of three or more. Some longest
-cycle of the whole graph lies in a block that shares a member with every other block, and passes all these members.
+cycle of the whole graph lies in a block that shares a member with every other block, and this cycle passes all of these
+shared members.
 
 To find a longest cycle is NP-hard. A `Search` finds bounds of the length for one block. `bounds_alone` gives bounds
-without a search. They suffice where the whole graph is one block, and where blocks are too far apart.
+without a search. These bounds suffice if the whole graph is one block, or if no block shares a member with every other
+block.
 
-Source: the paper, section 2.2. Differences: the paper's component-path is any connected set; here two neighbors are no
-cycle; and the paper's "maximal length", read literally, is reached only by a cycle through all members. A cycle-bound
-graph need not be controlled: A > B, A > C, B > C is cycle-bound, and nothing controls A.
+Source: the paper that graph.py names, section 2.2. Differences: the paper's component-path is any connected set; here
+two neighbors are no cycle; and the paper's "maximal length", read literally, is reached only by a cycle through all
+members. A cycle-bound graph need not be controlled: A > B, A > C, B > C is cycle-bound, and nothing controls A.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -29,19 +31,20 @@ Touching = Mapping[str, Collection[str]]
 """For each member of a block its neighbors in the block."""
 
 Bounds = tuple[int, int]
-"""What a longest cycle has at least and at most, in members; (0, 0) where there is none."""
+"""The least and the greatest number of members that a longest cycle can have; (0, 0) if there is no cycle."""
 
 Search = Callable[[Touching, frozenset[str]], Bounds]
-"""Bounds of a longest cycle in a block, among the cycles that pass some members."""
+"""Finds bounds of a longest cycle in a block, among the cycles that pass all of the given members."""
 
 LEAST_CYCLE = 3
 
 
 def bounds_alone(block: Touching, through: frozenset[str]) -> Bounds:
-    """Give bounds of the longest cycle in a block, without a search: Dirac (1952).
+    """Give bounds of the longest cycle that passes all of `through` in a block, without a search.
 
-    In a block of `size` members, each with d neighbors or more, a cycle has at least min(size, 2 d) members. A cycle
-    through all members passes all of `through`; a shorter one is only known to pass two of them.
+    By a theorem of Dirac (1952), a block of `size` members, each with d neighbors or more, has a cycle of at least
+    min(size, 2 d) members. If such a cycle has all members, it passes all of `through`. If it may be shorter, only a
+    cycle of three or more members through any two members is certain; so the least is 0 for three or more in `through`.
     """
     size = len(block)
     degrees = [len(touching) for touching in block.values()]
@@ -97,13 +100,13 @@ def blocks(touching: Touching) -> list[set[str]]:
 
 
 class _Blocks:
-    """One run of the algorithm, without recursion: `path` holds what would be the stack of calls."""
+    """One run of Hopcroft's and Tarjan's algorithm without recursion; `path` in `_walk` replaces the stack of calls."""
 
     def __init__(self, touching: Touching) -> None:
         self._touching = touching
         self._entered: dict[str, int] = {}
         self._low: dict[str, int] = {}  # the earliest entered member that a member leads back to
-        self._open: list[str] = []  # entered, and not yet the lower end of a block
+        self._open: list[str] = []  # entered members that may still belong to a block that is not closed yet
         self._found: list[set[str]] = []
 
     def found(self) -> list[set[str]]:
@@ -138,7 +141,7 @@ class _Blocks:
         return None
 
     def _leave(self, above: str, name: str) -> None:
-        """Close the block below `above`, if no neighbor leads from the block to a member before `above`."""
+        """Close the block below `above`, if no member below it has a neighbor that was entered before `above`."""
         self._low[above] = min(self._low[above], self._low[name])
         if self._low[name] >= self._entered[above]:
             block = {above}

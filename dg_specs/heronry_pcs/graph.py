@@ -2,16 +2,16 @@
 
 A *space* is a set of leaves, each with ports. A vertex is `leaf.port`, split at the first dot; its *parent* is the
 leaf. An edge is an ordered pair of vertices of the space. A graph is (V, E, C): vertices V, edges E (whose ends may lie
-outside V) and names of members C. A member is a (V, E, C) as well. For a leaf it is (its ports, {}, {}); a composite
-states its own V, E and C. This file does not check whether a graph makes sense; predicates.py does.
+outside V) and names of members C. A member is a (V, E, C) as well. A member that is a leaf is (its ports, {}, {}); a
+composite states its own V, E and C. This file does not check whether a graph makes sense; predicates.py does.
 
 A graph of this module has no unknown names: each name in C is a leaf or a composite, and each vertex is a port of a
 leaf of the space. Graphs are immutable; an operation gives another graph.
 
 Source: Ippolito et al., "Polymorphic Control Reconfiguration in an Autonomous UAV with UGV Collaboration", section 2.2.
 Differences: in the paper a vertex has a unique parent, although the paper also contracts components. Here the parent of
-a vertex is its leaf, whatever members hold the vertex. The paper writes "G is a subgraph of G'" with the roles
-exchanged.
+a vertex is its leaf, whatever members hold the vertex. Where the paper writes "G is a subgraph of G'", it means that G'
+is a subgraph of G in the sense of this file.
 """
 
 from collections.abc import Iterable, Mapping
@@ -22,14 +22,15 @@ from heronry_wire.errors import HeronryError
 from heronry_wire.spelling import meant
 
 Edge = tuple[str, str]
-"""Initial and terminal vertex: init(e) and ter(e) of the paper."""
+"""An edge: its initial vertex and its terminal vertex, init(e) and ter(e) in the paper that the file's head names."""
 
 
 class PcsError(HeronryError, ValueError):
-    """An operation that cannot be applied; `error` is its name, such as `needs:configuration` or `unknown:Kimu`.
+    """An operation cannot be applied.
 
-    is_unknown: the caller names what there is not. `known` has the names that there are, for "did you mean", or to be
-    listed.
+    error: the kind of error and the name that it concerns, such as `needs:configuration` or `unknown:Kimu`.
+    known: the names that exist; the message suggests one of these names, or lists them.
+    is_unknown: True for `unknown:X`: the operation names X, which does not exist.
     """
 
     def __init__(self, error: str, known: Iterable[str] = ()) -> None:
@@ -87,7 +88,7 @@ class Leaf:
     ports: Mapping[str, int]  # port -> weight in thousandths of a bit/s
     image: str  # its code
     plant: bool = False  # a part of the physical world
-    side: str | None = None  # the partition that it is pinned to
+    side: str | None = None  # the side of a cut on which it has to stay; None: either side
 
     def vertices(self) -> frozenset[str]:
         """Vertices of its ports."""
@@ -109,7 +110,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Graph:
-    """A component graph with its space, and the composites for which its names stand."""
+    """A component graph in its space, and the composites to which names of members refer."""
 
     name: str
     leaves: Mapping[str, Leaf]  # the space, in the order of the file
@@ -133,7 +134,7 @@ class Graph:
 
     @cached_property
     def holders(self) -> Mapping[str, tuple[str, ...]]:
-        """The members that hold a vertex, in the order of names; a vertex that none holds is not listed."""
+        """The members that hold a vertex, by vertex, in the order of names; a vertex in no member is left out."""
         found: dict[str, list[str]] = {}
         for name, member in self.members.items():
             for vertex in member.vertices:
@@ -151,7 +152,7 @@ class Graph:
         return self.composites[name] if leaf is None else Part(leaf.vertices())
 
     def of(self, vertices: frozenset[str], edges: frozenset[Edge], components: frozenset[str]) -> "Graph":
-        """Give the graph with other vertices, edges and members, in the same space."""
+        """Give a graph that has these vertices, edges and members, in the space of this graph."""
         return replace(self, own=Part(vertices, edges, components))
 
 
@@ -161,5 +162,5 @@ def parent(vertex: str) -> str:
 
 
 def inside(edges: Iterable[Edge], vertices: frozenset[str]) -> frozenset[Edge]:
-    """The edges with both ends among some vertices."""
+    """Give those of the edges that have both ends among these vertices."""
     return frozenset(edge for edge in edges if edge[0] in vertices and edge[1] in vertices)

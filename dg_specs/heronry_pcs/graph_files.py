@@ -86,7 +86,7 @@ def _part(part: Part) -> Json:
 
 
 class _Found(Findings):
-    """Collects findings, all under PCS001: the shared YAML reader reports rules of specs, which are converted."""
+    """Collects findings under PCS001; the YAML reader is that of specs, so the rules that it names are replaced."""
 
     def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:
         """Note a mistake under PCS001; a hint that is about specs is left out."""

@@ -31,7 +31,10 @@ _Path = tuple[int | str, ...]
 
 
 def read_json(data: bytes, name: str, findings: Findings) -> Graph | None:
-    """Read a graph; None, and findings, where the data are no graph. `name` is its name where the file gives none."""
+    """Read a graph; gives None, and adds findings, if the data are no graph.
+
+    name: the name of the graph if the file gives none.
+    """
     if len(data) > MOST_BYTES:
         findings.add(BAD_FILE, Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "divide the graph")
         return None
@@ -82,7 +85,7 @@ def _place(data: bytes, mistakes: Sequence[tuple[_Path, str, str]], findings: Fi
 
 
 class _Reader:
-    """Reads one document; `mistakes` are paths into it, each with a sentence and a hint."""
+    """Reads one document; each of its `mistakes` is a path into the document, a sentence and a hint."""
 
     def __init__(self) -> None:
         self.mistakes: list[tuple[_Path, str, str]] = []

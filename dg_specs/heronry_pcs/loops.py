@@ -2,16 +2,17 @@
 
 The *home* of a vertex is the smallest member that holds the vertex: the one with the fewest vertices, then the fewest
 components, then the first by name. The home of a vertex that no member holds is its leaf. Edges lead from home to home,
-and a *loop* is a set of two or more homes that all reach one another. So each loop lies in a strongly connected
-component of the homes, and that component is itself the largest loop in it. `loops` gives these largest loops.
+and a *loop* is a set of two or more homes that all reach one another. The largest loops are the strongly connected
+components of two or more homes. Each loop lies in one of the largest loops, which are what `loops` gives.
 
 A member is *on a loop* if some loop has a home within the member's vertices and another home outside: the signal leaves
 the member and returns. A plant is a part of the physical world. A plant is *on a path* if some loop leads through it
 and through a home that is no plant: a controller acts on the plant and sees the effect. A *control path* of some
 members is one loop with a home within each of them.
 
-Source: the paper, section 3.4 ("a control path that includes the components"), which does not define a loop. The
-paper's component-cycles (cycles.py) ignore direction, so three components that only feed data forward can form one.
+Source: the paper that graph.py names, section 3.4 ("a control path that includes the components"); the paper does not
+define a loop. The paper's component-cycles (cycles.py) ignore the direction of edges: A > B, A > C, B > C is a
+component-cycle, but no loop.
 """
 
 from collections import Counter
@@ -35,7 +36,7 @@ class Loops:
         return any(count < len(self.found[loop]) for loop, count in self._within(vertices).items())
 
     def control(self, vertices: frozenset[str]) -> bool:
-        """Tell whether some loop has a plant as a home within these vertices, and also a home that is no plant."""
+        """Tell whether some loop has a home within these vertices of a plant, and also a home that is no plant."""
         return not self._controlling.isdisjoint(self._within(vertices))
 
     def join(self, members: Collection[frozenset[str]]) -> bool:

@@ -1,14 +1,15 @@
 """Which members are neighbors, which members a member subsumes, and the necessary conditions for control.
 
 Two members are neighbors if an edge, in either direction, has one end in the one member and the other end in the other.
-A member subsumes another member if the other one is its subgraph, and is one of its components, or is subsumed by one
-of its components.
+A member subsumes another member if the other member is a subgraph of it, and also is one of its components or is
+subsumed by one of its components.
 
 The conditions for control are *necessary, not sufficient*. A member into which no edge leads from another member cannot
-be controllable. A member out of which no edge leads cannot be observable. The paper's conditions say no more. For
-example, a component between two pairs that feed each other has an edge in and an edge out, and is on no loop.
+be controllable. A member out of which no edge leads to another member cannot be observable. But if A and B feed each
+other, B feeds K, K feeds C, and C and D feed each other, then an edge leads into K and another one out of K, and yet K
+is on no loop.
 
-Source: the paper, section 2.2.
+Source: the paper that graph.py names, section 2.2.
 """
 
 from collections.abc import Mapping
@@ -44,7 +45,8 @@ def subsumed(graph: Graph) -> Mapping[str, list[str]]:
 def _subsumed_by(graph: Graph, name: str) -> set[str]:
     """Give the components that a member subsumes.
 
-    A component is subsumed if each component on the way down to it is a supergraph of it.
+    A component is subsumed if a chain of components leads from the member down to it, and it is a subgraph of each
+    component in the chain.
     """
     found: set[str] = set()
     for target in _below(graph, name):
@@ -75,12 +77,12 @@ def _below(graph: Graph, name: str) -> set[str]:
 
 
 def controllable(graph: Graph) -> Mapping[str, Condition]:
-    """For each member: an edge leads into it from another member, so controllability is not excluded."""
+    """Give for each member `possible` if an edge leads into it from another member, else `excluded`."""
     return _fed_by_another(graph, graph.edges)
 
 
 def observable(graph: Graph) -> Mapping[str, Condition]:
-    """For each member: an edge leads out of it to another member, so observability is not excluded."""
+    """Give for each member `possible` if an edge leads out of it to another member, else `excluded`."""
     return _fed_by_another(graph, {(end, start) for start, end in graph.edges})
 
 

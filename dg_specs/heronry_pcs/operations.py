@@ -1,20 +1,20 @@
 """Operations on component graphs: cprune, combine, removal, addition and addEdge.
 
 Each operation first checks its requirements, in the order of its docstring. It raises PcsError for the first one that
-fails: a predicate as `needs:P`, then clashes, then a vertex that the space lacks (`unknown:V`), then the place of the
-edge. Predicates (predicates.py) that hold before an operation and also after it:
+fails: a predicate (`needs:P`), a clash of names (`clash:K`), a vertex that the space lacks (`unknown:V`), the place of
+the edge. If these predicates (predicates.py) hold before an operation, they also hold after it:
 
-    cprune     those that it needs
+    cprune     component_graph, disjoint and pruned
     combine    component_graph and edge_contained; configuration if an edge is given and no vertex is shared
     removal    all but component_connected
     addition   configuration
     add_edge   configuration
 
-Source: the paper, section 2.3. By the paper's text the operations would not keep these predicates, so they differ from
-it. cprune removes the vertices of a component too, and stops at one component. combine also works without an edge, as
-section 3.4 of the paper uses it. removal gives a configuration only if the rest is connected. addition refuses an edge
-that leaves the graph or lies inside a component. addEdge adds an edge between two members, and the leaf that it brings
-becomes a member.
+Source: the paper that graph.py names, section 2.3. The operations as the paper words them would not keep these
+predicates. Differences: cprune removes the vertices of a component too, and stops at one component. combine also works
+without an edge, as section 3.4 of the paper uses it. removal gives a configuration only if the rest is connected.
+addition refuses an edge that leaves the graph or lies inside a component. addEdge also adds an edge between two
+members; if addEdge adds a leaf, the leaf becomes a member.
 """
 
 from collections.abc import Collection
@@ -26,13 +26,13 @@ from heronry_pcs.predicates import need
 
 
 def cprune(graph: Graph) -> Graph:
-    """As long as two members or more remain, remove the first one by name that has no neighbor, with its vertices.
+    """Remove the members that have no neighbor, with their vertices, in the order of names.
 
-    Needs component_graph, disjoint, pruned.
+    If no member has a neighbor, the last member by name stays. Needs component_graph, disjoint, pruned.
     """
     need(graph, "component_graph", "disjoint", "pruned")
     alone = [name for name, touching in neighbors(graph).items() if not touching]
-    gone = alone[: len(graph.members) - 1]  # that one goes takes no neighbor from another one: it had none
+    gone = alone[: len(graph.members) - 1]  # their removal takes no neighbor from any other member
     vertices = frozenset[str]().union(*(graph.members[name].vertices for name in gone))
     return graph.of(graph.vertices - vertices, graph.edges, graph.own.components - frozenset(gone))
 
@@ -40,9 +40,9 @@ def cprune(graph: Graph) -> Graph:
 def combine(graph: Graph, other: Graph, edge: Edge | None = None) -> Graph:
     """Unite two graphs, and join them by an edge.
 
-    Needs component_graph of both, and a vertex in both (`needs:vertex`); the first graph is checked before the second.
-    A name that both have must stand for the same part (`clash:K`). The ends of the edge must be in the spaces
-    (`unknown:V`), one end in each graph (`edge_apart`).
+    Each graph must be a component_graph and have a vertex (`needs:vertex`); the first graph is checked before the
+    second. A name that both have must stand for the same part (`clash:K`). Each end of the edge must be in one of the
+    two spaces (`unknown:V`), and each graph must have one of the ends (`edge_apart`).
     """
     for one in (graph, other):
         need(one, "component_graph")
@@ -85,9 +85,10 @@ def _refuse_clash(graph: Graph, other: Graph) -> None:
 
 
 def removal(graph: Graph, edges: Collection[Edge]) -> Graph:
-    """Remove edges, and prune the rest; an edge that the graph lacks is ignored.
+    """Remove edges, and prune the rest (`cprune`); an edge that the graph lacks is ignored.
 
-    Needs configuration. The ends of the edges must be in the space (`unknown:V`; of several, the first edge by name).
+    Needs configuration. The ends of the edges must be in the space (`unknown:V`; edges are checked in the order of
+    their names).
     """
     need(graph, "configuration")
     for edge in sorted(edges):

@@ -1,13 +1,14 @@
 """The component graph of a plan: its modules, their devices, the physical world, and how all are wired.
 
     leaf M            each running module. Ports: `V` for each variable that its mode gives, of weight frame bits times
-                      rate; `V:PATH` for each leaf of its mode's needs, wired or not; `device:` if it has a device;
+                      rate; `V:PATH` for each input of its mode, wired or not; `device:` if it has a device;
                       `none` if it has none of these. Image `IMAGE:MODE@PE`
     leaf device:D     each device of a running module: ports `module` and `world`
     leaf plant:P      each plant: ports `device:D` for each device that moves or sees it, `to:Q` for each plant that it
                       affects, `from:Q` for each plant that affects it; `none` if it has none of these
     composite pe:P    the modules and devices on a PE
-    composite side:P  the same for a side: the PEs that wired buses join, P the first of them in the spec
+    composite side:P  the modules, the devices and the composites pe:* of a side. A side is a set of PEs that wired
+                      buses join; P is the first PE of the side in the spec
 
 Empty composites are left out, and plants are in no composite. Edges follow wires. They also lead from a sensor to its
 module and from a module to its actuator, from an actuator to the plants that it moves, and from a plant to the sensors
@@ -67,10 +68,7 @@ def _joined(spec: Spec, pe: str) -> set[str]:
 
 
 def managers_side(spec: Spec) -> str | None:
-    """Give the name of the side that the manager's bus leads to, as leaves carry it.
-
-    None where no PE is on that bus.
-    """
+    """Give the side of the PEs on the manager's bus as `side:P`; None if no PE is on that bus."""
     sides = sides_of(spec)
     return next((f"side:{sides[pe.name]}" for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
 

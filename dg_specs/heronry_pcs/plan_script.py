@@ -1,13 +1,13 @@
-"""Applies scripts to a plan: a script rewires and moves running modules as it does components of a graph.
+"""Applies a reconfiguration script (script.py) to a plan: the script rewires and moves running modules.
 
-The graph that a script sees has only the running modules and their wires; devices and plants follow from them. The
-space has, under the name of each module, one leaf for each of its modes and possible PEs. The image `IMAGE:MODE@PE`
-selects a leaf. Parts that a script may leave out:
+The graph to which the script is applied has only the running modules and their wires, not devices and plants. Its space
+has, under the name of each module, one leaf for each pair of a mode and a possible PE of the module. The image
+`IMAGE:MODE@PE` selects a leaf. Parts that a script may leave out:
 
-    :MODE    then the mode is the best one that has all wires which the script gives to the module
-    @PE      then the PEs are those of the legal configuration with the fewest published bits (level 6); of several the
-             first in the spec's order
-    :PATH    of the input at the end of an edge, where the module has one input of that variable
+    :MODE    the mode is then the best one that has all inputs and variables which the script wires
+    @PE      the PEs are then those of the legal configuration that publishes the fewest bits per second (level 6); if
+             several publish the fewest, the first one in the spec's order
+    :PATH    of the input at the end of an edge, if the module has only one input of that variable
 
 A script can create an edge that is not a wire, because it leads from an input, between two variables, or to a module
 that the script has deleted. `no_wires` lists such edges.
@@ -36,12 +36,15 @@ Place = tuple[str, str]  # mode, PE
 
 @dataclass(frozen=True, slots=True)
 class PlanOutcome:
-    """The result of a script applied to a configuration; if there are errors, the configuration is the one before."""
+    """The result of a script applied to a configuration.
+
+    configuration: after the script; if there are errors, the configuration before the script.
+    """
 
     statements: int
     errors: tuple[ScriptError, ...]
     configuration: Configuration
-    no_wires: tuple[Edge, ...]  # edges of the script's graph that no configuration has
+    no_wires: tuple[Edge, ...]  # edges of the graph after the script that cannot be wires
 
 
 def module_graph(spec: Spec, configuration: Configuration) -> Graph:
@@ -57,8 +60,8 @@ def apply_to_plan(
 ) -> PlanOutcome:
     """Apply a script to a configuration; PEs that the script leaves out are chosen for the situation `now`.
 
-    If PEs can be chosen in more than `most_placements` ways, each module gets its first possible PE in the spec's
-    order.
+    If these PEs can be combined in more than `most_placements` ways, each module whose PE is left out gets its first
+    possible PE in the spec's order.
     """
     space = _Space(spec, text)
     outcome = interpret(text, module_graph(spec, configuration), space.pick, _target)
@@ -71,7 +74,10 @@ def apply_to_plan(
 
 
 def _target(leaf: Leaf, port: str) -> str:
-    """Give the input that port `V` means at the end of an edge: the only input of variable V."""
+    """Give the input that port `V` means at the end of an edge: the only input of variable V, `V:PATH`.
+
+    If the leaf has no such input, or several, the result is the port as written.
+    """
     inputs = [one for one in leaf.ports if one.startswith(f"{port}:")] if ":" not in port else []
     return inputs[0] if len(inputs) == 1 else port
 
@@ -82,7 +88,7 @@ class _Space:
     def __init__(self, spec: Spec, text: str) -> None:
         self._spec = spec
         self._sides = sides_of(spec)
-        self._outputs: dict[str, set[str]] = {}  # module -> ports that wires of the script leave by
+        self._outputs: dict[str, set[str]] = {}  # module -> ports at which created edges begin
         self._inputs: dict[str, set[str]] = {}
         self.free: set[str] = set()  # created modules whose PE was left out
         for call in read_script(text)[0]:
@@ -150,9 +156,11 @@ def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Confi
 def _placed(
     spec: Spec, now: Situation, configuration: Configuration, free: list[str], most_placements: int
 ) -> Configuration:
-    """Choose the PEs of some modules: those of a legal configuration with the fewest published bits, if there is one.
+    """Choose the PEs of the modules in `free` so that a legal configuration publishes the fewest bits per second.
 
-    Level 7 of the objective decides nothing here, since a module takes the same CPU on every PE.
+    If no choice is legal, that with the fewest bits per second is taken. If there are more than `most_placements`
+    choices, the configuration stays as it is. Level 7 of the objective (CPU) is the same for every choice, since a
+    module takes the same CPU on every PE.
     """
     hosts = [hosts_when_all_is_up(spec, spec.modules[name]) for name in free]
     if not free or prod(map(len, hosts)) > most_placements:

@@ -11,12 +11,13 @@
     component_connected  a component-path joins any two members
     configuration        all but `nested`, and there is a vertex
 
-None of these looks at the direction of an edge.
+None of these depends on the direction of an edge. In a component-path, each member is a neighbor of the next one
+(neighborhood.py).
 
-Source: the paper, section 2.2: component (i)-(iv), edge contained, configuration graph (i)-(iv). Differences: a member
-that a contraction has made has no edges and no components (views.py), and `whole` replaces the paper's unique parent.
-As printed, (i) to (iii) would allow only leaves as members of a configuration, and the graphs of the paper's own
-Figures 13 to 15 would be no configurations.
+Source: the paper that graph.py names, section 2.2: component (i)-(iv), edge contained, configuration graph (i)-(iv).
+Differences: a member that a contraction has made has no edges and no components (views.py), and `whole` replaces the
+paper's unique parent. By the paper's definition of a configuration graph, every member of a configuration would be a
+leaf, and the graphs of the paper's own Figures 13 to 15 would be no configurations.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -28,7 +29,7 @@ from heronry_pcs.neighborhood import neighbors
 
 
 def broken(graph: Graph) -> dict[str, list[str]]:
-    """Give for each member that is not a component the names of the constraints of a component that it breaks."""
+    """Give for each member that is no component the constraints of `component_graph` (see above) that it breaks."""
     found = {name: list(_broken_by(graph, name, member)) for name, member in graph.members.items()}
     return {name: constraints for name, constraints in found.items() if constraints}
 
@@ -75,7 +76,7 @@ def _has_whole_leaves(vertices: frozenset[str], ports: Mapping[str, int]) -> boo
 
 
 def is_nested(graph: Graph) -> bool:
-    """Tell whether members that share a vertex contain one another."""
+    """Tell whether, of any two members that share a vertex, one is among the components of the other."""
     sharing = set(graph.holders.values())
     pairs = {pair for names in sharing for pair in combinations(names, 2)}
     return all(one in graph.members[other].components or other in graph.members[one].components for one, other in pairs)
@@ -97,7 +98,7 @@ def _leads_between(graph: Graph, start: str, end: str) -> bool:
 
 
 def is_component_connected(graph: Graph) -> bool:
-    """Tell whether a component-path joins any two members; true of a graph with no member or one."""
+    """Tell whether any two members are joined by a path over neighbors; True if there are fewer than two members."""
     touching = neighbors(graph)
     reached = set(list(graph.members)[:1])
     waiting = list(reached)
@@ -109,7 +110,7 @@ def is_component_connected(graph: Graph) -> bool:
 
 
 def is_configuration(graph: Graph) -> bool:
-    """Tell whether the graph is a configuration graph: (i) to (iv) of the paper."""
+    """Tell whether the graph has a vertex, and all other predicates of this file but `nested` hold."""
     return bool(graph.vertices) and all(
         PREDICATES[name](graph)
         for name in ("component_graph", "edge_contained", "whole", "disjoint", "pruned", "component_connected")
@@ -126,11 +127,11 @@ PREDICATES: Final[Mapping[str, Callable[[Graph], bool]]] = {
     "component_connected": is_component_connected,
     "configuration": is_configuration,
 }
-"""All predicates that walking the graph decides; `cycle_bound` is in cycles.py."""
+"""All predicates of component graphs by name, except `cycle_bound`, which may need a search (cycles.py)."""
 
 
 def need(graph: Graph, *names: str) -> None:
-    """Raise PcsError `needs:P` with P the first of these predicates that does not hold."""
+    """Raise PcsError `needs:P` if one of these predicates does not hold; P is the first of them that does not."""
     for name in names:
         if not PREDICATES[name](graph):
             raise PcsError(f"needs:{name}")

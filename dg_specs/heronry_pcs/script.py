@@ -1,20 +1,20 @@
-"""Interprets a reconfiguration script: gives the graph after the script, or all errors in the script.
+"""Interprets a reconfiguration script (script_syntax.py): gives the graph after the script, or all of its errors.
 
 CreateComponent adds a leaf to the graph: the leaf of the space that has the assigned name and the image.
 DeleteComponent removes a component with its own components and all their vertices, from all composites as well; a
-composite that has no vertices left is removed. Edges stay until PruneEdges removes those that do not end in V (this is
-not cprune). CreateEdge and DeleteEdge add and remove an edge. At the end, the edges of each composite are those of the
-graph inside its vertices. A created leaf is in no composite.
+composite that has no vertices left is removed. The edges at the removed vertices stay until PruneEdges removes them.
+(PruneEdges is not the operation cprune.) CreateEdge and DeleteEdge add and remove an edge. At the end, a composite has
+the edges of the graph with both ends in its vertices. A created leaf is in no composite.
 
 A script with one error changes nothing. To find every error, the statements are followed as if those before them had
 been executed. If a component could not be created, its deletion and edges at it give no further errors.
 
-    101 syntax                      201 no such component         205 the edge exists already
-    102 no such operation           202 no such port              206 no such edge
-    103 receiver                    203 exists already            207 deleted on an earlier line
-    104 variable                    204 no such leaf and image    208 an edge inside one leaf
+    PCS101 syntax                   PCS201 no such component        PCS205 the edge exists already
+    PCS102 no such operation        PCS202 no such port             PCS206 no such edge
+    PCS103 not called on the graph  PCS203 the component exists     PCS207 deleted on an earlier line
+    PCS104 wrong use of a variable  PCS204 no such leaf and image   PCS208 an edge inside one leaf
 
-Source: the paper, section 3.4 and Figure 16; there an aircraft interpreted a script in 10.3 ms.
+Source: the paper that graph.py names, section 3.4 and Figure 16.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ Pick = Callable[[str, str], Leaf | None]
 """Gives the leaf of the space with a name and an image; None if the space has no such leaf."""
 
 Target = Callable[[Leaf, str], str]
-"""The port of a leaf that the end of an edge names."""
+"""Gives the port of a leaf that is meant by the port's name in a script, at the end of an edge."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +43,8 @@ class Outcome:
 def interpret(text: str, graph: Graph, pick: Pick | None = None, target: Target = lambda _leaf, port: port) -> Outcome:
     """Apply a script to a graph.
 
-    pick: gives the leaf to create for a name and an image; by default one of the graph's space. target: gives the port
-    that the end of an edge means, where the script writes another name than the port's own.
+    pick: gives the leaf to create for a name and an image; by default a leaf of the graph's space.
+    target: gives the port that a name at the end of an edge means; by default the port that has this name.
     """
     statements, errors = read_script(text)
     run = _Run(graph, pick or _picked_from(graph.leaves), target)
@@ -200,9 +200,9 @@ class _Run:
             self._error(call.line, "206", f"there is no edge {_shown(edge)}")
 
     def _edge(self, call: Call) -> Edge | None:
-        """Give the edge that an operation names.
+        """Give the edge that an operation names; None if one of its ends does not exist.
 
-        None where an end does not exist, or was not created because of an error.
+        An end that does not exist is noted as an error, unless its component was not created because of an error.
         """
         start, end = call.arguments[0], self._named_by(call.arguments[1])
         there = [self._has_end(call.line, vertex) for vertex in (start, end)]

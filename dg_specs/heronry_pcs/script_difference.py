@@ -1,9 +1,9 @@
-"""Writes the script that leads from one graph to another: components to delete and to create, and edges.
+"""Writes the script that turns one graph into another: it deletes and creates components and edges.
 
 A leaf whose ports or image differ is deleted and created again. The script yields the leaves and edges of the new graph
 under three conditions; if one fails, interpreting the script gives an error. The old graph's space must have the leaves
-of the new graph, with the same ports and images (204). Names of created leaves must be NAMEs of a script (101). No new
-edge may lie inside a leaf (208). Composites are not compared.
+of the new graph, with the same ports and images (PCS204). The name of each created leaf must be a NAME of the script
+language (PCS101). No new edge may lie inside a leaf (PCS208). Composites are not compared.
 """
 
 from collections.abc import Iterable, Iterator
@@ -14,7 +14,11 @@ from heronry_pcs.script_syntax import NAME
 
 
 def difference(old: Graph, new: Graph) -> str:
-    """Write the script; raises PcsError `needs:P` where a graph has composites or is not whole."""
+    """Write the script from `old` to `new`.
+
+    Each graph must be a component_graph, whole and edge_contained, and each leaf whose ports are in the graph must be a
+    member (`leaves`); raises PcsError `needs:P` for the first of these that does not hold.
+    """
     for graph in (old, new):
         _check(graph)
     receiver = _receiver(old, new)

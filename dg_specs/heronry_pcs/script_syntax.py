@@ -1,14 +1,14 @@
-"""The text of a reconfiguration script: tokens, and statements with their places.
+"""Reads the text of a reconfiguration script: splits it into tokens, and these into statements with their lines.
 
     script = { "define" NAME ";" | [NAME "="] NAME "." op ";" }     // comment
     op = CreateComponent(STRING) | DeleteComponent(NAME or STRING) | PruneEdges()
        | CreateEdge(STRING, STRING) | DeleteEdge(STRING, STRING)
 
-NAME is `[A-Za-z_][A-Za-z0-9_]*`; a STRING has no escapes. Where a statement cannot be read (PCS101), or names an
-operation that does not exist (PCS102), the error stands at the token where reading failed, and reading goes on behind
-the next `;`, or at the next line that begins a statement.
+NAME is `[A-Za-z_][A-Za-z0-9_]*`; a STRING has no escapes. If a statement cannot be read (PCS101), or names an operation
+that does not exist (PCS102), the error has the place of the token where reading failed. Reading continues behind the
+next `;`, or at the next line that begins a statement, whichever comes first.
 
-Source: the paper, Figure 16, "ReflectionScript Language"; DeleteEdge is this project's.
+Source: the paper that graph.py names, Figure 16, "ReflectionScript Language"; the paper has no DeleteEdge.
 """
 
 import re
@@ -83,7 +83,7 @@ class _SyntaxError(Exception):
 
 
 def read_script(text: str) -> tuple[list[Statement], list[ScriptError]]:
-    """Read a script; gives the statements that could be read, and an error for each other one."""
+    """Read a script; gives the statements that could be read, and an error for each statement that could not."""
     return _Parser(list(_tokens(text))).read()
 
 

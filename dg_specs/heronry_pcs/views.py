@@ -2,17 +2,18 @@
 
 A *model* is a component graph that is whole and nested. A *view* of a model is a set of members that share no vertex
 and together have all vertices. A view shows each member closed, as (its vertices, {}, {}). The edges of the view are
-those that lead from one of its members to another. Predicates may be asked of a view; loops are always assessed in the
+those that do not lie inside one of its members. Predicates are assessed in the model or in a view, loops only in the
 model.
 
 Contraction replaces the members of a view that are inside a component by that component; with `parts` it first makes a
 new composite of these members. Expansion replaces a component by the largest components in it. The vertices and edges
-of the model never change; its members change only where contraction makes a composite. Contraction keeps all predicates
-but cycle_bound, which it may make true. Expansion keeps all predicates but component_connected (hence configuration)
-and cycle_bound.
+of the model never change; its members change only where contraction makes a composite.
 
-Source: the paper, sections 2.1 and 2.2 (Figures 3 to 5). The expansion in its Figure 3 adds variables that no component
-had; here a view adds nothing.
+A predicate that holds before a contraction holds after it, too, except cycle_bound. A predicate that holds before an
+expansion holds after it, too, except component_connected (hence configuration) and cycle_bound.
+
+Source: the paper that graph.py names, sections 2.1 and 2.2 (Figures 3 to 5). The expansion in the paper's Figure 3 adds
+variables that no component had; here a view adds nothing.
 """
 
 from collections.abc import Collection
@@ -56,11 +57,12 @@ def view_graph(model: Graph, view: Collection[str]) -> Graph:
 def contract(
     model: Graph, view: Collection[str], name: str, parts: Collection[str] | None = None
 ) -> tuple[Graph, View]:
-    """Replace all members inside component `name` of the model by that component.
+    """Replace the members of a view that are inside component `name` by that component; gives the model and the view.
 
-    With `parts`, the component does not exist yet: it is first made of these members.
+    parts: members of the view, of which the component is first made; None: the model has the component already.
 
-    Raises PcsError: as `check_view`; with parts `view`, `clash:K`, `needs:nested`; then `unknown:K`, `contracted`.
+    Raises PcsError, in this order: as `check_view` does; if there are `parts`: `view`, `clash:K`, `needs:nested`; then
+    `unknown:K`, `contracted`.
     """
     check_view(model, view)
     if parts is not None:
@@ -104,9 +106,9 @@ def _joined_by(part: Part, name: str, made: Part) -> Part:
 
 
 def expand(model: Graph, view: Collection[str], name: str) -> tuple[Graph, View]:
-    """Replace a member of a view by the largest components in it.
+    """Replace a member of a view by the largest components in it; gives the model and the new view.
 
-    Raises PcsError: as `check_view`; then `unknown:K`, `leaf`, `uncovered`.
+    Raises PcsError, in this order: as `check_view` does; then `unknown:K`, `leaf`, `uncovered`.
     """
     check_view(model, view)
     if name not in view:

@@ -31,9 +31,9 @@ COMPONENT_FIELDS: Final = ("components", *LEAF_FIELDS)
 
 
 def read_yaml(data: bytes, name: str, findings: Findings) -> Graph | None:
-    """Read a graph; None, or a part of the graph, where there are findings.
+    """Read a graph; if the data have mistakes, adds findings, and gives None or a part of the graph.
 
-    `name` is its name where the file gives none.
+    name: the name of the graph if the file gives none.
     """
     if not data.strip():
         findings.add(BAD_FILE, Place(1, 1), "the file is empty", "begin with pcs: 1, then components:")
@@ -125,7 +125,7 @@ class _Reader:
                 self._refuse(fields[field].place, sentence, "move it to the components")
         if in_library:
             self._refuse(fields["components"].place, f"{subject} has components", "a library has leaves only")
-        self._below[name] = []  # in the order of the file, before what is below it
+        self._below[name] = []  # entered here, so that composites stand in the order of the file
         self._below[name] += self._components(fields["components"], in_library=in_library)
         return self._below[name]
 

@@ -298,7 +298,7 @@ class _Possible:
             leaf.accepts(mode.gives.get(leaf.variable, 0)) for mode in self.module.modes.values()
         ):
             return groups
-        return groups - {own}  # without other branches, or ends, of this module's DEMUX: they do not run together
+        return groups - {own}  # other branches or ends of this module's DEMUX never run together with this module
 
 
 def _flat(expression: Expression) -> Iterator[Expression]:

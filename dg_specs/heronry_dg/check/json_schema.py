@@ -121,7 +121,7 @@ def spec_schema() -> dict[str, Any]:
 
 
 def _complete_sections(sections: dict[str, Any]) -> None:
-    """Complete the sections; `modes` decides which form a module has, and `demux` which form a gate has."""
+    """Complete the sections; the form of a module depends on the field `modes`, the form of a gate on `demux`."""
     sections["modules"]["additionalProperties"] = {
         "if": {"required": ["modes"], "properties": {"modes": {"not": {"type": "null"}}}},
         "then": {"$ref": "#/definitions/ModuleOfModesForm"},

@@ -1,6 +1,6 @@
 """Reports of findings for programs: JSON, GitHub's workflow commands, SARIF and JUnit.
 
-Lines and columns count from 1. A column is a character, and the end of a range is the column behind its last character.
+Lines and columns count from 1. Columns count characters. The end of a range is the column behind its last character.
 
 Sources: SARIF 2.1.0 (OASIS standard, 2020), sections 3.14 to 3.51; workflow commands as GitHub's documentation of
 Actions has them; the XML of JUnit in the form that Ant writes and other programs read.

@@ -117,7 +117,7 @@ def _too_many(subject: Subject, findings: Findings) -> None:
 
 
 def _standard_identifiers(subject: Subject, findings: Findings) -> None:
-    """Compare every variable that claims a standard identifier with the list."""
+    """Compare every variable that has a standard identifier with CANaerospace's list of these identifiers."""
     for variable in subject.spec.variables.values():
         if variable.identifier is None:
             continue

@@ -23,7 +23,7 @@ _SMALLER: Final = {
     **dict.fromkeys(("dbc", "record", "top"), "watch"),
     **dict.fromkeys(("log", "metrics"), "export"),
 }
-_ENOUGH: Final = {  # packages that a smaller extra brings, too, if only this command needs them
+_ENOUGH: Final = {  # (package, command) -> a smaller extra, which brings the package for this command
     (module, command): extra for module in ("pydantic", "yaml") for command, extra in _SMALLER.items()
 } | {("canopen", "doctor"): "doctor"}
 _NO_MORE: Final = {
@@ -77,7 +77,7 @@ def _flushed(program: Callable[[], int | None]) -> int:
 def _drop_output() -> None:
     """Discard output that could not be written.
 
-    Python would try to write it again at its end, and print an error of its own.
+    Otherwise Python would try to write this output again when the process ends, and print an error of its own.
     """
     try:
         sys.stdout.flush()

@@ -52,7 +52,7 @@ def _add_file(parser: argparse.ArgumentParser) -> None:
 
 
 def add_json(parser: argparse.ArgumentParser, what: str = "write the answer as JSON") -> None:
-    """Add --json to a command whose output is not kept in a file."""
+    """Add --json to a command that has no -o."""
     parser.add_argument("--json", action="store_true", help=what)
 
 
@@ -66,7 +66,7 @@ def add_output(
 
     what: the help of --json.
     forms: the forms of the output, the usual one first, with the endings of their files.
-    usual: what the help says about the default, where that is not the first form.
+    usual: if the command itself chooses the default form, what the help says about the default; None: the first form.
     Returns the group of the options that choose a form; the caller may add older spellings of options to it.
     """
     _add_file(parser)
@@ -83,9 +83,10 @@ def add_output(
 
 
 def settled(arguments: argparse.Namespace) -> argparse.Namespace:
-    """Set `format` and `json` of the arguments by the options and the ending of FILE; raises UserError.
+    """Set `format` and `json` of the arguments by the options and the ending of FILE.
 
-    `format` is None where the command itself chooses its usual form.
+    `format` is None if the command itself chooses its usual form. Raises UserError if the ending of FILE is that of a
+    spec, of a form that the command does not have, or of another form than the one that an option selects.
     """
     forms: Forms | None = getattr(arguments, "forms", None)
     file: Path | None = getattr(arguments, "report_file", None)
@@ -104,7 +105,7 @@ def settled(arguments: argparse.Namespace) -> argparse.Namespace:
 
 
 def _form_of(file: Path, forms: Forms) -> str | None:
-    """Give the form that the ending of a file names; None for any other ending. Raises UserError."""
+    """Give the form that the ending of a file names, or None; raises UserError as `expect_ending` does."""
     expect_ending(file, forms)
     ending = file.suffix.lower()
     return next((form for form, endings in forms.items() if ending in endings), None)

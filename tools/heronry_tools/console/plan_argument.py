@@ -31,7 +31,7 @@ def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Sit
 
 @contextmanager
 def errors_name(file: str | None) -> Iterator[None]:
-    """Put the name of the file (or "standard input" for `-`) before the message of an error in a plan."""
+    """Convert a PlanError to a UserError whose message begins with the file's name ("standard input" for `-`)."""
     from heronry_dg.plan import PlanError  # noqa: PLC0415
 
     try:

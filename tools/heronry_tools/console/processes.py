@@ -1,11 +1,11 @@
-"""Worker processes that simulate or plan for the process of a command; all end together, at once, without output.
+"""Worker processes that simulate or plan for a command; if the command is interrupted, all processes end at once.
 
 A terminal sends Ctrl-C to all of these processes, but only the command's process handles Ctrl-C, SIGTERM and SIGHUP. A
 worker receives none of these signals, from its first instruction on: the command's process blocks the signals while it
 starts a worker, and the worker inherits the blocked signals. (A handler in the worker would come too late, since the
-imports before it take seconds.) The command's process kills the workers, which is safe, since a worker keeps nothing.
-If the command's process is gone, the workers end by themselves. Workers start afresh (spawn), since a solver that has
-threads must not be forked.
+imports before it take seconds.) The command's process kills the workers, which is safe, since a worker stores nothing.
+If the command's process is gone, the workers end by themselves. Each worker is a new Python process (spawn), since a
+process with the threads of a solver must not be forked.
 """
 
 import os
@@ -28,9 +28,9 @@ R = TypeVar("R")
 
 @contextmanager
 def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of `jobs` processes, each of which calls `begin(beginning)` first; raises UserError where one dies.
+    """Yield a pool of `jobs` processes, each of which calls `begin(beginning)` first; raises UserError if one dies.
 
-    The first task, which starts the workers, is submitted while signals are `held_back`.
+    The first task starts the workers, so the caller must submit it inside `held_back`.
     """
     others = {child.pid for child in active_children()}
     try:
@@ -50,7 +50,7 @@ def held_back() -> Iterator[None]:
     """Block the signals that end a command, also in processes started meanwhile; deliver them after the block."""
     came: list[int] = []
     handlers = {number: signal.signal(number, lambda number, _: came.append(number)) for number in NUMBERS}
-    # This mask is inherited; a thread of a library may take a signal all the same.
+    # Started processes inherit this mask. The handlers are needed besides: a thread of a library may receive a signal.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, NUMBERS)
     try:
         yield
@@ -65,8 +65,8 @@ def held_back() -> Iterator[None]:
 def in_order(tasks: deque[Future[R]]) -> Iterator[R]:
     """Yield the results of tasks given to worker processes, in this order, and keep none of them.
 
-    In contrast to `Executor.map`, results that are no longer needed are not cancelled: if the workers were killed, too,
-    the executor's thread would end with a traceback on a cancelled task (Python 3.11).
+    `Executor.map` cancels the tasks that are left when its caller stops. If the workers are killed, too, the executor's
+    thread then ends with a traceback on a cancelled task (Python 3.11). This function cancels no task.
     """
     while tasks:
         yield tasks.popleft().result()

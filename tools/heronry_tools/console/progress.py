@@ -48,13 +48,16 @@ class Progress:
 
 
 def show_line(text: str) -> None:
-    """Write one line that the next one replaces, on a terminal only; an empty line clears it."""
+    """Write a line that the next call overwrites, if standard error is a terminal; an empty text clears the line."""
     if sys.stderr.isatty():
         print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def progress_line(what: str, done: int, total: int, spent_s: float) -> str:
-    """Give the line with the steps done, and the time left at the pace so far."""
+    """Give the line with the steps done, and between the first and the last step the time left at the pace so far.
+
+    spent_s: the time since the work began, in s.
+    """
     line = f"{what}: {done} of {total}"
     if not done or done >= total:
         return line

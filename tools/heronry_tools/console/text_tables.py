@@ -47,7 +47,7 @@ def print_tables(headline: str, tables: Sequence[Table]) -> None:
 
 
 def bar(used: int, capacity: int, text: str) -> Bar:
-    """Draw a share of a capacity; a capacity of 0 gives an empty bar."""
+    """Give the bar for a used part of a capacity, in the unit of the capacity; a capacity of 0 gives an empty bar."""
     return Bar(used / capacity if capacity else 0.0, text)
 
 
