@@ -44,7 +44,7 @@ class Page:
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 pass_fds=(theirs.fileno(),),
-                start_new_session=True,  # Linux gives each session its share: nodes have a higher priority in theirs
+                start_new_session=True,  # with its own share of the processors: in the session of the nodes they go first
             )
 
     def __enter__(self) -> Self:
