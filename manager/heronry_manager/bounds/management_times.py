@@ -96,8 +96,9 @@ class ManagementTimes:
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
         """List the frames on a bus that have priority over data, the most urgent first, with two counts.
 
-        The list has, in this order: CANaerospace emergency events and commands, SLICE frames among them (the first
-        number counts these); CANopen EMCY frames (the second number); state frames and answers of PEs.
+        The list has three parts, in this order: CANaerospace emergency events and commands, which include the SLICE
+        frames; CANopen EMCY frames; state frames and answers of PEs. The two numbers are the lengths of the first and
+        of the second part.
 
         paced: treat the SLICE frames as an endless stream at their pace; otherwise as one burst.
         """

@@ -75,7 +75,7 @@ class Case:
 class Bound:
     """Upper bounds on the parts of one reconfiguration, in nanoseconds; None: that part has no bound.
 
-    case: the fault that causes the reconfiguration.
+    case: the fault, or the return of PEs, that causes the reconfiguration.
     wait_ns: for how long T_lease of a silent PE delays GO_ALL.
     slice_frames: number of SLICE frames on the manager's bus.
     steps: the steps that ACTIVATE commands, in order.
@@ -140,7 +140,7 @@ class Bounds:
             return Bound(case, None, decide_ns, note=str(error))
 
     def _detected(self, case: Case, decide_ns: int) -> Bound:
-        """Begin the bound of a case with the longest time until the manager knows of the fault, and a note on it."""
+        """Begin the bound of a case with the longest time until the manager knows of the fault or the return."""
         times = self._times(Burst(reports=1) if not case.silent and not case.returns else QUIET)
         found = Bound(case, None, decide_ns)
         if case.returns:
@@ -246,7 +246,7 @@ class Bounds:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
-        """Give how long, in nanoseconds, a silent PE may still drive one of these DEMUXes; 0 if none drove any."""
+        """Give for how many ns a silent PE may still drive one of these DEMUXes; 0: no silent PE drove one."""
         rivals = {m for demux in demuxes for group in self._spec.demuxes[demux].exclusives.values() for m in group}
         drove = {running.pe for module, running in case.before.modules.items() if module in rivals}
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
@@ -260,7 +260,7 @@ class Bounds:
         return max((sum(times[bus].command_ns + times[bus].answer_ns for bus in path) for path in paths), default=0)
 
     def _repeated(self, pes: Iterable[str], times: _Times) -> str | None:
-        """Say that one of these PEs may answer so late that the manager repeats its command; None if no PE may."""
+        """Say that one of these PEs may answer so late that the manager repeats its command; None: none does."""
         for pe in pes:
             if self._round_trip([pe], times) >= self._period_ns(pe):
                 return f"{pe} may answer later than a heartbeat period, so that the command is repeated"

@@ -51,10 +51,10 @@ earlier.
 begins a newer session only after its own restart, in a new term, after RENEW, or when it has accepted no command for
 T_lease. `attack_rate` counts the frames without proof.
 
-`command_tags` says what follows from a lost frame; if no answer to its nonce comes, a PE sends the nonce again. After a
-lost EMCY, page 0 cannot be believed until the PE has repeated the EMCY. A late or doubled page 0 is refused, since its
-number is not above the last one. A forged state is counted in `refused`, a forged EMCY in `unproven`, and the status
-shows both. After a restart the manager knows no session, and every PE that hears the new term requests one.
+`command_tags` says what follows if a command or its TAG is lost. A PE sends its nonce again until an answer comes.
+After a lost EMCY, page 0 cannot be believed until the PE has repeated the EMCY. A late or doubled page 0 is refused,
+since its number is not above the last one. A forged state is counted in `refused`, a forged EMCY in `unproven`, and the
+status shows both. After a restart the manager knows no session, and every PE that hears the new term requests one.
 """
 
 from collections import deque

@@ -125,7 +125,7 @@ class Compiler:
         )
 
     def _is_on_both_sides(self, pe: str, module: str) -> bool:
-        """Tell whether a module may run on either side of the gateway `pe`: on the manager's side, and beyond."""
+        """Tell whether a module may run on PEs on the manager's side of the gateway `pe`, and also on PEs beyond it."""
         uplink = uplink_bus(self._spec, pe)
         hosts = hosts_when_all_is_up(self._spec, self._spec.modules[module])
         ways = {(self._all_up.route(pe, host) or (uplink,))[0] for host in hosts if host != pe}
@@ -205,7 +205,11 @@ class Compiler:
         return Slice(tuple(modules), remote, publish, forward, stops_here)
 
     def _traffic(self, configuration: Configuration, pe: str) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
-        """Give what a PE publishes (source -> mask of buses), and what it forwards (source -> producing node, mask)."""
+        """Give what a PE publishes and what it forwards, both by index of the source.
+
+        Published: the ports on which the PE sends the source, as a mask. Forwarded: the node-ID of the producing PE,
+        and the mask of the ports on which this PE sends the source on.
+        """
         publish: dict[int, int] = {}
         forward: dict[int, tuple[int, int]] = {}
         ports = {bus: 1 << port for port, bus in enumerate(self._spec.pes[pe].buses)}

@@ -1,9 +1,9 @@
 """Epochs: how one is made of a plan, and which ones are remembered.
 
 An epoch is a plan that was compiled and given a number (`numbering`). It has participants: the PEs that are available
-when it is opened. A participant is *awaited*, that is, the epoch waits for its answers, if the manager reaches it by
-wire alone, and still reaches it in the situation of the plan. The state frames of a PE beyond a dead gateway may still
-come, but no epoch waits for that PE (`reconfiguration` says how an epoch proceeds).
+when it is opened. A participant is *awaited* (the epoch waits for its answers) if the manager reaches this PE by wire
+alone, and still reaches it in the situation of the plan. The state frames of a PE beyond a dead gateway may still come,
+but no epoch waits for that PE. `reconfiguration` says how an epoch proceeds.
 
 Some epochs are remembered after the next one has replaced them, since a late PE may still run an old epoch: the number
 in the state of the PE then shows what the PE drives. The last activated or adopted epoch is also remembered over a
@@ -112,8 +112,9 @@ class Epochs:
         """Make these PEs participants of an epoch for this plan.
 
         The epoch awaits those PEs that are reached by wire, and that are up and reached in the situation of the plan.
-        If there is no such PE, it awaits all PEs that are reached by wire. contingency: number of the contingency that
-        equals the plan; 0 if the plan is no contingency.
+        If there is no such PE, the epoch awaits all PEs that are reached by wire.
+
+        contingency: number of the contingency that equals the plan; 0 if the plan is no contingency.
         """
         reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
         reaches_nobody = not any(pe in reached for pe in self._health.available())

@@ -17,9 +17,10 @@ configuration that the PE may be running places the token there:
              stops immediately. A PE that does not hear it may have heard other nodes until then, but hears none from
              then on, and stops by itself when T_lease is over
 
-Even if `misses` is smaller, the silence must last for three periods and a quarter: a PE sends a module's frames for two
-periods after it has last heard another node, and it may have heard that node up to a period after its own last state.
-The same holds for a gateway that forwards these frames, and a gateway may have a longer period.
+`misses` of a bus is the number of silent periods after which a PE is declared down. Even if `misses` is less than
+three, the silence must last for three periods and a quarter: a PE sends a module's frames for two periods after it has
+last heard another node, and it may have heard that node up to a period after its own last state. The same holds for a
+gateway that forwards these frames, and a gateway may have a longer period.
 
 Both times count only while this manager runs. The manager has a beat in every heartbeat period. So a longer gap between
 two of its steps was a pause or a jump of its clock, and the manager cannot tell which of the two. After a jump no time

@@ -59,7 +59,7 @@ _DIGESTS_KEPT = 4
 _TURNS = 3  # of announcements, in which a script that is held may stay unannounced
 _OTHER_FACTS = 2  # that have their turns, beside latched faults and priorities: the phase and the script
 _NEVER = 1 << 30
-_GOES_FIRST = 3  # times T_lease that a standby manager waits in flight; manager 126 listens for one
+_GOES_FIRST = 3  # times T_lease that a standby manager waits in flight; manager 126 listens for one T_lease
 
 
 class Following:

@@ -50,7 +50,7 @@ from heronry_wire.sansio import NEVER_NS
 
 
 class Change(Enum):
-    """Kinds of changes that the manager notices on a PE."""
+    """Kinds of changes of a PE's health that the manager notices."""
 
     JOINED = "joined"  # available from now on
     SUSPECTED = "suspected"
@@ -183,7 +183,7 @@ class Health:
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
     def hears_no_pe(self, now_ns: int) -> bool:
-        """Tell whether this manager hears nothing: no PE is available, and each is silent for `misses` periods.
+        """Tell whether this manager hears nothing: no PE is available, and each has been silent for `misses` periods.
 
         PEs that were never heard do not count. If no PE was ever believed, the unproven states count.
         """
@@ -333,10 +333,10 @@ class Health:
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
-        """Make all PEs unavailable that a gateway no longer hears.
+        """Make these PEs unavailable, because a gateway reports that it no longer hears any of them.
 
-        A PE that this manager has not heard for its `misses` periods either is LOST. Any other PE is FAILED: it may
-        still drive its outputs, so a false report of a gateway must not give them to another PE.
+        A PE is LOST if this manager has not heard it for `misses` periods. Any other PE is FAILED: the gateway's report
+        may be false and the PE may still drive its outputs, so no other PE may be given these outputs yet.
         """
         changes: list[HealthChange] = []
         for record in map(self._records.__getitem__, pes):

@@ -2,9 +2,9 @@
 
 A PE holds its outputs back for a moment in every reconfiguration. So an event reports only outputs that are held back
 for longer than T_lease; another event reports when they are free again. The cause in the event is what the manager
-itself sees of the PE. If it sees nothing, there are two possible causes: the PE has heard no node for longer than
-T_lease and waits for the next ALIVE, or a frame has told it of a newer epoch. Without a key any node can send such a
-frame.
+itself sees of the PE. If the manager sees no cause, there are two possible causes: the PE has heard no node for longer
+than T_lease and waits for the next ALIVE, or a frame has told it of a newer epoch. Without a key any node can send such
+a frame.
 
 A lost state delays the event. A forged flag leads to a false event, and changes no plan.
 """

@@ -223,7 +223,7 @@ class Claim:
         return True
 
     def _is_contradicted_again(self, node: int, term: int) -> bool:
-        """Tell whether `node` has sent two LEASEs with this term, half a period to T_lease apart.
+        """Tell whether `node` has sent two LEASEs with this term, between half a heartbeat period and T_lease apart.
 
         Without a key a single LEASE may be a recorded or a forged one; a manager that is active repeats it. With a key
         one LEASE is enough, since it is proven.

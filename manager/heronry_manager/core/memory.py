@@ -10,8 +10,9 @@ Two kinds of things are remembered:
               disk before the first frame that uses it: numbers only rise, whatever else is lost
     facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`); the mission phase; the
               changed priorities, with the last request of each PE for a priority; latched faults (also those that the
-              operator ordered); and which PEs are quarantined. Facts are written after the command: the PEs report what
-              runs, so an outdated fact leads to one epoch more and no other harm
+              operator ordered); and which PEs are quarantined. A fact may be on disk only after the frames
+              that follow it are sent. The PEs report what runs, so an outdated fact leads to one epoch more and no
+              other harm
 
 A restart forgets how long ago a fault was latched, and the losses of available PEs.
 """

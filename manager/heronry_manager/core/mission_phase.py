@@ -1,6 +1,6 @@
 """Which mission phase the aircraft is in, and what may change it.
 
-The spec's first phase is the initial one. Three things change it:
+The mission begins in the spec's first phase. Three things change the phase:
 
     the operator    to any phase
     a module        to any phase: its PE has sent a request (EMCY, PHASE_REQUEST)

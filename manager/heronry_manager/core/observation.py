@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from heronry_wire.management import NO_EPOCH, newest_epoch
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
-_MOST_LATE = 8  # pages 0; a page that is further behind is a new one after a silence
+_MOST_LATE = 8  # a page 0 that is more numbers behind the last one is not late, but a new one after a silence
 
 
 @dataclass(slots=True)

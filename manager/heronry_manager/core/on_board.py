@@ -60,8 +60,8 @@ class ContingencyNumbers:
     def holds(self, pe: str, number: int) -> bool:
         """Tell whether a PE has its slice of the configuration with this number on board.
 
-        The answer is worked out from this manager's contingency file; the table of the PE must have been made from it,
-        too.
+        The answer follows from this manager's contingency file. A PE whose table was made from another file reports
+        that it does not hold the slice (NOT_ON_BOARD).
         """
         return 0 < number <= self._held[pe]
 

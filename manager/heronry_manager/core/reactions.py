@@ -7,8 +7,8 @@ on each change, in the order in which the changes came:
     lost, rebooted, failed       ALIVE leaves the PE out immediately, `exclusion` works out until when it may still
                                  drive outputs, epochs no longer wait for it, and a plan without it is needed
     absent, joined               a plan is needed
-    answered, heard again        only an event: the PE is still available, or not yet. `pe_details` reads whether its
-                                 computer stood still
+    answered, heard again        only an event. A PE that has answered is still available; a PE that is heard again is
+                                 not available yet. `pe_details` reads whether its computer stood still
     any other                    as `known_situation` says
 
 A PE that does not execute its commands is failed, with the cause in words. No change comes twice, since `health` and

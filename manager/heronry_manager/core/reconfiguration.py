@@ -3,8 +3,8 @@
     PREPARING   PREPARE and the slices are out; every awaited PE must report that it has staged this epoch's digest
     BREAKING    ACTIVATE(BREAK) is out; PEs that give up something exclusive must report BROKEN, and unavailable PEs
                 must have stopped sending under the identifiers that are placed elsewhere
-    GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must report ACTIVE
-    HOLDING     as GOING, but DEMUX branches wait until a silent PE has certainly stopped; then GO_ALL
+    HOLDING     ACTIVATE(GO) is out: new DEMUX branches wait until a silent PE has certainly stopped
+    GOING       ACTIVATE(GO_ALL) is out; every awaited PE must report ACTIVE
     DONE        every awaited PE is ACTIVE (a PE that is admitted to the epoch later still gets its slice)
     ABANDONED   given up before ACTIVATE: the number is never used again
 
@@ -44,7 +44,7 @@ from heronry_wire.management import SLICE_BYTES_PER_FRAME, Activate, Prepare, Sl
 from heronry_wire.protocol_times import PATIENCE_PERIODS
 from heronry_wire.state_frames import PeState
 
-_SLOWEST_RETRY = 8  # as a multiple of the first
+_SLOWEST_RETRY = 8  # longest wait before a repetition, as a multiple of the first wait
 _FRAME_BITS = 135
 _LONGEST_BURST = 8  # frames of slices sent together by a driver whose timer was late
 
@@ -267,9 +267,9 @@ class Reconfiguration:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
-        """Command GO, or GO_ALL if no DEMUX has to wait for a silent PE.
+        """Command GO_ALL, or GO if some DEMUX has to wait until a silent PE has certainly stopped.
 
-        All other exclusive things must be free.
+        The caller has made sure that everything else that is exclusive is free.
         """
         self._enter(StageEvent.GOES if self.demux_free_ns is None else StageEvent.HOLDS, now_ns)
 

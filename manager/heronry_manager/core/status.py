@@ -1,6 +1,7 @@
 """The manager's status, as plain data for `heronry status`: what the manager knows, not what it plans.
 
-A pure function of the parts of the core. The document is versioned; a later version adds keys and changes none.
+`status` only reads the parts of the core, and changes nothing. The document is versioned; a later version adds keys
+and changes none.
 
     v, spec, spec_digest, phase, epoch, stage
     manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint

@@ -61,9 +61,9 @@ class Choosing(Choice):
         return bound
 
     def cheapest(self) -> Chosen | None:
-        """Find, after `bound`, the choice that takes the least CPU.
+        """Find the choice that takes the least CPU, among those that `bound` has kept; call `bound` first.
 
-        None: the effort was used up before one was found.
+        None: the effort was used up before a choice was found.
         """
         modules = self.possible.spec.modules
         cpu = [(literal, modules[name].modes[mode].cpu_millis) for (name, mode), literal in self.on.items()]

@@ -38,7 +38,7 @@ from heronry_manager.planner.messages import (
 from heronry_wire.errors import HeronryError
 
 _CHUNK = 65536
-_LONGEST_END_S = 2.0  # a process that is asked to end
+_LONGEST_END_S = 2.0  # for how long a process that is asked to end may take; then it is killed
 LONGEST_START_S = 60.0
 
 

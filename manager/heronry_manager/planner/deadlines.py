@@ -89,7 +89,7 @@ class Deadlines:
         self._forbidden: set[frozenset[Hop]] = set()
 
     def are_met(self, published: frozenset[Hop]) -> bool:
-        """Tell whether all deadlines are met if these hops are published; if not, the model excludes such a set."""
+        """Tell whether these hops meet all deadlines if they are published; if not, exclude this set from the model."""
         if any(published <= known for known in self._punctual):
             return True
         late = self._times.late(published)

@@ -4,8 +4,9 @@ The planner starts from the greedy plan, and builds one model. It maximises each
 of that group: the search of later groups may not fall below it. Every solution is analysed before it counts. If a
 solution misses a deadline (semantics rule 9), the model excludes it, and the same group is solved again. So a value is
 fixed only when a legal configuration reaches it. A level that already stands at its bound needs no search: as a rule
-the greedy plan serves all that can be served. If it does not, the planner first chooses what to serve, and then packs
-it (`choosing`). It searches over all modules and places together only if this leaves a gap to the bound.
+the greedy plan serves all that can be served. If the greedy plan serves less, the planner first chooses which modules
+run, and then finds places for them (`choosing`). If the result is below the bound, the planner searches over all
+modules and places together.
 
 The planner is deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work,
 `effort`. When it runs out, the planner returns the best configuration found so far, and the plan says for each level

@@ -107,9 +107,10 @@ class Publishing:
             yield literal, rates.get((producer, variable, bus)) == rate_mhz
 
     def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
-        """Add constraints: if modules of a link run on different sides of `bus`, the source is published on `bus`.
+        """Add constraints: if the modules of a link are on different sides of `bus`, its source is published on `bus`.
 
-        literals: those of which one is true if the link is wired.
+        link: consumer, producer, variable.
+        literals: the possible wires of the link; one is true if the link is wired, and none if not.
         """
         consumer, producer, variable = link
         if consumer == producer:

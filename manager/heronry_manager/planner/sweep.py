@@ -151,7 +151,7 @@ class Sweep:
     def _open(self, size: int) -> tuple[list[Question], list[tuple[Phase, FaultSet, FaultSet]]]:
         """Settle the sets of this size that need no search.
 
-        Return the questions for others, and the sets with a twin.
+        Return the questions about the sets that need a search, and the sets that have a twin: phase, set and twin.
         """
         questions: list[Question] = []
         twins: list[tuple[Phase, FaultSet, FaultSet]] = []
@@ -179,7 +179,8 @@ class Sweep:
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
         """Give the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
 
-        A cheap, coarse comparison comes first.
+        rest: `what_is_left` with `down`. Sets with an equal value leave the same choice, and the value is found fast. Only
+        if no earlier set has an equal value, the choices themselves are compared (`choice_of`).
         """
         twin = self._twins.get((phase, rest))
         if twin is None:

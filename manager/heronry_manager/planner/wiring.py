@@ -116,8 +116,8 @@ class Wiring:
         """Add constraints: the producer of each wire runs in a mode that gives the wire's version (semantics rule 2).
 
         Inputs of one mode that take the same variable accept different versions, and a consumer runs in one mode. So at
-        most one wire leads from one version of a producer's variable to a consumer, and one constraint on the sum of
-        the literals of all such wires is enough.
+        most one wire leads from one version of a producer's variable to one consumer. One constraint on the sum of the
+        literals of these possible wires is enough for each such version and consumer.
         """
         alike: dict[tuple[str, Source, str], list[IntVar]] = {}
         for (consumer, _, _), wires in self.wires.items():

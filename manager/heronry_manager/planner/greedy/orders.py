@@ -89,7 +89,7 @@ class _Order:
         return most_together(points, most)
 
     def has_choice(self, node: Node) -> bool:
-        """Tell whether the inputs of a gate can be supplied in ways of different worth."""
+        """Tell whether the inputs of a gate can be supplied in more than one way, which may differ in worth."""
         most, number, inputs, _ = node
         if most == LEAF:
             return len(set(self._worth[number].values())) > 1

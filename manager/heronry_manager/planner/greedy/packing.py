@@ -7,11 +7,11 @@ others, the largest first; each goes to the PE with the least room left. The siz
 CPU, RAM and flash, weighted by how scarce each of them is. Modules that do not fit go to the front of the order, and
 all are packed anew, a few times over; the packing that places the most modules is used.
 
-There are two answers. The first packs all of these functions together. The second takes them one after the other, the
+There are two proposals. The first packs all of these functions together. The second takes them one after the other, the
 most important first, and keeps a function if all modules chosen so far can be packed.
 
-An answer says where modules should run, and nothing about wires. It takes the place of the running configuration, and a
-repair (`repairing`) makes a configuration of it.
+A proposal says where modules should run, and nothing about wires. `repairing` starts from a proposal as it starts from
+a running configuration, and makes a configuration of it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,9 +31,9 @@ _ENDLESS: Final = 1 << 60
 
 
 def packings(tables: Tables, wanted: Wanted, scene: Scene) -> Iterator[Before]:
-    """Yield up to two proposals where modules of critical functions could run.
+    """Yield up to two proposals, each with places for modules that critical functions need.
 
-    The first packs all these functions together, the second one function after the other.
+    The first proposal packs all these functions together, the second packs one function after the other.
     """
     draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.numbers.buses)))
     draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.numbers.pes) for _ in range(3))

@@ -8,7 +8,11 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class PlacementRules:
-    """For each module, the set of other modules with which it must not, or must, share a PE or a DEMUX."""
+    """The rules between modules; `separate`, `together` and `rivals` give, for each module, a set of other modules.
+
+    separate: modules that must run on another PE.
+    together: modules that must run on the same PE.
+    """
 
     separate: list[int]
     together: list[int]

@@ -130,7 +130,11 @@ class Server:
                 yield cleared
 
     def _clear(self, module: int, mode: int, pe: int) -> bool:
-        """Move modules from a PE until a mode fits there: each time the smallest one that is enough, or the largest."""
+        """Move modules from a PE, one by one, until a mode fits there; tell whether it fits.
+
+        Each time the smallest module that makes enough room is moved, or, if no module makes enough, the largest one.
+        If the mode does not fit in the end, nothing has changed.
+        """
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]
         left = [other for other in range(len(draft.mode)) if here >> other & 1]
