@@ -2,7 +2,7 @@
 
 The journal is a text file beside the contingency file that is being made; each line has a checksum (`checked_lines`).
 The first line names the spec's digest and the scope. Every other line is an answer: phase, elements that are down,
-configuration as a row, worth, proven or not. Lines are only ever appended. If the run is killed, the last line may be
+configuration as a row, value, proven or not. Lines are only ever appended. If the run is killed, the last line may be
 cut short: the next run drops everything from the first bad line on. A journal of another spec or scope is written anew.
 
 Only one run at a time may write a journal; a lock ensures that, and the kernel releases the lock when the process ends.

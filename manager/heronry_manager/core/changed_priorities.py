@@ -7,7 +7,7 @@
 So the priority of a function is the *spec's*, or *requested* by a module, or *ordered* by the operator. A change has
 the same consequences as a fault: a new plan and a new epoch. The criticality of the function does not change.
 
-    request, the priority may change    the priority changes
+    request that is accepted            the priority changes
     request within CHANGE_NS after the  the request is neither executed nor acknowledged. The PE repeats it, so the last
     last one that changed a priority    of several requests is executed when the time is over
     request outside the range, or       acknowledged and refused, with an event that names the PE
@@ -18,8 +18,8 @@ A PE repeats a request until it is acknowledged. The request carries a number th
 until it restarts: a request that comes again, or after a later one, is acknowledged and has no further effect. A pause
 of the manager loses no request. A forged request changes a priority within the spec's range; an order of the operator
 prevents that. A manager that restarts remembers priorities and numbers. A standby manager hears each changed priority
-in turn (CONTROL, HOLDS), the end of a change once (CLEAR), and which requests were executed. It drops a changed
-priority that was not announced for three turns (`announcing`).
+in turn (CONTROL, HOLDS), the end of a change (CLEAR), and which requests were executed. It drops a changed priority
+that was not announced for three turns (`announcing`).
 """
 
 from collections import Counter

@@ -14,8 +14,8 @@ all PEs fall silent together, this manager itself hears nothing, and the losses 
 A PE whose receiver has failed may still send, and then reports that it hears no LEASE. If it reports this for longer
 than T_lease of the slowest bus on the way to it, while the manager sends, then no command reaches the PE, and it has
 certainly released everything exclusive. So the manager fails the PE until it hears a LEASE again. If more than half of
-the available PEs report this, or no other PE is left, the fault is on the manager's side; then no PE is failed for it,
-and the running configuration goes on.
+the available PEs report this, the fault is on the manager's side; then no PE is failed for it, and the running
+configuration goes on. The same holds if the only available PE reports it.
 
 A manager that takes over may hear a PE that was available to the previous manager, but has proven nothing to this
 manager yet (`await_again`). That PE is WAITING again. ALIVE names it until the window closes, and nothing that it

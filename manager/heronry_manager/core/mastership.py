@@ -18,9 +18,9 @@
 
 With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending.
 Manager 127 also stands by for a while if it hears no manager at its start (`following`), so that 126 goes first. If a
-manager hears a LEASE of its own number and term, a second manager with its number was started by mistake. Of these two
-managers, the first that hears the other gives way. A manager that only advises sends nothing, and need not give way to
-another one.
+manager hears a LEASE with its own node-ID and term, a second manager with this node-ID was started by mistake. Of these
+two managers, the first that hears the other gives way. A manager that only advises sends nothing, and need not give way
+to another one.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
 `TRANSITIONS`. Another manager repeats its LEASE in each period, so a lost LEASE comes again. A late or doubled LEASE

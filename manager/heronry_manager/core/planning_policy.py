@@ -1,4 +1,4 @@
-"""The policy that chooses a planner for each request, and pre-plans the next faults: the same in flight and simulator.
+"""The policy that chooses a planner for each request, and pre-plans the next faults: one for flight and simulator.
 
 The manager's core requests plans (`RequestPlan`), and reports when a configuration runs and nothing is under way
 (`Settled`). The policy answers a request itself, or names the planner that must answer; then the driver carries the
@@ -31,7 +31,8 @@ configuration are forgotten when the next one settles.
     idle       the pre-planner has answered every `PrePlan`: the next question goes out immediately, if one is left
     planning   a `PrePlan` is out; the state ends with PrePlannerAnswered of its number
 
-Only the core's requests and reports and the processes' answers change the state here. What may go wrong with an answer:
+Three things change the state of the policy: requests of the core, reports of the core, and answers of the processes.
+What may go wrong with an answer:
 
     late        An answer of the planner is handed on: the core drops it if its request is no longer the present one. An
                 answer of the pre-planner is kept under its question until another configuration settles.

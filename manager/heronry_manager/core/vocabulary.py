@@ -154,7 +154,7 @@ class UnlockPe:
 class FlyTarget:
     """The operator orders the configuration that a script makes of the running one.
 
-    target: that configuration; None: the script has this `problem`.
+    target: that configuration; None: the script gives none, because of `problem`.
     """
 
     target: Configuration | None

@@ -1,11 +1,12 @@
 """The manager's end of the planner's process: starts it, sends requests, reads answers, starts it anew.
 
 At most one request is inside the process. Further requests wait here in their order, so that a write never meets a full
-pipe. Only `wait_until_ready`, `ask` and `close` block. An event loop watches `fileno()`, which stays the same for the
-life of the client, and calls `poll()` when it is readable. The caller has to `cancel` when a process hangs.
+pipe. Only `wait_until_ready`, `ask` and `close` block. An event loop watches the descriptor `fileno()`, which stays the
+same for the life of the client, and calls `poll()` whenever this descriptor is readable. If the process hangs, the
+caller has to call `cancel()`.
 
-Every request gets exactly one answer: `Planned` or `Failed`. If the process ends, its request has failed, and the next
-request starts another process. Requests made before `cancel()` get no answer.
+Every request gets exactly one answer, `Planned` or `Failed`; only a request that `cancel()` drops gets none. If the
+process ends, its request has failed, and the next request starts another process.
 """
 
 import os

@@ -19,7 +19,10 @@ _EFFORT = 5.0  # deterministic seconds for each function
 
 
 def explained(spec: Spec, plan: Plan) -> Plan:
-    """Return the plan with better reasons for functions that are not served; each of them takes a search."""
+    """Return the plan with better reasons for functions that are not served.
+
+    Each function that is not served although it could run takes a search.
+    """
     found = feasible(spec, plan.now)
     reasons = {name: report.why_not for name, report in plan.functions.items() if report.why_not is not None}
     for name, report in plan.functions.items():

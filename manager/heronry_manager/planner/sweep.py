@@ -11,7 +11,7 @@ The sweep takes fault sets by size. For each set, the phase's fault-free plan co
                  has a purpose, and the same routes between these PEs. The usual case is a device and its only driver
 
 So a device on a dead PE, a PE behind a dead gateway and all elements that a plan does not use need no search. Pruning
-never changes the worth of a plan. Between plans of the same worth at all seven levels it may choose another one than
+never changes the value of a plan. Between plans of the same value at all seven levels it may choose another one than
 the planner would.
 
 `Sweep` does not plan by itself: `run` gets a function that answers questions, in any order, from a journal, in this
@@ -179,8 +179,8 @@ class Sweep:
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
         """Give the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
 
-        rest: `what_is_left` with `down`. Sets with an equal value leave the same choice, and the value is found fast. Only
-        if no earlier set has an equal value, the choices themselves are compared (`choice_of`).
+        rest: `what_is_left` with `down`. Sets with an equal value leave the same choice, and the value is found fast.
+        Only if no earlier set has an equal value, the choices themselves are compared (`choice_of`).
         """
         twin = self._twins.get((phase, rest))
         if twin is None:

@@ -81,10 +81,10 @@ class _Level:
 
 
 class Watch:
-    """Checks each message before it is published; once the budget of the checks is used up, it allows no message."""
+    """Checks each message before it is published; when the budget of the checks is used up, it allows no more."""
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
-        """`budget`: number of messages that all checks together may count; a check counts the published ones."""
+        """Begin with a budget; each check takes from it the number of messages that are already published."""
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
