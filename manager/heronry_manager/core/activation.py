@@ -3,7 +3,7 @@
 With BREAK a PE stops what it has to give up; with GO it starts everything but new DEMUX branches, and with GO_ALL these
 too. A step is skipped if nothing has to wait for it. Some PEs must report BROKEN before the manager commands GO: a PE
 that gives up something exclusive (`exclusion`), a PE that has to make room on a bus (`heronry_dg.transition`), and a PE
-that is reached by wire and runs a configuration that this mastership has not given it. The manager also waits until an
+that is reached by wire and runs a configuration that this manager does not know. The manager also waits until an
 unavailable PE has certainly stopped: before GO, until that PE no longer sends under the identifiers of a module that
 moves; before GO_ALL, until it no longer drives a DEMUX. `reconfiguration` says how long each step is repeated, and
 which PEs must answer.

@@ -38,7 +38,7 @@ it knows, opens no session.
 rising numbers; commands without such tags end no mastership. A TAG carries only the lower bits of the number. A PE
 learns the upper bits from the answer to its nonce; a standby manager sends no nonce, and finds them by trying. A
 command under this manager's own node-ID comes from a second manager only if its number is above this manager's last
-one; any other may be a replay of this manager's own commands.
+one; any other command under this node-ID may be a replay of this manager's own commands.
 
 Page 1 needs no number, since what a PE reports on an epoch stays true as long as its session lasts. A recorded page 1
 may come again, so a page 1 does not show that the PE lives.

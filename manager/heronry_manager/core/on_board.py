@@ -1,9 +1,9 @@
 """Which contingencies fit into the PEs themselves, and the number of each (protocol rule 5).
 
 A PE that holds its slice of a configuration needs no SLICE frames for it: PREPARE gives the number of the
-configuration. Configurations are numbered by their importance, the most important first, so a PE holds the
-configurations from 1 to as many as its `table_bytes` have room for (and PREPARE's 12 bits can name). For all other
-configurations the manager sends slices.
+configuration. Configurations are numbered by their importance, the most important first. A PE holds configurations 1
+to N, where N is the greatest number for which its `table_bytes` have room; N is 4095 at most, since PREPARE has 12 bits
+for the number. For all other configurations the manager sends slices.
 
 The manager works out from its own file what every PE holds. A PE whose table has no contingencies, or was made from
 another file, reports that its slice is not on board, and gets the slice (`reconfiguration`). So manager and PEs need

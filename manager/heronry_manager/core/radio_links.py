@@ -12,7 +12,7 @@ step of a radio
              radio is available again, and at the start, each report sets the step directly: this interrupts no PE, and
              a PE that returns gets a plan that fits the radio
 
-After a lost report, the next one says the same. A late or doubled report is recognized by its sequence number and
+If a report is lost, the next one replaces it. A late or doubled report is recognized by its sequence number and
 dropped; so is a report from another node than the gateway. `heronry_wire.gateway_report` says what a forged report can
 do. While a gateway is silent the step of its radio stays, and the state frames show which PEs beyond the radio are
 lost. A restart forgets everything here until the next report.
