@@ -232,7 +232,7 @@ class KnownSituation:
         return () if cause is None else (PlanNeeded(cause),)
 
     def _request_answered(self, pe: str, kind: int, number: int) -> None:
-        """Note that another manager has executed a request of a PE, if it is certain in which boot the PE made it."""
+        """Note that another manager has executed a request of a PE, unless the PE may have restarted since it made it."""
         incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
         if incarnation is None:
             return
@@ -312,7 +312,7 @@ class KnownSituation:
         return changes
 
     def clear(self, element: str, by: str) -> Changes | None:
-        """Clear an element.
+        """Clear an element: its latched faults end, and a PE leaves its quarantine.
 
         Gives the changes that follow; None if the element had no latched fault and was not in quarantine.
         """

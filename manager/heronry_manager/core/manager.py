@@ -222,7 +222,7 @@ class ManagerCore:
             self._details.reader.tick(now_ns)
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
-        """Execute an order of the operator; before this manager has a term, it only gives the status."""
+        """Answer a question or execute an order of the operator; a manager that listens or stands by refuses orders."""
         if isinstance(said.order, AskStatus):
             return (Reply(said.number, done=True, sentence="", status=self._status_for_operator()),)
         if isinstance(said.order, AskTraceback):

@@ -4,8 +4,8 @@
     opened    the request for an object is out: an answer gives a short value at once, or the length of a long one
     segments  a long value comes segment by segment, each requested, the toggle bit alternating
     left      another SDO client has made a request to that PE (`heard_other`): the PE is left to that client until
-              SILENCE_NS after the client's last request. An object that was being read is read anew after that; other PEs
-              are read meanwhile
+              SILENCE_NS after the client's last request. An object that was being read is read anew after that. Other
+              PEs are read meanwhile
     waiting   the last try gave no value, and the caller allows another try: the object is read anew after SILENCE_NS.
               Other objects are read meanwhile
 

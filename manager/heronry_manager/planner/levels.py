@@ -88,8 +88,8 @@ def merged(group: list[Level]) -> Terms:
 def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
     """Yield a bound for each level of a group, given a bound on the merged sum.
 
-    Each bound holds among the configurations that are no worse than `key` in the levels above. Below a level that is
-    not proven, a bound only follows from the terms of its own level.
+    Each bound holds among the configurations that are no worse than `key` in the levels before. Once a level is not
+    proven, the bound of each later level follows from the terms of that later level alone.
     """
     weights = _weights(group)
     room = bound - sum(weight * level.low for weight, level in zip(weights, group, strict=True))

@@ -83,7 +83,7 @@ class _Supplier:
             draft.undo(mark)
 
     def _choose(self, inputs: tuple[Node, ...]) -> None:
-        """Exchange the only input that may hold for another one that is worth more."""
+        """In a gate where exactly one input may hold, exchange that input for one that is worth more, if possible."""
         held = next(one for one in inputs if self._holds(one))
         now = self._points(held)
         for one in inputs[: inputs.index(held)]:
