@@ -2,8 +2,10 @@
 
 The manager adopts if all available PEs that run anything are ACTIVE in one epoch, and no PE was seen on a newer epoch.
 The digest of that epoch must belong to the configuration that the manager remembers (`memory`) or has overheard, or to
-the plan that it would deploy. If one of these conditions is not met, the manager opens a new epoch. A PE that is
-missing, or runs nothing, does not prevent the adoption; the manager then treats this PE as a fault.
+the plan that it would deploy. If one of these conditions is not met, the manager opens a new epoch.
+
+If every available PE runs the plan that the manager would deploy, the manager adopts it. A remembered or overheard
+configuration is adopted even if a PE is missing or runs nothing; the manager then treats this PE as a fault.
 
 The manager does not know what a silent PE runs, so a silent PE counts as holding the tokens that the epoch places there
 (`exclusion`). An available PE may still start the configuration of another manager until it hears this term. So at

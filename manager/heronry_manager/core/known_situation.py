@@ -232,7 +232,7 @@ class KnownSituation:
         return () if cause is None else (PlanNeeded(cause),)
 
     def _request_answered(self, pe: str, kind: int, number: int) -> None:
-        """Note that another manager has executed a request of a PE, unless the PE may have restarted since it made it."""
+        """Note that another manager has executed a PE's request, unless the PE may have restarted since the request."""
         incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
         if incarnation is None:
             return

@@ -151,9 +151,9 @@ class Claim:
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:
-        """Tell whether this manager may begin a term now.
+        """Tell whether this manager may begin a term now, since it has listened for long enough.
 
-        If another manager goes first, this one stands by from now on.
+        If manager 126 must have the chance to begin first, this manager stands by from now on, and the answer is False.
         """
         until_ns = self.listens_until_ns
         if self.state is not Mastership.LISTENING or until_ns is None or self._turn.now_ns < until_ns:
@@ -186,7 +186,10 @@ class Claim:
         return is_first
 
     def is_refused(self, *, most_hear_none: bool) -> bool:
-        """Tell whether most PEs have reported for long enough that they hear no LEASE, though this manager sends it."""
+        """Tell whether most PEs have reported for long enough that they hear no LEASE, though this manager sends it.
+
+        Long enough is T_lease at first, and twice as long after each refusal.
+        """
         now_ns = self._turn.now_ns
         if not most_hear_none:
             self._refused_since_ns, self._refusals = None, 0

@@ -5,9 +5,9 @@
     page 1    how far the PE is with the epoch that is being prepared; without a key also that the PE lives
     page 2    with a key: the PE requests a session, which this manager opens if it is active
     page 3    only `authenticity` uses it
-    EMCY      a fault, or a request for a phase or a priority. Only an active manager takes and acknowledges an EMCY;
-              the PE repeats it until then. An EMCY that reports a reset has no effect, since the incarnation of the
-              PE shows the reset
+    EMCY      a fault, or a request for a phase or a priority. Only an active manager takes and acknowledges such an
+              EMCY; the PE repeats it until then. A notice (`module_notices`) is not acknowledged. An EMCY that reports
+              a reset has no effect, since the incarnation of the PE shows the reset
 
 A page that cannot be decoded has no effect. When a manager that has fallen silent hears a page again, it forgets all
 but its memory, and listens for T_lease.
@@ -85,7 +85,7 @@ class PeReports:
         self._reactions.take(known.health.heard(pe, incarnation, self._turn.now_ns, hears_lease=hears_lease))
 
     def emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
-        """Process an EMCY of a PE: a fault, or a request for a phase or a priority."""
+        """Process an EMCY of a PE: a fault, a notice of a module, or a request for a phase or a priority."""
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET or not self._claim.is_active:
             return
         situation = self._known.situation

@@ -152,7 +152,12 @@ class Replanning:
             self.ask()
 
     def ready(self, answer: PlanReady) -> None:
-        """Deploy a plan from the planner, unless the PEs run it already, or the running configuration is no worse."""
+        """Deploy a plan from the planner; a manager that only advises reports it as advice.
+
+        The plan is dropped if the PEs run it already, or if it was requested in the background and is not better than
+        the running plan. If it may not be deployed after the changes that were gathered in a storm, a new plan is
+        requested.
+        """
         deployment = self._known.deployment
         if not self.planning.awaits(answer):
             return
