@@ -37,7 +37,7 @@ class Repair:
         self._tries = _TRIES
 
     def run(self, punctuality: Punctuality | None = None) -> None:
-        """Serve all functions that can be served (levels 1 and 2); if `punctuality` is given, meet all deadlines."""
+        """Serve the wanted functions by steps 1 to 4 (levels 1 and 2); if `punctuality` is given, meet all deadlines."""
         goals = self._wanted.goals
         self._server.adopt(goals)
         if punctuality is not None:
@@ -95,9 +95,9 @@ class Repair:
             self.draft.undo(mark)
 
     def _serve_instead(self, goal: Goal) -> bool:
-        """Serve `goal` by stopping or worsening less important functions, the least important first.
+        """Serve `goal` by stopping less important functions and putting other functions into cheaper modes, one by one.
 
-        Tell whether it fits.
+        Functions are taken in the order of `_in_the_way`. Tell whether `goal` is served then.
         """
         stopped = []
         for other, matters_less in self._in_the_way(goal):
@@ -118,7 +118,7 @@ class Repair:
     def _in_the_way(self, goal: Goal) -> list[tuple[Goal, bool]]:
         """Return all other served functions, each with whether it is less important than `goal`.
 
-        Functions on PEs where room is short come first.
+        Functions on PEs where room is short come first; among equals, the least important comes first.
         """
         goals, short = self._wanted.goals, self._server.short
         number = goals.index(goal)
