@@ -37,7 +37,7 @@ class Repair:
         self._tries = _TRIES
 
     def run(self, punctuality: Punctuality | None = None) -> None:
-        """Serve the wanted functions by steps 1 to 4 (levels 1 and 2); if `punctuality` is given, meet all deadlines."""
+        """Serve the wanted functions by steps 1 to 4 (levels 1 and 2); with `punctuality`, meet all deadlines, too."""
         goals = self._wanted.goals
         self._server.adopt(goals)
         if punctuality is not None:
