@@ -111,9 +111,10 @@ class Placing(Choice):
     def count_parts(self) -> None:
         """Add constraints that follow because a module is indivisible.
 
-        No PE takes three modules that need more than a third of its CPU, or four that need more than a fourth. A larger
-        module counts for each such part that it fills. The solver finds the case of two halves by itself. The other
-        cases do not follow from the linear relaxation, in which half a module may fill the room that is left.
+        No PE takes three modules that each need more than a third of its CPU, or four that each need more than a
+        fourth. A larger module counts once for each such part that it fills. The solver finds the case of two halves by
+        itself. The other cases do not follow from the linear relaxation, in which half a module may fill the room that
+        is left.
         """
         modules = self.possible.spec.modules
         for pe, capacity in self.possible.left.pe_cpu_millis.items():

@@ -87,9 +87,9 @@ class Publishing:
         return hop.producer, hop.variable, rate_mhz, hop.bus
 
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
-        """Return literals: one is true if the running producer's data come from the hop's bus before, and none if not.
+        """Return literals: one is true if the producer's data reach the hop's bus from the bus before it, else none.
 
-        None: the hop begins at its source, or the data always come from there.
+        None: the hop begins at its source, or the data always come from the bus before.
         """
         if hop.after is None:
             return None

@@ -104,7 +104,10 @@ class Draft:
     # Running
 
     def fits(self, module: int, mode: int, pe: int) -> bool:
-        """Tell whether a module that is not running has room in a mode on `pe`, one of the `hosts` of the mode."""
+        """Tell whether a module that is not running may run in a mode on `pe`, one of the `hosts` of the mode.
+
+        There must be room, and neither a placement rule nor a DEMUX may forbid it.
+        """
         if (
             self._cpu_of[mode] > self.cpu[pe]
             or self._ram_of[mode] > self.ram[pe]
@@ -152,7 +155,7 @@ class Draft:
     def wire(self, leaf: int, consumer: int, producer: int) -> bool:
         """Wire a leaf of a running module to a running producer whose mode the leaf accepts.
 
-        False: a bus has no room.
+        False: a bus has no room, or `may_publish` forbids a new message.
         """
         route = self._route[self.pe[producer]][self.pe[consumer]]
         if route and not self._room_on(route, producer, self._variable[leaf]):
@@ -163,7 +166,7 @@ class Draft:
         return True
 
     def unwire(self, leaf: int, consumer: int) -> None:
-        """Remove a wire."""
+        """Remove the wire to a leaf of `consumer`; the leaf must be wired."""
         producer = self.feeder[leaf]
         self._trail.append((_UNWIRED, leaf, consumer, producer))
         self._unlink(leaf, consumer, producer)
