@@ -38,7 +38,10 @@ def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
 
 
 def count_plans(spec: Spec) -> int:
-    """Give the largest number of plans that `fault_cases` can request for a spec, over all its phases."""
+    """Give the number of plans that `fault_cases` requests for a phase in which every device and module is in use.
+
+    A gateway takes one plan more, since its loss is also a case of the class BUS_LOST; that plan is not counted.
+    """
     return 1 + 2 * len(spec.pes) + len(spec.buses) + len(spec.devices) + len(spec.modules)
 
 
