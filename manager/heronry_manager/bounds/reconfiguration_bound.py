@@ -7,9 +7,10 @@
                 none)
     decide      given by the caller, since the planner has no deadline; only a table look-up has one
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
-    activate    for every step of the transition, one command and its last answer. Before GO_ALL a DEMUX that a silent
-                PE may still drive waits for T_lease. T_lease counts from the first ALIVE that does not name this PE;
-                the manager sends that ALIVE when it declares the PE down
+    activate    BREAK, if the transition has this step, and GO_ALL: for each of these, one command and its last answer.
+                The manager does not wait for answers to GO. Before GO_ALL a DEMUX that a silent PE may still drive
+                waits for T_lease. T_lease counts from the first ALIVE that does not name this PE; the manager sends
+                that ALIVE when it declares the PE down
 
 If several PEs fall silent together, each is declared down at its own moment, and the reconfiguration begins anew each
 time. The bound counts from the last declaration, and includes the frames of the epochs that were begun before it.

@@ -22,9 +22,10 @@ three, the silence must last for three periods and a quarter: a PE sends a modul
 last heard another node, and it may have heard that node up to a period after its own last state. The same holds for a
 gateway that forwards these frames, and a gateway may have a longer period.
 
-Both times count only while this manager runs. The manager has a beat in every heartbeat period. So a longer gap between
-two of its steps was a pause or a jump of its clock, and the manager cannot tell which of the two. After a jump no time
-may have passed at all, so no part of such a gap counts. A shorter gap always counts as time.
+The time of the silence and T_lease count only while this manager runs. The manager has a beat in every heartbeat
+period. So a longer gap between two of its steps was a pause or a jump of its clock, and the manager cannot tell which
+of the two. After a jump no time may have passed at all, so no part of such a gap counts. A shorter gap always counts as
+time.
 
 A state that the manager misses frees no token. A PE that misses frames stops earlier than the manager assumes. A late
 or doubled page 0 has no effect (`deployment`). A manager that restarts knows no tokens. For each PE that it does not

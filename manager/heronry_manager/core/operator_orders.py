@@ -16,8 +16,8 @@
     unlock pe:NAME   with a key: this one PE accepts NMT commands and SDO writes for UNLOCK_S seconds. The frame is not
                      repeated: if it is lost, the operator has to give the order again
 
-A manager that only advises does not execute orders of phases, failures and clearances. It assumes what they say, and
-reports what it would do then.
+A manager that only advises does not execute orders of phases, failures and clearances. It plans as if they had been
+executed, and reports what it would do.
 
 The consequences of an order are returned (`Outcome`). The caller carries them out in this order: the consequences of
 the changed situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has

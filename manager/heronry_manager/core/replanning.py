@@ -132,7 +132,8 @@ class Replanning:
     def ask(self) -> None:
         """Request a plan.
 
-        If the running configuration is not known in this term, but can be found out, adopt it instead.
+        Before the first request of a term: if the PEs run the configuration that is remembered or was overheard, adopt
+        it instead.
         """
         is_first = self._claim.commands()
         runs = self._known.following.runs if self._settings.advise else self._turn.memory.runs

@@ -121,7 +121,7 @@ class PlannerClient:
         return found
 
     def cancel(self) -> None:
-        """Drop all requests without an answer, and end the present search: a new process replaces the old one."""
+        """Drop all requests that have no answer yet; a process that searches for one of them is replaced by a new one."""
         self._waiting.clear()
         if self._inside is not None:
             self._stop(kill=True)

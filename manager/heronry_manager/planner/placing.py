@@ -88,7 +88,7 @@ class Placing(Choice):
     def somewhere(self, module: str, pes: Collection[str]) -> list[IntVar] | None:
         """Return literals: exactly one is true if `module` runs on one of `pes`, and none if it runs elsewhere.
 
-        None: the module can run only on one of `pes`.
+        None: all PEs on which the module can run are among `pes`.
         """
         hosts = self.pes[module]
         if all(pe in pes for pe in hosts):

@@ -1,9 +1,9 @@
 """Serving one function: start its output, wire what the output needs, and start the producers for that.
 
 A mode is tried on its old PE, then on the others, the emptiest first. An input is wired to a running producer if
-possible; else a producer is started: first one that ran before, then the cheapest. If a producer runs in an unsuitable
-mode, it is put into a suitable mode, if all modules that read from the producer accept that mode (`switch`). If no PE
-has room for a module, other modules are moved away from one PE, as long as they fit elsewhere (`_clear`).
+possible; else a producer is started: first one that ran before, then the cheapest. A producer in an unsuitable mode is
+put into a suitable one, if all modules that read from the producer accept that mode (`switch`). If no PE has room for a
+module, other modules are moved away from one PE, as long as they fit elsewhere (`_clear`).
 
 If a function of this file returns False, it has left the draft unchanged; only `hold` may leave changes. A module whose
 inputs are being wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it
