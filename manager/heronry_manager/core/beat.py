@@ -1,8 +1,9 @@
 """One beat of an active manager, and the frames that cannot wait for the next beat.
 
 A beat comes in each heartbeat period: LEASE, ALIVE with all available PEs, PING for each suspect PE (`beacon`), and one
-fact in turn for a standby manager (`announcing`). Between two beats the manager sends an ALIVE as soon as a PE is no
-longer available, since T_lease of that PE begins with this ALIVE, and a PING to a PE that has just become suspect.
+fact in turn for a standby manager (`announcing`). Three kinds of frames do not wait for the next beat: an ALIVE without
+a PE that is no longer available, since T_lease of that PE begins with this ALIVE; a PING to a PE that has just become
+suspect; and the phase or a priority, before the manager answers a request for that phase or priority.
 
 Beats begin anew with each term. If a beat is lost, the next one replaces it; no frame of a beat is acknowledged.
 """

@@ -80,7 +80,7 @@ class Knowledge:
             require(opened is None, "a manager that is not active has an epoch: {}", self._turn.recent)
 
     def _validate_memory(self) -> None:
-        """Check that the memory agrees with what is known now, so that a restart would find it."""
+        """Check that the memory agrees with what is known now, so that a restart restores the same knowledge."""
         memory, situation, recent = self._turn.memory, self.situation, self._turn.recent
         current, runs = self.deployment.current, memory.runs
         require(memory.phase in (None, situation.phase), "the phase is not remembered: {}", recent)

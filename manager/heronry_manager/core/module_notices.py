@@ -9,9 +9,9 @@ disagreements. In a disagreement either input may be right, and the comparator d
 (`heronry_agent.parts.comparators`).
 
 A PE repeats a notice every second while its cause lasts, so a lost notice comes again; no manager acknowledges notices.
-A late or doubled notice has no effect. A forged notice makes a false line in the status, for three seconds. A manager
-that restarts, or takes over, knows all notices within a second. A notice of a module that the spec does not have is
-ignored.
+A late or doubled notice has no effect. A forged notice makes a false event; a forged disagreement is also in the status
+for three seconds. A manager that restarts, or takes over, knows all notices within a second. A notice of a module that
+the spec does not have is ignored.
 """
 
 from heronry_dg.model import Spec

@@ -121,7 +121,7 @@ class PlannerClient:
         return found
 
     def cancel(self) -> None:
-        """Drop all requests that have no answer yet; a process that searches for one of them is replaced by a new one."""
+        """Drop all requests that have no answer yet; if the process works on one of them, start a new process."""
         self._waiting.clear()
         if self._inside is not None:
             self._stop(kill=True)
