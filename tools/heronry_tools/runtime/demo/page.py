@@ -44,7 +44,7 @@ class Page:
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 pass_fds=(theirs.fileno(),),
-                start_new_session=True,  # with its own share of the processors: in the session of the nodes they go first
+                start_new_session=True,  # with its own share of the processors: nodes go first in theirs
             )
 
     def __enter__(self) -> Self:
