@@ -1,5 +1,6 @@
 """Between modules and devices: which devices are opened, what a module reads, when a device is made safe."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -84,6 +85,16 @@ def test_a_device_that_its_driver_cannot_open_is_one_sentence() -> None:
 
     with pytest.raises(DeviceDriverError, match="device left cannot be opened by its driver: LookupError: nothing"):
         Devices(TABLE, dict.fromkeys(("left", "right"), Empty()))
+
+
+def test_a_driver_that_cannot_tell_what_it_follows_is_one_sentence() -> None:
+    class Confused(RecordedDriver):
+        def follows(self, sensors: Iterable[str]) -> frozenset[str]:
+            raise KeyError(*sensors)
+
+    devices = Devices(TABLE, dict.fromkeys(("left", "right"), Confused()))
+    with pytest.raises(DeviceDriverError, match="the driver of left, right does not tell which actuators it follows: Key"):
+        devices.followed()
 
 
 def test_two_modules_on_one_device_have_the_same() -> None:

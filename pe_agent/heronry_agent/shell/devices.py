@@ -92,10 +92,16 @@ class Devices:
         return self._opened[name]
 
     def followed(self) -> frozenset[str]:
-        """Return the names of other PEs' actuators whose output echoes the drivers need."""
+        """Return the names of other PEs' actuators whose output echoes the drivers need; raises DeviceDriverError."""
         followed: frozenset[str] = frozenset()
         for driver in self._every_driver:
-            followed |= driver.follows(name for name, its_driver in self._drivers.items() if its_driver is driver)
+            names = [name for name, its_driver in self._drivers.items() if its_driver is driver]
+            try:
+                followed |= driver.follows(names)
+            except Exception as error:
+                raise DeviceDriverError(
+                    f"the driver of {', '.join(names)} does not tell which actuators it follows: {one_line(error)}"
+                ) from error
         return followed
 
     def read(self, module: int, now_ns: int) -> Value | None:
