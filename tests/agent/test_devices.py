@@ -93,7 +93,9 @@ def test_a_driver_that_cannot_tell_what_it_follows_is_one_sentence() -> None:
             raise KeyError(*sensors)
 
     devices = Devices(TABLE, dict.fromkeys(("left", "right"), Confused()))
-    with pytest.raises(DeviceDriverError, match="the driver of left, right does not tell which actuators it follows: Key"):
+    with pytest.raises(
+        DeviceDriverError, match="the driver of left, right does not tell which actuators it follows: Key"
+    ):
         devices.followed()
 
 
