@@ -6,8 +6,8 @@ A Python module that loads slowly is imported only when a command needs it. With
 prints goes into FILE (`console.output`).
 
 Exit codes of every command: 0 the answer is yes, or done; 1 the answer is no: findings, a violation, a refusal; 2 the
-input cannot be used; 130 ended by Ctrl-C. Only `heronry check` has one more: 3 a defect of heronry. An error that a
-user can correct is a `UserError`: one sentence on stderr.
+input cannot be used; 130 ended by Ctrl-C, 143 by SIGTERM; 141 the reader of the output has gone. Only `heronry check`
+has one more: 3 a defect of heronry. An error that a user can correct is a `UserError`: one sentence on stderr.
 """
 
 import argparse

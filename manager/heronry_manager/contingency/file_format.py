@@ -147,7 +147,7 @@ def _read_phase(
         for pe, module, index in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
     )
     if any(index >= len(plans) for _, index in by_place):
-        raise PackingError(f"phase {phase} lacks the plan for the failure of a module on one PE")
+        raise PackingError(f"phase {phase} lacks the plan that the file names for a module that fails on one PE")
     return PhasePlans(phase, safe_mode, plans, by_fault_set, by_place)
 
 

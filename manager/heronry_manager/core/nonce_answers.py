@@ -28,7 +28,7 @@ class NonceAnswers:
         self._last_ns: deque[int] = deque(maxlen=_AT_ONCE)  # times of the last answers
 
     def is_due(self, nonce: int, now_ns: int) -> bool:
-        """Tell whether the manager must answer this nonce now; if so, it counts as answered.
+        """Tell whether the manager must answer this nonce now; if so, the nonce counts as answered.
 
         The caller has already verified the tag of the nonce.
         """

@@ -1,10 +1,10 @@
 """A state machine written as a table: each possible change of state, the event that makes it, and why.
 
-The owner keeps its state in an attribute of its own and changes it only by `after`, so that a change which the table
-lacks raises an InvariantError immediately. The diagrams of docs/protocol/ are made from the same rows, so they show
-exactly what can happen.
+The *owner*, the object that has the state, keeps it in an attribute and changes it only by `after`. So a change that
+the table lacks raises an InvariantError immediately. The diagrams of docs/protocol/ are made from the
+same rows, so they show exactly what can happen.
 
-    beginnings    states in which the owner may be made, and why
+    beginnings    states in which a new owner may begin, and why
     rows          state before, event, state after, and why; for each state and event there is one row at most
 """
 

@@ -165,7 +165,7 @@ def _fields(line: bytes) -> dict[str, object]:
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise MessageError(f"not a JSON object: {error}") from error
+        raise MessageError(f"the line is not a JSON object: {error}") from error
     if not isinstance(fields, dict):
-        raise MessageError("not a JSON object")
+        raise MessageError("the line is not a JSON object")
     return fields

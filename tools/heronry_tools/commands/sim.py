@@ -120,7 +120,8 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--shrink",
         action="store_true",
-        help="if a flight fails, find fewer faults with which it fails, too; writes SPEC-seed-N.scenario",
+        help="if a flight fails, look for a smaller set of its faults with which it still fails; write that set to"
+        " SPEC-seed-N.scenario",
     )
     add_compiled_argument(parser)
     add_output(parser, "write one JSON object per flight, and one for all flights")

@@ -10,7 +10,7 @@ from heronry_tools.web.picture import contributing, symbols
 
 
 def facts(spec: Spec) -> dict[str, Any]:
-    """Give the facts about a spec that a page needs, as plain data."""
+    """Give the facts about a spec that a web page needs, as plain data."""
     return {
         "name": spec.name,
         "digest": spec.digest,

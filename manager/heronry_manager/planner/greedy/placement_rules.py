@@ -8,7 +8,10 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class PlacementRules:
-    """The rules between modules; `separate`, `together` and `rivals` give, for each module, a set of other modules.
+    """The rules between modules, which are named by their numbers (`numbering`).
+
+    `separate`, `together` and `rivals` have one entry for each module, by its number: a set of other modules, in which
+    bit n of the integer stands for module n. `demuxes` lists the numbers of modules.
 
     separate: modules that must run on another PE.
     together: modules that must run on the same PE.

@@ -40,8 +40,8 @@ class Tables:
     def wanted(self, now: Situation) -> Wanted:
         """Give the wanted functions of a situation, with their priorities.
 
-        Those of each phase with the spec's priorities are worked out once. Results for changed priorities are not kept,
-        since there may be any number of them.
+        The result for a phase with the spec's own priorities is computed once and kept. Results for changed priorities
+        are not kept, since there may be any number of such changes.
         """
         if now.priorities:
             return wanted_in(self.numbers, self.orders.price, now)

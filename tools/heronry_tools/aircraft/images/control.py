@@ -58,9 +58,10 @@ class Pid:
         self._sum_deg_s = held(self._sum_deg_s + error_deg * period_s, self.trim_deg / self.integral)
 
     def output_deg(self, error_deg: float, rate_deg_per_s: float, gain: float = 1.0) -> float:
-        """Give the angle of the surface in degrees, within +-`limit_deg`, for an error of attitude and a present rate.
+        """Give the angle of the surface in degrees, within +-`limit_deg`.
 
-        error_deg: demanded minus present angle. gain: a factor for the whole output.
+        error_deg: demanded minus present attitude. rate_deg_per_s: present rate of the attitude. gain: a factor for the
+        proportional and the rate part; the integral part does not depend on it.
         """
         quick = gain * (self.proportional * error_deg - self.damping * rate_deg_per_s)
         return held(quick + self.integral * self._sum_deg_s, self.limit_deg)

@@ -99,7 +99,11 @@ def _tell_loss(subject: Subject, findings: Findings, loss: "Loss", lost: Mapping
 
 
 def _redundancy(subject: Subject, findings: Findings) -> None:
-    """Find the DEMUXes, XORs and voters whose redundancy does not protect from some fault."""
+    """Find DEMUXes, XORs and voters whose alternatives depend on the same element.
+
+    For a DEMUX and a XOR, all alternatives are lost with that element. A voter has fewer than three inputs of which no
+    two depend on the same element.
+    """
     dependence = Dependence(subject.spec)
     for demux in subject.spec.demuxes.values():
         shared = dependence.of_ends(demux)

@@ -165,9 +165,10 @@ class Show:
         return not awaited or self._show_s() >= self._seconds + GRACE_S
 
     def _awaited(self) -> list[str]:
-        """Name the joins, deployments, functions and the page that are not complete.
+        """Name what the demo still waits for before it ends.
 
-        If the demo ended before they are complete, this would look like a fault.
+        These are PEs to join, a deployment to be complete, functions to be heard, and the page to be served. If the
+        demo ended earlier, what is missing would look like a fault.
         """
         joining = [f"{pe} to join" for pe in sorted(self._coming_back)]
         deploying = [] if self._pending is None else [f"{self._pending} to be complete"]

@@ -25,7 +25,10 @@ class OrphanCheck(Oracle):
     """Verifies what PEs report while no manager is on the bus."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
-        """Begin without states; `has_digests` is False in flights with a key, whose state frames have a tag instead."""
+        """Begin with no state frame seen.
+
+        has_digests: False in flights with a key, in which state frames have a tag in the place of the digest.
+        """
         self._has_digests = has_digests
         super().__init__()
         bus = spec.buses[spec.manager.bus]

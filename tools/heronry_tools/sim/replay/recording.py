@@ -59,7 +59,7 @@ class Mastership:
     leases: list[tuple[int, Lease]] = field(default_factory=list)
 
     def calls_by_number(self) -> bool:
-        """Tell whether a PREPARE names a contingency by its number: then contingencies were on board."""
+        """Tell whether contingencies were on board: some PREPARE of this mastership names one by its number."""
         prepared = (decode_command(command, frame.data) for _, command, frame in self.said)
         return any(isinstance(message, Prepare) and message.contingency for message in prepared)
 
