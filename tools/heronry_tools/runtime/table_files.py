@@ -1,4 +1,4 @@
-"""The tables of PEs as files: compiled from a spec, each with as many of the plans made ahead as fit."""
+"""The tables of PEs as files: compiled from a spec, each with as many of the contingencies as fit."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -22,7 +22,7 @@ def write_tables(
 
 
 def table_texts(spec: "Spec", pes: Iterable[str], made: "Contingencies | None") -> dict[str, str]:
-    """Compile the tables of PEs, each with as many of the plans made ahead as the PE has room for."""
+    """Compile the tables of PEs, each with as many of the contingencies as the PE has room for."""
     from heronry_manager.core.compilation import Compiler  # noqa: PLC0415 - loads pydantic
     from heronry_manager.core.on_board import loaded, on_board  # noqa: PLC0415
 

@@ -23,6 +23,7 @@ class Driven(NamedTuple):
     """A step of a module, with its inputs.
 
     t_ns: when the step was executed
+    inputs: (variable, datum) by path of the leaf
     asked_ns: when the core requested the step, and read its inputs
     """
 
