@@ -16,7 +16,7 @@ from heronry_tools.reports.render.graph import Edge, Node
 from heronry_tools.reports.render.marks import Marks, marks
 from heronry_tools.watch.snapshot import Graph, Live
 
-_REMEMBERED: Final = 32
+_REMEMBERED: Final = 8
 _Choices = tuple[tuple[Any, ...], ...]
 
 
