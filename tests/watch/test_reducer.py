@@ -39,7 +39,9 @@ def test_a_graph_is_made_once_for_each_situation_and_configuration() -> None:
     assert graphs.graph(Situation(), elsewhere) == first
     for n in range(40):
         graphs.graph(Situation(priorities={"elevator": n + 1}), runs)
-    assert graphs.graph(Situation(), runs) == first
+    again = graphs.graph(Situation(), runs)
+    assert again == first
+    assert again is not first, "only the last few are remembered"
 
 
 def test_a_flight_as_its_snapshot_tells_it() -> None:

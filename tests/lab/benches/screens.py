@@ -52,6 +52,7 @@ _FLAGS: Final = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-backg
 _MOST_MS: Final = 250.0
 _PATIENCE_MS: Final = 300_000  # of a busy computer, which opens a page late
 _SETTLING_MS: Final = 5_000  # the start of a browser takes both processors of a small computer
+_STANDSTILL_S, _AGAIN_S = 10.0, 0.5
 _WHOLE_MIN: Final = 30  # minutes, from which on the limits of memory hold
 _MOST_GROWTH_MIB: Final = 2.0
 _MOST_HEAP_GROWTH: Final = 0.1
@@ -99,10 +100,15 @@ class _Flight:
     )
 
     def disturb(self) -> None:
-        """Fail the device, or clear it; a manager that listens again, after a standstill, is left alone."""
-        order = next(self.faults)(self.device)
-        with suppress(UserError):
-            self.fleet.order(order, "the benchmark")
+        """Fail the device, or clear it; a manager that listens again, after a standstill, is asked until it obeys."""
+        order, until_s = next(self.faults)(self.device), time.monotonic() + _STANDSTILL_S
+        while True:
+            try:
+                return self.fleet.order(order, "the benchmark")
+            except UserError:
+                if time.monotonic() > until_s:
+                    raise
+            time.sleep(_AGAIN_S)
 
 
 @contextmanager

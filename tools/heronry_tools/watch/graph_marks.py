@@ -4,11 +4,9 @@ Symbols and edges are named by the keys of `reports.render`. So a picture is dra
 changed.
 """
 
-from collections import OrderedDict
 from functools import lru_cache
-from typing import Any, Final
 
-from heronry_dg.configuration import Configuration
+from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_tools.reports.render.build import build
@@ -16,8 +14,7 @@ from heronry_tools.reports.render.graph import Edge, Node
 from heronry_tools.reports.render.marks import Marks, marks
 from heronry_tools.watch.snapshot import Graph, Live
 
-_REMEMBERED: Final = 8
-_Choices = tuple[tuple[Any, ...], ...]
+_Choices = tuple[tuple[str, str, str, tuple[tuple[str, Wire], ...]], ...]  # of each module: name, PE, mode, inputs
 
 
 def edge_key(edge: Edge) -> str:
@@ -31,21 +28,16 @@ class LiveGraphs:
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
-        self._graphs: OrderedDict[tuple[Situation, _Choices], Graph] = OrderedDict()
         self.feasible = lru_cache(maxsize=32)(lambda now: marks(spec, now).found)
+        self._made = lru_cache(maxsize=8)(self._make)
 
     def graph(self, now: Situation, configuration: Configuration) -> Graph:
         """Give the state of every symbol and edge in a situation in which this configuration runs."""
-        key = now, _choices(configuration)
-        if key not in self._graphs:
-            self._graphs[key] = self._make(now, configuration)
-        self._graphs.move_to_end(key)
-        if len(self._graphs) > _REMEMBERED:
-            self._graphs.popitem(last=False)
-        return self._graphs[key]
+        return self._made(now, _choices(configuration))
 
-    def _make(self, now: Situation, configuration: Configuration) -> Graph:
+    def _make(self, now: Situation, choices: _Choices) -> Graph:
         spec = self._spec
+        configuration = Configuration({name: Running(pe, mode, dict(inputs)) for name, pe, mode, inputs in choices})
         graph = build(spec, Marks(spec, self.feasible(now), configuration))
         lost = _lost_outputs(spec, now, configuration)
         degraded = {f"module:{name}" for name in configuration.modules if is_degraded(spec, configuration, name)}
@@ -65,9 +57,9 @@ class LiveGraphs:
 
 
 def _choices(configuration: Configuration) -> _Choices:
-    """Give all that a configuration chooses, as a key: equal for equal configurations only."""
+    """Give all that a configuration chooses, in a form that a cache can compare."""
     return tuple(
-        (name, running.pe, running.mode, *sorted(running.inputs.items()))
+        (name, running.pe, running.mode, tuple(sorted(running.inputs.items())))
         for name, running in configuration.modules.items()
     )
 
