@@ -146,9 +146,9 @@ def _watch(reader: int) -> None:
 
 
 def _end(number: int) -> NoReturn:
-    multiprocessing = sys.modules.get("multiprocessing")
-    if multiprocessing is not None:
-        for child in multiprocessing.active_children():
+    active_children = getattr(sys.modules.get("multiprocessing"), "active_children", None)
+    if active_children is not None:  # else it is not imported, or only in part: there are no children yet
+        for child in active_children():
             child.kill()
     os._exit(128 + number)
 

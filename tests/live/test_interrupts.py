@@ -131,6 +131,17 @@ def test_an_interrupted_command_has_no_result_at_any_moment(command: str, moment
     interrupt(command, folder)
 
 
+def test_an_interrupt_while_multiprocessing_is_imported_ends_the_process_without_a_word() -> None:
+    program = """if True:
+        import sys, types
+        from heronry_wire import interruption
+        sys.modules["multiprocessing"] = types.ModuleType("multiprocessing")  # as while its import has just begun
+        interruption._end(2)
+    """
+    ended = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, timeout=SOON_S)
+    assert (ended.returncode, ended.stderr) == (130, b"")
+
+
 @pytest.mark.parametrize("share", range(SHARES))
 def test_an_interrupted_command_has_no_result(share: int, folder: Path) -> None:
     interrupt(random.choice([*COMMANDS][share::SHARES]), folder)
@@ -156,7 +167,7 @@ def interrupt(command: str, folder: Path) -> None:
         told = (folder / ERRORS).read_text()
         print(f"{command}: at {after_s:.2f} s {number.name}, ended {(time.monotonic() - sent_at) * 1e3:.0f} ms later")
         assert "Traceback" not in told, told
-        assert soon(lambda: not list(left_in_session(process.pid))), list(left_in_session(process.pid))
+        assert soon(lambda: not list(left_behind(process.pid, folder))), list(left_behind(process.pid, folder))
         left = {file.name for file in set(folder.iterdir()) - before} - {ERRORS, STANDARD_OUTPUT, "__pycache__"}
         if process.returncode == 0 and command in SERVE:
             assert left <= {"cache", "state", "recorded"}
@@ -241,11 +252,14 @@ def takes_termination(pid: int) -> bool:
     return bool(int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
 
 
-def left_in_session(session: int) -> Iterator[str]:
-    """Command lines of the processes that a session still has."""
+def left_behind(session: int, folder: Path) -> Iterator[str]:
+    """Command lines of the processes that a session still has, or that have its environment in another session."""
+    ours = f"XDG_CACHE_HOME={folder / 'cache'}".encode()
     for entry in Path("/proc").iterdir():
         try:
-            if entry.name.isdigit() and os.getsid(int(entry.name)) == session:
+            if entry.name.isdigit() and (
+                os.getsid(int(entry.name)) == session or ours in (entry / "environ").read_bytes().split(b"\0")
+            ):
                 yield (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
         except OSError:
             continue  # it has ended
