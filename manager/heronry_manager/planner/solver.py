@@ -46,13 +46,23 @@ def core_solver(effort: float) -> CpSolver:
     return solver
 
 
-def light_solver(effort: float) -> CpSolver:
-    """Set up a search with little presolve; `effort`: its limit, in deterministic time."""
+def plain_solver(effort: float) -> CpSolver:
+    """Set up a search that gives the same result on every machine; `effort`: its limit, in deterministic time.
+
+    CP-SAT's own handler of SIGINT is switched off: it would end the search, and the best result so far would be given
+    as the answer.
+    """
     solver = CpSolver()
     solver.parameters.num_workers = 1
-    solver.parameters.catch_sigint_signal = False  # it would end the search, and give a worse plan as the best one
+    solver.parameters.catch_sigint_signal = False
     solver.parameters.random_seed = 0
     solver.parameters.max_deterministic_time = effort
+    return solver
+
+
+def light_solver(effort: float) -> CpSolver:
+    """Set up a search with little presolve; `effort`: its limit, in deterministic time."""
+    solver = plain_solver(effort)
     solver.parameters.absolute_gap_limit = 0.0  # a gap is computed in floating point; merged levels outgrow it
     solver.parameters.symmetry_level = 0
     solver.parameters.cut_level = 0

@@ -12,6 +12,7 @@ machine. If the search ends before a longest cycle is proven, the lower and the 
 from typing import Final
 
 from heronry_manager.planner.cp_sat import FEASIBLE, INFEASIBLE, OPTIMAL, CpModel, CpSolver, CpSolverStatus
+from heronry_manager.planner.solver import plain_solver
 from heronry_pcs.cycles import LEAST_CYCLE, Bounds, Touching, bounds_alone
 
 EFFORT: Final = 5.0  # deterministic seconds for one block; blocks of 200 members are proven in less
@@ -39,10 +40,7 @@ def longest_cycle(block: Touching, through: frozenset[str], effort: float = EFFO
         if start < end:
             model.add_at_most_one(used, arcs[end, start])
     model.maximize(len(block) - sum(left_out.values()))
-    solver = CpSolver()
-    solver.parameters.num_workers = 1
-    solver.parameters.random_seed = 0
-    solver.parameters.max_deterministic_time = effort
+    solver = plain_solver(effort)
     return _bounds(solver, solver.solve(model), bounds_alone(block, through))
 
 
