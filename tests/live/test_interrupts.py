@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from shutil import copyfile
 
 import pytest
@@ -80,9 +81,12 @@ STANDARD_OUTPUT, ERRORS = "result.stdout", "errors"
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder to work in; sockets of managers are in another one: a path of a socket must be short."""
     (tmp_path / "kill.scenario").write_text(SCENARIO)
-    return tmp_path
+    with TemporaryDirectory() as runtime:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+        yield tmp_path
 
 
 def write_flight(file: Path) -> None:
