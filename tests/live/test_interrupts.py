@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from shutil import copyfile
+from tempfile import TemporaryDirectory
 
 import pytest
 
