@@ -100,7 +100,7 @@ class _Flight:
     )
 
     def disturb(self) -> None:
-        """Fail the device, or clear it; a manager that listens again, after a standstill, is asked until it obeys."""
+        """Fail the device, or clear it; a manager that listens again, after a standstill, is asked until it accepts."""
         order, until_s = next(self.faults)(self.device), time.monotonic() + _STANDSTILL_S
         while True:
             try:
