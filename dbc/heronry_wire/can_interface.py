@@ -4,9 +4,9 @@ The source is rtnetlink (Linux, rtnetlink(7), linux/if_link.h, linux/can/netlink
 process with CAP_NET_ADMIN may change it. It gives what `ip -details link show` prints, without that program. A vcan has
 no controller: its bit rate, state, restart time and counters are None, as are values that a driver does not report.
 
-With every driver, setting an interface down and up restarts a controller that is bus-off. IFLA_CAN_RESTART would
-disturb other programs on the interface less, but some drivers do not support it. Those programs lose nothing by a
-restart: they cannot use a bus-off interface either.
+With every driver, setting an interface down and up restarts a controller that is bus-off. The command IFLA_CAN_RESTART
+would disturb other programs on the interface less than that, but some drivers do not support the command. The other
+programs lose nothing if the interface is set down and up: they cannot use an interface that is bus-off either.
 """
 
 import errno

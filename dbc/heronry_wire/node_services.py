@@ -166,5 +166,5 @@ def read_identification(message: ServiceMessage) -> Identification | Malformed:
 
 
 def answer_delay_ns(request: ServiceMessage, node_id: int) -> int:
-    """Time in ns that a node waits before it answers: 0, or (n - 92) ms if the request was for all nodes."""
+    """Time in ns that a node waits before it answers: 0; if the request was for all nodes, (`node_id` - 92) ms."""
     return (node_id - FIRST_PE) * _NS_PER_MS if request.datum.node_id == BROADCAST else 0

@@ -184,7 +184,10 @@ def split_state(data: bytes) -> tuple[bytes, int]:
 
 
 def joined_state(said: bytes, tag: int) -> bytes:
-    """Put a tag in the place of the digest of a page 0 or 1, whose other bytes `split_state` gave (`said`)."""
+    """Give a page 0 or 1 with a tag in the place of its digest.
+
+    said: the other bytes of the page, as `split_state` gives them.
+    """
     first, after = _tag_place(said)
     return said[:first] + tag.to_bytes(after - first, "big") + said[first:]
 

@@ -87,7 +87,7 @@ def _number(text: str) -> int | Decimal | str | Surprise:
 
 
 def _odd_number(text: str) -> str | Surprise:
-    """Refuse text that some other programs read as a number; any other text is accepted (`64KiB`)."""
+    """Refuse text that other programs read as a number or a date; any other text is given back, such as `64KiB`."""
     shown = text if len(text) <= _LONGEST_NUMBER else text[:_LONGEST_NUMBER] + "..."
     if _OTHER_BASE.fullmatch(text):
         return Surprise(file.NOT_DECIMAL, f"'{shown}' is not a decimal number", _decimal_hint(text))

@@ -71,7 +71,10 @@ class Feasibility:
         self._never_met = [(module, mode) for module, mode in every if not intact.can_hold(mode.needs, 1)]
 
     def in_situation(self, now: Situation, left: Survivors | None = None) -> Feasible:
-        """Compute what could run in a situation of this phase; `left`: its survivors, if they are already computed."""
+        """Compute what could run in a situation of this phase.
+
+        left: the survivors of the situation, if they are already computed.
+        """
         left = survivors(self._whole, now) if left is None else left
         modules = self._spec.modules.values()
         homeless = [m for m in modules if not left.hosts_among(m, self._homes[m.name])]

@@ -101,7 +101,7 @@ def test_a_priority_is_set_shown_and_ended(manager: OneManager, capsys: pytest.C
     assert "the priority of elevator is that of the spec from now on" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["priority", "elevator", "-3"])
-    assert "-3 is no priority; write a whole number from 0, or default" in capsys.readouterr().err
+    assert "-3 is no priority; write a whole number from 0 to 32767, or default" in capsys.readouterr().err
 
 
 def test_the_status_is_for_people_or_for_programs(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:

@@ -150,7 +150,7 @@ def test_a_file_that_is_no_spec_is_told_from_one_that_is_not_there(
     file = tmp_path / "bin"
     file.write_text("some")
     assert main(["sim", str(file)]) == 2
-    assert f"{file}: the name of a spec ends in .dg.yaml" in capsys.readouterr().err
+    assert f"{file}: the name of a spec's file must end in .dg.yaml" in capsys.readouterr().err
 
 
 def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.CaptureFixture[str]) -> None:

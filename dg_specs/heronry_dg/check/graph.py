@@ -1,7 +1,7 @@
 """DG23x and DG24x: parts of a spec that load, but have no effect or cannot have the effect that the author meant.
 
 The check needs no solver, and considers all modes together. Every finding is certain. A part without a finding may
-still be impossible for reasons of place and capacity; the families with a solver find those reasons.
+still be impossible for reasons of place and capacity; the checks with a solver find those reasons.
 
 Consequences of a mistake are not reported. If no module gives an input, there is one finding at that input, and none
 about the module that therefore never runs. Unused parts are reported only if all inputs can be wired. For example, if a
@@ -141,7 +141,7 @@ def _accepted_text(leaf: Leaf) -> str:
 
 
 def _watched(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
-    """Find phases that are never entered because no module gives the variable of their rule."""
+    """Find phases whose rule never leads to them, because no module gives the variable of the rule."""
     for phase in subject.spec.phases.values():
         if phase.when is not None and phase.when.variable not in wiring.givers:
             sentence = f"phase '{phase.name}' watches '{phase.when.variable}', which no module gives"
@@ -184,7 +184,12 @@ def _circles(subject: Subject, findings: Findings) -> None:
 
 
 def _circle(rules_of: Mapping[str, When]) -> list[str]:
-    """Give the phases of a shortest circle of rules that all hold at one value; empty if there is none."""
+    """Give the phases of a shortest circle: the rule of each phase leads to it from the phase before in the list.
+
+    All rules of the circle hold at one and the same value of the variable. The list is empty if there is no circle.
+
+    rules_of: the rules that watch one variable, by the phase to which they lead.
+    """
     thresholds = sorted(
         {limit for when in rules_of.values() for limit in (when.above, when.below) if limit is not None}
     )
@@ -285,11 +290,12 @@ class _Possible:
         return most
 
     def _sources(self, leaf: Leaf) -> frozenset[str] | None:
-        """Names of what could be wired to a leaf while this module runs: modules and DEMUXes, as in `_Wiring.groups`.
+        """Give the names of the modules and DEMUXes that could be wired to a leaf while this module runs.
 
-        The DEMUX of this module is left out unless this module itself gives what the leaf accepts, since no other
-        branch or end of that DEMUX runs at the same time.
-        None where no module gives what the leaf accepts.
+        The name of a DEMUX stands for its branches, or for its ends. This module may itself be a branch or an end of a
+        DEMUX. No other branch or end of that DEMUX runs at the same time. So that DEMUX is given only if this module
+        itself gives what the leaf accepts.
+        None: no module gives what the leaf accepts.
         """
         if not self.wiring.is_given(leaf):
             return None
@@ -302,7 +308,10 @@ class _Possible:
 
 
 def _flat(expression: Expression) -> Iterator[Expression]:
-    """Give the inputs of an AND; an AND among them is replaced by its own inputs."""
+    """Give the inputs of an AND; an AND among these inputs is replaced by its own inputs.
+
+    An expression that is no AND is given unchanged.
+    """
     if not isinstance(expression, And):
         yield expression
         return

@@ -162,8 +162,9 @@ class Authenticity:
     ) -> None:
         """Begin without any session.
 
-        digest_of: gives the digest of an epoch of this mastership, or of the manager that is followed; None: not known.
-        speaks: tells whether this manager sends LEASE; only then it also sends RENEW.
+        digest_of: gives the digest of an epoch by its number; a standby manager knows the epochs of the manager that it
+        follows. None: the epoch is not known.
+        speaks: tells whether this manager sends LEASE; only a manager that sends LEASE also sends RENEW.
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
@@ -180,7 +181,11 @@ class Authenticity:
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
-        """Give for the status whether a PE is believed, and how many of its states, commands and EMCYs were refused."""
+        """Give what the status shows of a PE: whether this manager believes it, and three counts.
+
+        The counts: states in the name of the PE that were not believed, commands that the PE has refused, and EMCYs in
+        its name that were never proven.
+        """
         peer = self._peers[pe]
         return {
             "is_believed": peer.doubted_ns is None and peer.opened is not None,
@@ -222,9 +227,10 @@ class Authenticity:
     # What comes in
 
     def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
-        """Check the tag of a state.
+        """Check a state of a PE; gives its page, or None if the page is not believed.
 
-        Gives the page with the digest in the place of the tag, or None if it is not believed.
+        In a page 0 or 1, the digest is put in the place of the tag. In a page 2, the nonce must have been made with the
+        key. A page 3 has no proof and is always given.
         """
         peer = self._peers[pe]
         match page:
@@ -269,7 +275,8 @@ class Authenticity:
     def _forget(self, peer: _Peer, emergency: bytes) -> None:
         """Forget an EMCY; if no page 0 has proven it, every frame that brought it counts as forged.
 
-        The status does not count EMCYs with a code that no page 0 proves (`_SENT_ONCE`), since these may be genuine.
+        These frames count in `unproven`, too, which the status shows. An exception are EMCYs with a code in
+        `_SENT_ONCE`: no page 0 proves these EMCYs, so they may be genuine.
         """
         heard = peer.held.pop(emergency)
         if heard == _PROVEN:
@@ -356,7 +363,7 @@ class Authenticity:
         return None
 
     def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
-        """Check page 1 on an epoch of this mastership; None: its tag is wrong.
+        """Check the tag of a page 1; None: the tag is wrong, or the digest of the page's epoch is not known here.
 
         In the page that is returned, the digest is that of the epoch if the PE has staged the epoch, and 0 if not.
         """

@@ -14,12 +14,14 @@ the same consequences as a fault: a new plan and a new epoch. The criticality of
     against the operator's order
     order                               the priority changes to the ordered one, or to the spec's; without waiting time
 
-A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up for each function
-until it restarts: a request that comes again, or after a later one, is acknowledged and has no further effect. A pause
-of the manager loses no request. A forged request changes a priority within the spec's range; an order of the operator
-prevents that. A manager that restarts remembers priorities and numbers. A standby manager hears each changed priority
-in turn (CONTROL, HOLDS), the end of a change (CLEAR), and which requests were executed. It drops a changed priority
-that was not announced for three turns (`announcing`).
+A PE repeats a request until it is acknowledged. The request carries a number; the PE counts its requests for each
+function from its start on. A request with a number that the manager knows, or with an older number, is acknowledged and
+has no further effect. A pause of the manager loses no request. A forged request changes a priority within the spec's
+range; an order of the operator prevents that. A manager that restarts remembers priorities and numbers.
+
+The active manager announces its facts in turn (`announcing`). So a standby manager hears each changed priority
+(CONTROL, HOLDS), the end of a change (CLEAR), and which requests were executed. It drops a changed priority that was
+not announced while all facts had their turn three times.
 """
 
 from collections import Counter

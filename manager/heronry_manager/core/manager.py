@@ -123,7 +123,10 @@ class ManagerCore:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether this manager is active; a manager that only advises is active as long as it would command."""
+        """Tell whether this manager is active.
+
+        A manager that only advises sends nothing. It counts as active while it would command if it were allowed to.
+        """
         return self._claim.is_active
 
     @property

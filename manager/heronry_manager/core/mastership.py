@@ -16,11 +16,11 @@
     RETIRED     another manager is active, and this one was started without `standby`; or all terms have been used. The
                 manager has ended
 
-With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending.
-Manager 127 also stands by for a while if it hears no manager at its start (`following`), so that 126 goes first. If a
-manager hears a LEASE with its own node-ID and term, a second manager with this node-ID was started by mistake. Of these
-two managers, the first that hears the other gives way. A manager that only advises sends nothing, and need not give way
-to another one.
+A manager gives way if it hears another manager at its start, or later a manager with a higher term. With `standby` it
+then stands by, and otherwise it ends. Manager 127 also stands by for a while if it hears no manager at its start
+(`following`), so that 126 goes first. If a manager hears a LEASE with its own node-ID and term, a second manager with
+this node-ID was started by mistake. Of these two managers, the first that hears the other gives way. A manager that
+only advises sends nothing, and need not give way to another one.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
 `TRANSITIONS`. Another manager repeats its LEASE in each period, so a lost LEASE comes again. A late or doubled LEASE
@@ -122,11 +122,14 @@ class Claim:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether this manager is active; a manager that only advises is active as long as it would command."""
+        """Tell whether this manager is active.
+
+        A manager that only advises sends nothing. It counts as active while it would command if it were allowed to.
+        """
         return self.state is Mastership.ACTIVE or self.state is Mastership.STARTING
 
     def speaks(self) -> bool:
-        """Tell whether this manager sends LEASE: it is active, and does more than advise."""
+        """Tell whether this manager sends LEASE: it is active, and was not started only to advise (`advise`)."""
         return self.is_active and not self._settings.advise
 
     def validate(self) -> None:
@@ -140,14 +143,21 @@ class Claim:
     # Listening
 
     def hears_a_pe(self) -> bool:
-        """Note a frame of a PE; tells whether it ends a silence of all PEs, so that this manager listens now."""
+        """Note a frame of a PE; tells whether this frame ends a silence of all PEs.
+
+        If so, this manager listens for T_lease from now on.
+        """
         if self.listens_until_ns is not None:
             return False
         self.listens_until_ns = self._turn.now_ns + self._lease_ns
         return True
 
     def learns_for(self, leases: int) -> None:
-        """Listen for `leases` times T_lease from now on, before this manager advises beside an active one."""
+        """Listen for `leases` times T_lease from now on.
+
+        Call this in a manager that only advises, when it hears an active manager: it first has to learn the facts that
+        the active manager announces.
+        """
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:

@@ -4,19 +4,20 @@ The mission begins in the spec's first phase. Three things change the phase:
 
     the operator    to any phase
     a module        to any phase: its PE has sent a request (EMCY, PHASE_REQUEST)
-    a phase's rule  to that phase, and only from the phases that the rule names (`from`; by default those before it in
-                    the spec)
+    a phase's rule  to that phase, and only from the phases that the rule names with `from`; without `from`, from all
+                    phases that stand before it in the spec
 
-In a new mastership a PE makes its last request again, even if the previous manager has acknowledged the request. A
-request that comes again in this way is restricted: to a phase with a rule it leads only from the phases that the rule
-names, and to any other phase only if that phase comes later in the spec.
+In a new mastership a PE makes its last request again, even if the previous manager has acknowledged the request. Such a
+repeated request is restricted. To a phase with a rule, it leads only from the phases that the rule allows. To a phase
+without a rule, it leads only from phases that stand before it in the spec.
 
 Any change has the same consequences as a fault: a plan for the new phase and a new epoch. Each request counts when it
 comes, so of several requests the last one wins. If several rules are satisfied by one value, the PE requests only one
 of their phases (`phase_requests` of the agent).
 
-A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up until it restarts: a
-request that comes again, or after a later one, is acknowledged and has no further effect. The manager neither
+A PE repeats a request until it is acknowledged. The request carries a number; the PE counts its requests from its start
+on. A request with a number that the manager knows, or with an older number, is acknowledged and has no further effect.
+The manager neither
 acknowledges nor executes a request of an unavailable PE; the PE repeats the request when it is back, if it still wants
 the phase. A pause of the manager loses no request. A forged request changes the phase, and the operator can change it
 back. A manager that restarts or takes over goes on with the last phase, and the PEs make their requests again. A
@@ -53,7 +54,7 @@ class MissionPhase:
     def accepted(self, pe: str, incarnation: int, detail: int) -> bool:
         """Note that this manager or another one has executed the request for a phase that a PE sent.
 
-        detail: the requested phase and the number of the request, as in the EMCY.
+        detail: the number of the request, and the flag FORWARD_ONLY, as in the EMCY.
 
         Returns True if the request was not known before.
         """
@@ -65,7 +66,10 @@ class MissionPhase:
         return True
 
     def allows(self, index: int, detail: int) -> bool:
-        """Tell whether a request for the phase with this index changes the phase; `detail`: as in the EMCY."""
+        """Tell whether a request for the phase with this index changes the phase.
+
+        detail: the number of the request, and the flag FORWARD_ONLY, as in the EMCY.
+        """
         if self._order[index] == self.current:
             return False
         return not detail & FORWARD_ONLY or self.current is None or self.current in self._origins[index]

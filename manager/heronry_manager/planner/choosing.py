@@ -9,8 +9,9 @@ places for the chosen modules.
 this choice in its own model; only the places are left to be found.
 
 The bound holds for every legal configuration. If no packing is found, another choice of the same value, or of a little
-less, may still fit. The search over modules and places together looks for such a choice. It also gets constraints for
-each PE that follow because a module is indivisible, and takes longer to prepare.
+less, may still fit. The search over modules and places together looks for such a choice. A module is indivisible, so
+some combinations of modules do not fit on a PE, although the sum of the PEs would have room. That search also gets the
+constraints that exclude such combinations, so it takes longer to prepare.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +38,7 @@ class Choosing(Choice):
         """Build the small model, in which modules and modes are chosen but not placed.
 
         group: the levels to maximise, merged into one sum.
-        key: a configuration must not be worse than this in the levels above the group.
+        key: values of the levels, by position; above the group, a configuration must not be worse than these values.
         """
         super().__init__(CpModel(), possible)
         self.spent = 0.0  # deterministic time
@@ -86,7 +87,7 @@ class Choosing(Choice):
     def _add_capacities(self) -> None:
         """Limit the CPU, memory and flash of modes to the room on the PEs that can run them.
 
-        The limit is added for all PEs together, and for the set of PEs that can run each mode.
+        There is one limit for all PEs together. For each mode there is another one, for the set of PEs that can run it.
         """
         modules = self.possible.modules
         everywhere = frozenset(self.possible.left.pe_cpu_millis)

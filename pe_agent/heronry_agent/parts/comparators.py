@@ -7,7 +7,7 @@ the output. The disagreement ends when the versions have agreed for `patience_ns
 
     ComparatorBetter    gives the better version, and only reports the disagreement
     ComparatorSafer     gives the value nearer to `safe`
-    ComparatorNone      gives no value, and the spec decides what its readers do without one
+    ComparatorNone      gives no value; the spec decides what the modules that read the output do without a value
 
 While the versions agree, the better one is the output. If only one version is present, this version is the output. If
 the two modules that compute the versions had the same image, they would make the same mistakes. So give these modules

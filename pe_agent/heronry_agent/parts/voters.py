@@ -1,10 +1,11 @@
 """Voters: modules that compute one value from several that should be equal, and report the one that differs.
 
-    MedianVoter    gives the median of the channels that are present, so that a single wrong channel does not decide. Of
-                   two channels that differ it gives the one nearer to the last output
+    MedianVoter    gives the median of the channels that are present, so that a single wrong channel does not decide. If
+                   only two channels are present, and they differ by more than `tolerance`, it gives the value that is
+                   nearer to the last output
     MajorityVoter  gives the mean of the largest group of channels that agree, if this group has more than half of all
-                   channels. If it has not, the voter gives no value, and the spec decides what the modules that read
-                   the output do without one
+                   channels. If not, the voter gives no value. The spec then decides what the modules that read the
+                   output do without a value
 
 A *channel* is one of the variables that should be equal. A channel is reported if it is further than `tolerance` from
 the output while more than two channels are present. With two channels that differ, either may be right, and none is
@@ -55,7 +56,10 @@ class MedianVoter(Voter):
     """Gives the median of its input channels; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float:
-        """Return the median; of two values that differ, the one nearer to the last output."""
+        """Return the median of the values that are present.
+
+        Of two values that differ by more than `tolerance`, return the value nearer to the last output.
+        """
         last = self.last
         if len(heard) != 2 or last is None or abs(heard[0] - heard[1]) <= self.tolerance:
             return statistics.median(heard)

@@ -9,12 +9,13 @@ agent; then the agent reads them together.
 
 A step begins when its order is sent, or when the step before it in the partition ends. The time that a step has *spent*
 is the time from its beginning to its end, less the time for which the partition waited for a processor. The kernel
-counts this waiting time (schedstat), except a wait that still lasts. So for a step that is not finished, while the
-process runs or waits for a processor, the processor time that the step has used is taken as the time spent. On a kernel
-that does not count waiting times, the processor time is always taken. A step that has ended within its period is an
-exception: nothing is subtracted. The count is not read at the beginning of each step, but only once in SAMPLE_NS, and
-after a late step. So the waiting time of earlier steps may be subtracted as well: the time spent may come out too
-short, but not too long.
+counts this waiting time (schedstat), but it adds a wait only when the wait is over. In two cases the time spent is
+therefore the processor time that the step has used. First, the step is not finished, and the process runs or waits for
+a processor at the moment. Second, the kernel does not count waiting times. If a step has ended within its period,
+nothing is subtracted.
+
+The count of waiting time is not read at the beginning of each step, but only once in SAMPLE_NS, and after a late step.
+So the waiting time of earlier steps may be subtracted as well: the time spent may come out too short, but not too long.
 
 When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds then, plus the
 RAM that the spec gives its modules, plus SLACK_BYTES for the interpreter. If a module exceeds the limit, Python raises
@@ -178,7 +179,10 @@ class PartitionProcess:
         return max(0, now_ns - pending.since_ns - (self._waited_ns() - self._waited_before_ns))
 
     def loading_ns(self, now_ns: int) -> int:
-        """Time in ns since the start of the process, less the time for which it waited for a processor."""
+        """Time in ns since the start of the process, less the time for which the process waited for a processor.
+
+        If this cannot be known at the moment, the processor time of the process is given instead (see the file's head).
+        """
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
             return self._cpu_ns()
         return now_ns - self._begun_ns - self._waited_ns()

@@ -35,7 +35,9 @@ def add_parsers(subparsers: Any) -> None:
         description="Compare two specs: elements, functions served, single points of failure, bus and CPU load.",
         epilog=_EPILOG,
     )
-    parser.add_argument("old", metavar="OLD", help="a *.dg.yaml, a shipped spec, REV:PATH in git, or -")
+    parser.add_argument(
+        "old", metavar="OLD", help="a *.dg.yaml, a shipped spec, REV:PATH in git, or - (standard input)"
+    )
     parser.add_argument("new", metavar="NEW", help="the changed spec")
     parser.add_argument(
         "--exit-code", action="store_true", help="end with exit code 1 if the specs differ, as git diff does"

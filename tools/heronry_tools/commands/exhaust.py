@@ -1,9 +1,10 @@
-"""`heronry exhaust`: flies each reconfiguration of a small aircraft once for each fault at each of its messages.
+"""`heronry exhaust`: flies a small aircraft through each reconfiguration, with one fault at one message per flight.
 
-A *story* is a flight in which one event makes the aircraft reconfigure; the help lists the stories.
+The flights inject every fault at every message of every reconfiguration. A *story* is a flight in which one event makes
+the aircraft reconfigure; the help lists the stories.
 
 Exit codes: 0 every flight was without a violation; 1 an oracle was violated (the command that replays the flight is
-printed), or a fault of a given case was not injected; 2 the input cannot be used.
+printed), or a fault of a case that the user gave with --case was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -49,7 +50,10 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry exhaust`."""
     parser = subparsers.add_parser(
         "exhaust",
-        description="Inject each single fault at each message of each reconfiguration, one per flight, and check all.",
+        description=(
+            "Inject every fault at every message of every reconfiguration, one fault in each flight, and check the "
+            "flights."
+        ),
         epilog=_EPILOG,
     )
     add_spec_argument(parser)
@@ -70,7 +74,7 @@ def add_parsers(subparsers: Any) -> None:
         "--foreseen",
         type=whole_number,
         metavar="N",
-        help="make plans for up to N faults ahead, and put them on board (default: no plans are made ahead)",
+        help="make plans ahead for up to N faults, and put them on board (default: no plans are made ahead)",
     )
     parser.add_argument("--count", action="store_true", help="fly nothing: count the single faults of each story")
     parser.add_argument(

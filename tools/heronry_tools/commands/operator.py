@@ -90,7 +90,7 @@ def _priority(text: str) -> int | str:
     if text == "default":
         return text
     if not text.isascii() or not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text} is no priority; write a whole number from 0, or default")
+        raise argparse.ArgumentTypeError(f"{text} is no priority; write a whole number from 0 to 32767, or default")
     return int(text)
 
 

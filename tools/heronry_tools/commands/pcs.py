@@ -116,7 +116,10 @@ def _add_check(commands: Any) -> None:
         "--require",
         metavar="P,..",
         type=_names,
-        help="what must hold for exit code 0 (default: configuration; for a spec: on_path of plants of class A and B)",
+        help=(
+            "predicates that must hold for exit code 0 (default: configuration; for a spec: on_path of the plants of "
+            "class A and B)"
+        ),
     )
     parser.add_argument("--path", metavar="K,..", type=_names, help="tell whether one loop runs through these members")
 
@@ -141,9 +144,9 @@ def _add_edit(commands: Any) -> None:
 
 def _add_script(commands: Any) -> None:
     parser = _command(commands, "script", "write the script that leads from one graph, or plan, to another", run_script)
-    parser.add_argument("old", metavar="OLD", help="a component graph, or a plan")
-    parser.add_argument("new", metavar="NEW", help="the graph or plan to which the script leads")
-    parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans, if it is not a shipped spec")
+    parser.add_argument("old", metavar="OLD", help="the component graph, or the plan, before the script")
+    parser.add_argument("new", metavar="NEW", help="the component graph, or the plan, after the script")
+    parser.add_argument("--spec", metavar="SPEC", help="the spec of the plans OLD and NEW, if it is not a shipped spec")
 
 
 def _add_apply(commands: Any) -> None:
@@ -302,7 +305,7 @@ def _compared(text: str, spec: str | None) -> "Graph":
         return _load(text).graph
     of_plan = load_spec(spec) if spec is not None else shipped_spec_of(read_text(text))
     if of_plan is None:
-        raise UserError(f"{text} is no component graph, and no plan of a shipped spec; write --spec SPEC")
+        raise UserError(f"{text} is no component graph, and no plan of a shipped spec; name its spec with --spec SPEC")
     planned = load_planned(of_plan, text)
     return module_graph(planned.spec, planned.configuration)
 
@@ -310,8 +313,8 @@ def _compared(text: str, spec: str | None) -> "Graph":
 def run_apply(arguments: argparse.Namespace) -> int:
     """Try a script, or with --live give it to the manager.
 
-    Returns 0 if the script has no error, or with --live if the manager executes the script and holds its result; 1 in
-    any other case.
+    Returns 0 if the script has no error. With --live, returns 0 if the manager runs the result of the script, and keeps
+    it until `heronry pcs release`. Returns 1 in any other case.
     """
     if arguments.live:
         return _fly(arguments)
@@ -338,7 +341,10 @@ def run_apply(arguments: argparse.Namespace) -> int:
 
 
 def _fly(arguments: argparse.Namespace) -> int:
-    """Give a script to the running manager, and wait until the manager runs and holds its result, or refuses it."""
+    """Give a script to the running manager, and wait for the outcome.
+
+    The manager either runs the result of the script, and keeps it until `heronry pcs release`, or refuses the script.
+    """
     from heronry_tools.console.plan_argument import read_text  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.runtime.live_script import fly  # noqa: PLC0415
@@ -407,7 +413,7 @@ def _save(graph: "Graph", file: Path) -> None:
     from heronry_tools.console.whole_file import write_whole  # noqa: PLC0415
 
     if not file.name.endswith(JSON_SUFFIX):
-        raise UserError(f"{file}: the file of a graph that a program writes ends in {JSON_SUFFIX}")
+        raise UserError(f"{file}: the resulting graph is written as JSON; give a file name that ends in {JSON_SUFFIX}")
     write_whole(file, to_json(graph).encode())
 
 

@@ -110,7 +110,7 @@ def add_parsers(subparsers: Any) -> None:
         choices=(0, 1, 2),
         type=int,
         metavar="N",
-        help="make plans for up to N faults ahead, and put them on board (default: by the seed, see below)",
+        help="make plans ahead for up to N faults, and put them on board (default: by the seed, see below)",
     )
     parser.add_argument(
         "--keyed",

@@ -54,8 +54,9 @@ def show_line(text: str) -> None:
 
 
 def progress_line(what: str, done: int, total: int, spent_s: float) -> str:
-    """Give the line with the steps done, and between the first and the last step the time left at the pace so far.
+    """Give the line with the number of steps done.
 
+    After the first step and before the last, the line also has the time left, estimated from the pace so far.
     spent_s: the time since the work began, in s.
     """
     line = f"{what}: {done} of {total}"

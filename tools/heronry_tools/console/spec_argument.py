@@ -97,7 +97,7 @@ def spec_path(text: str) -> Path:
 
         return shipped_spec_path(text)
     if Path(text).exists():
-        raise UserError(f"{text}: the name of a spec ends in .dg.yaml; write a path to a *.dg.yaml")
+        raise UserError(f"{text}: the name of a spec's file must end in .dg.yaml; rename this file, or name another")
     remedy = meant(text, (*SHIPPED, *FLOWN), "write a path to a *.dg.yaml")
     raise UserError(f"'{text}' is neither a file nor a shipped spec ({', '.join((*SHIPPED, *FLOWN))}); {remedy}")
 

@@ -58,7 +58,10 @@ class Camera:
             self._result = exposed_ns, angles
 
     def newest(self) -> tuple[int, tuple[float, float]] | None:
-        """Return the exposure time and the angles of the newest processed image; None before the first one."""
+        """Return when the newest processed image was taken (ns), and the result: azimuth and elevation in rad.
+
+        Return None while no image has been processed.
+        """
         return self._result
 
     def _expose(self, now_ns: int, seen_rad: tuple[float, float], head_rad: tuple[float, float]) -> None:

@@ -38,7 +38,10 @@ class Observer:
         return None
 
     def columns(self) -> dict[str, float | None]:
-        """Return the estimated position and its standard deviations, by column of the record; None where not known."""
+        """Return the estimated position and its standard deviations, in m; None for a value that is not known.
+
+        The keys are names of columns in the record of a flight: `estimate_x_m`, `sigma_x_m` and so on.
+        """
         management, tracking = self.management(), self.tracking()
         known: Situation | None = None if management is None else management.known
         row: dict[str, float | None] = {
@@ -64,7 +67,7 @@ class Observer:
         return None if management is None else management.ctx.mode
 
     def weigh(self, truth: Truth) -> None:
-        """Add the squared error of each state of the filter, over the filter's own variance, to `squares`."""
+        """Add to `squares`, for each state of the filter, its squared error divided by the filter's own variance."""
         tracking = self.tracking()
         if tracking is None:
             return

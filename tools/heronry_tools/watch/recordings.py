@@ -155,7 +155,7 @@ def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
 
 
 def tables_of(spec: Spec) -> tuple[PeTable, ...]:
-    """Give the tables of the PEs, with the plans made ahead from this user's cache; none if there is no solver."""
+    """Give the tables of the PEs, with the contingencies in this user's cache; no tables if there is no solver."""
     try:
         from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415 - needs the solver
     except ModuleNotFoundError:

@@ -77,7 +77,10 @@ class Traffic:
             self._next_tell = number + TELL_SLOTS
 
     def until(self, t_ns: int) -> list[dict[str, Any]]:
-        """Return the observation that is due before `t_ns`, or none; if several are due after a pause, the last one."""
+        """Return the `bus_seen` event that is due before `t_ns`, in a list; an empty list if none is due.
+
+        If several events are due after a pause, only the last of them is returned.
+        """
         number = t_ns // SLOT_NS
         if self._next_tell is None or number < self._next_tell:
             return []

@@ -4,8 +4,9 @@
     event: change    the difference to the snapshot sent before (`changes`)
     event: beat      every second, whatever comes: how long nothing has come from the feed
 
-A change that adds an event to the list is sent at once, at most fifty a second; other changes at most ten a second. If
-a page gets no beat any more, it knows that the server itself is gone.
+A change that adds an event to the snapshot's list of events is sent at once, but at most fifty such changes a second.
+Of other changes at most ten a second are sent. If a page gets no beat any more, it knows that the server itself is
+gone.
 """
 
 import asyncio

@@ -8,12 +8,12 @@ A loop publishes the demanded angle of its surface, limited to the range of the 
 fly the best glide with level wings. A command beyond the limits of attitude is limited, too, whatever its source.
 Without an attitude a loop publishes nothing, and the servo stays where it is.
 
-A pitch of gyros alone (version 2) drifts without limit, since the loop holds the measured pitch and not the true one.
-But if the true pitch is lower than the measured one, the glide is faster. So in mode `scheduled` the pitch loop learns
-the drift from the airspeed.
+The error of a pitch that is measured by gyros alone (version 2) grows without limit. The loop holds the measured pitch,
+so the true pitch drifts away. If the true pitch is too low, the glide is too fast. So in mode `scheduled` the pitch
+loop learns the error from the airspeed.
 
-A restart loses the integral: the surface moves by at most the trim that was learned. A restart also loses a learned
-drift.
+A restart loses the integral: the surface moves by at most the trim that was learned. A restart also loses the learned
+error of the pitch.
 """
 
 import math
@@ -70,8 +70,8 @@ class Pid:
 class PitchControl(Module):
     """Controls the pitch by the elevator; in mode `scheduled` the gain is smaller at a higher airspeed.
 
-    The effect of a surface grows with the square of the airspeed. On the balloon's line there is no flow and a surface
-    has no effect, so no trim is learned there.
+    The effect of a surface grows with the square of the airspeed. While the aircraft hangs below its balloon, there is
+    no flow and a surface has no effect. In that time no trim is learned.
     """
 
     def __init__(self, ctx: Context) -> None:
@@ -100,8 +100,8 @@ class PitchControl(Module):
     def _learn_drift(self, wanted_deg: float, speed_m_per_s: float | None) -> None:
         """Learn by how much the measured pitch is too high.
 
-        Nothing is learned without an airflow (on the balloon's line), or if the wanted pitch is nose up, as in the
-        flare.
+        Nothing is learned while there is no airflow (the aircraft hangs below its balloon), or while the wanted pitch
+        is nose up, as in the flare.
         """
         if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S or wanted_deg > 0.0:
             return

@@ -51,7 +51,10 @@ class Dependence:
                 self._lost_with.setdefault(lost, []).append(element)
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
-        """Give the elements without which no end of a DEMUX can run, although its variable could still be given."""
+        """Give the elements without which no end of a DEMUX can run, although the DEMUX's variable could be given.
+
+        None are given if some end cannot run even with everything up.
+        """
         ends = [self.spec.modules[name] for name in demux.ends]
         if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()
@@ -82,7 +85,10 @@ class Dependence:
         return silent - self._where(silent, lambda found: not found.left.hosts(reader))
 
     def _losing(self, modes: Iterable[tuple[str, str]]) -> frozenset[str]:
-        """Give the elements without which some of these modes, each a module and a mode, cannot run."""
+        """Give the elements without which at least one of these modes cannot run.
+
+        modes: pairs of the names of a module and of one of its modes.
+        """
         return frozenset(element for mode in modes for element in self._lost_with.get(mode, ()))
 
     def _where(self, suspects: frozenset[str], lost: Callable[[Feasible], bool]) -> frozenset[str]:
@@ -119,7 +125,10 @@ def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
 
 
 def _gates(needs: Expression | None, path: str = "") -> Iterator[tuple[str, Gate]]:
-    """Yield every gate of an expression with its path."""
+    """Yield every gate of an expression, with the path of the gate.
+
+    The path has the index of each input on the way to the gate, as 0.2; it is empty for the outermost gate.
+    """
     if needs is None or isinstance(needs, Leaf):
         return
     yield path, needs

@@ -40,9 +40,10 @@ class Subject:
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """Give the side that is to keep most leaves in a cut.
+        """Give the side that is to keep as many leaves as possible in a cut (`least_cut`).
 
-        This is the manager's side of a spec; None for a graph that was read from a file.
+        Radios divide the PEs of a spec into sides. The side of the manager is given, as `side:` and the name of a PE on
+        it. None for a graph that was read from a file.
         """
         return managers_side(self.planned.spec) if self.planned is not None else None
 
@@ -58,8 +59,10 @@ class Subject:
 
 
 def load_subject(text: str, plan_file: str | None = None) -> Subject:
-    """Load the FILE or SPEC that `text` names; for a spec use the plan of a file, or its best plan with everything up.
+    """Load the FILE or SPEC that `text` names.
 
+    For a spec, the plan is read from `plan_file`. Without `plan_file`, the best plan of the spec with everything up is
+    made.
     Raises UserError, SpecError or PlanError.
     """
     path = graph_path(text)
@@ -82,7 +85,10 @@ def graph_path(text: str) -> Path | None:
 
 
 def shipped_spec_of(plan: str) -> Spec | None:
-    """Find the shipped spec for which a plan (JSON) was made, by the digest in the plan; None if no spec has it."""
+    """Find the shipped spec for which a plan (JSON) was made, by the digest in the plan.
+
+    None: no shipped spec has this digest.
+    """
     try:
         digest = json.loads(plan)["spec"]
     except (ValueError, KeyError, TypeError):

@@ -11,7 +11,7 @@ They follow Figures 11 and 12 of the paper by Ippolito et al. (docs/flights.md):
 - *flare transition*, below `TRANSITION_M`: the sink rate changes steadily to that of the flare.
 - *flare*, below `FLARE_M`: throttle closed, a constant sink rate.
 
-The plan selects the mode of the module by the quality of the position that it can supply. The mode decides:
+The plan selects the mode of the module by the quality of the position that the plan can supply. The mode decides:
 
 - *precise*: the position is good enough to land.
 - *forced*: the position is not good enough, but the aircraft must land, so it uses this position.

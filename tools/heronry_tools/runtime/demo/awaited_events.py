@@ -24,7 +24,7 @@ class AwaitedEvents:
     def wait(self, *kinds: str, pe: str | None = None) -> dict[str, Any]:
         """Return the next event of one of `kinds`, about this PE if one is named.
 
-        Raises SystemExit where none comes.
+        Raises SystemExit if no such event comes within LONGEST_S seconds.
         """
         last, until_s = "nothing", time.monotonic() + LONGEST_S
         while True:

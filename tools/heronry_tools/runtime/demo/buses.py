@@ -52,10 +52,11 @@ def choose(
     *,
     prefer_vcan: bool = True,
 ) -> dict[str, BusChoice]:
-    """Choose a python-can bus for each bus of the spec.
+    """Choose a python-can bus for each bus of the spec; the keys are the names of the buses in the spec.
 
-    named: the values of `--bus`; a value without an interface means SocketCAN.
-    first: the manager's bus, as python-can's flags name it.
+    folder: the folder for the sockets of software buses.
+    named: the values of `--bus`, interface and channel by bus name; without an interface (None), SocketCAN is meant.
+    first: interface, channel and bit rate of the manager's bus, from python-can's flags; None: without these flags.
     prefer_vcan: whether vcan0 is taken for the manager's bus where this machine has it.
     Raises UserError for a bus that is named in both ways.
     """

@@ -3,8 +3,8 @@
     started ──its first line: the address──► serving ──its end──► ended
 
 The page gets what it shows from the manager's socket, as every other client does. Only the demo can kill and restore a
-PE. So the page process has one end of a socket pair, on which it sends `{"do": "kill", "what": "nav"}` or `"restore"`;
-the demo answers `{"done": ..., "sentence": ...}`.
+PE. So the page process has one end of a socket pair. On it the page process sends `{"do": "kill", "what": "nav"}`, or
+the same with `"restore"` in the place of `"kill"`. The demo answers `{"done": ..., "sentence": ...}`.
 """
 
 import json

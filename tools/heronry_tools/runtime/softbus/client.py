@@ -148,7 +148,7 @@ def _checked_frame(msg: can.Message) -> Frame:
         bits = 29 if msg.is_extended_id else 11
         raise ValueError(f"identifier {msg.arbitration_id:#x} does not fit into {bits} bits")
     if not 0 <= msg.dlc <= MAX_DATA_BYTES or (not msg.is_remote_frame and msg.dlc != len(msg.data)):
-        raise ValueError(f"dlc {msg.dlc} is not the length of the data, at most {MAX_DATA_BYTES} bytes")
+        raise ValueError(f"dlc {msg.dlc} must be the length of the data, which is at most {MAX_DATA_BYTES} bytes")
     data = b"" if msg.is_remote_frame else bytes(msg.data)
     return Frame(msg.arbitration_id, data, msg.is_extended_id, msg.is_remote_frame)
 

@@ -31,7 +31,12 @@ class Known:
     """Facts about one flight, and the oracles that derive some of them."""
 
     def __init__(self, spec: Spec, tables: Collection[PeTable], key: Key | None, read_journal: Read) -> None:
-        """Create the oracles that derive facts; the parameters are those of `Checks`."""
+        """Create the oracles that derive facts.
+
+        tables: the tables of the PEs; needed only if a contingency is on board.
+        key: the key of managers and PEs; None without authentication.
+        read_journal: returns the bytes of the journal of the manager at a station.
+        """
         self.spec, self.key, self.read_journal = spec, key, read_journal
         self.commanded = Commanded(spec, tables)
         self.proven = None if key is None else ProvenStates(key)

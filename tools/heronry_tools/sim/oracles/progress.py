@@ -5,9 +5,10 @@ ACTIVATE of the active manager. A violation is more than `_IN_A_ROW` epochs prep
 `_STORM_NS`, without one ACTIVATE.
 
 *Requests.* A manager that requests one plan after the other must use an answer. The oracle sees the requests, and the
-answers that a manager is given. A request is *in vain* if the manager replaces it before its answer has come, or makes
-another request at the moment at which it is given an answer that differs from the running configuration. A violation is
-more than `_IN_A_ROW` requests in vain, one after the other, over more than `_STORM_NS`, without one ACTIVATE.
+answers that a manager is given. A request is *in vain* in two cases. The manager replaces the request before its answer
+has come. Or the answer differs from the running configuration, and the manager makes another request at the moment at
+which it gets this answer. A violation is more than `_IN_A_ROW` requests in vain, one after the other, over more than
+`_STORM_NS`, without one ACTIVATE.
 
 Up to these limits, epochs and requests may follow each other, since the manager answers each change by a plan for the
 newest situation.

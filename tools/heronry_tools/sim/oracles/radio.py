@@ -5,10 +5,11 @@
             queue has not grown
     load    the data on a radio stay, second by second, within the budget for the usable share that its gateway has
             reported. The largest report of the last seconds counts: when the share falls, the manager must confirm the
-            fall and plan, and the PEs must take their steps. A quarter more is tolerated, as in `load`
+            fall and plan, and the PEs must take their steps. A quarter more than the budget is tolerated, as by the
+            oracle for wired buses (`load.py`)
 
-A frame is recognized by its bytes. Where injected errors alter data undetected by the CRC, a frame that arrived lately
-and differs in one byte may be the same frame.
+A frame is recognized by its bytes. An injected error may alter data so that the CRC does not show it. Then a frame on
+one side that differs in one byte from a frame on the other side may be the same frame.
 
 Not verified: seconds in which a gateway reports its radio as gone, or reports nothing. A PE beyond the radio may still
 send in that time.

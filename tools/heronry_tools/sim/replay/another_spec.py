@@ -32,7 +32,10 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
 
 
 def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Iterator[tuple[Prepare, bool]]:
-    """Yield each PREPARE that shows which spec was flown, and True if it agrees with this spec."""
+    """Yield each PREPARE that shows which spec was flown, and True if that can be this spec.
+
+    called: digests of the contingencies on board; None: these are not known.
+    """
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
     bodies: dict[int, dict[int, bytes]] = {}

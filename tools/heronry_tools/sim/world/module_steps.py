@@ -72,7 +72,13 @@ class ModuleSteps:
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
-        """Begin; `drive`, `look`, `broken` and `broke` are explained at `SimulatedPe`."""
+        """Begin; no step hangs, and the processor is not slow.
+
+        drive: is called with every step of a module that drives an output.
+        look: is called with some steps of other modules.
+        broken: by module, or by NAME@PE: how the module fails in its steps.
+        broke: is called with the name of a module that has raised an error or given a value outside its type's range.
+        """
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
         self._drive, self._look = drive, look
         self._broken, self._broke = broken, broke

@@ -32,8 +32,9 @@ class PeOutbox:
     ) -> None:
         """Begin with nothing to send.
 
+        clock: the virtual time of the flight; time: the clock of this PE
         offers: by port, a function that gives the controller a frame and the time until which it may be sent
-        stations: the PE's stations on every bus and channel
+        stations: each bus and channel of the PE, with the PE's simulated controller there
         lease_ns: age limit of a frame for which the core has given none
         radios: ports that lead to a radio
         """
