@@ -163,7 +163,7 @@ def page_of(data: bytes) -> int | None:
 
 
 def epoch_of(page_0: bytes) -> int:
-    """Give the epoch in a page 0 whose length is right."""
+    """Give the number of the epoch in the bytes of a page 0; the caller has checked their length."""
     return int.from_bytes(page_0[_EPOCH_FROM:_EPOCH_TO], "big")
 
 

@@ -184,7 +184,7 @@ def _wanted(found: Feasible, leaf: Leaf) -> str:
 
 
 def _homeless(found: Feasible, module: Module) -> str:
-    """Say as a verb phrase why a module that has not failed has no PE."""
+    """Say, as a verb phrase, why a module that has not failed has no PE on which it can run."""
     homes = hosts_when_all_is_up(found.spec, module)
     if not homes:
         return "may run on no PE of the spec, by its device, runs_on and requires"

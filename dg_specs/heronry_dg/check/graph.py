@@ -74,9 +74,9 @@ class _Wiring:
         return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
 
     def groups(self, leaf: Leaf) -> frozenset[str]:
-        """Names of the modules that could be wired to a leaf.
+        """Give the names of the modules and DEMUXes that could be wired to a leaf.
 
-        The name of a DEMUX stands for its branches, or its ends, since only one of them runs.
+        The name of a DEMUX stands for its branches, or for its ends, since only one of these modules runs at a time.
         """
         key = _accepted(leaf)
         if key not in self._groups:

@@ -35,7 +35,7 @@ def _many(count: int) -> str:
 
 
 def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str) -> str:
-    """Write a spec with a doubled display of class A on a slow bus, and five unimportant variables.
+    """Write a spec with two displays for one function of class A on a slow bus, and five unimportant variables.
 
     The arguments are the fields of these five variables.
     """

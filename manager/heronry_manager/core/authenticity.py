@@ -103,7 +103,10 @@ _IN_A_ROW = 2  # two states are in a row if the second number is higher by at mo
 
 @dataclass(slots=True)
 class _Opened:
-    """A session that was opened or offered, and the number of the last page 0 believed in it (-1: none)."""
+    """A session that was opened or offered.
+
+    beat: the number of the last page 0 that was believed in this session; -1: none.
+    """
 
     session: Session
     beat: int = -1
@@ -275,8 +278,8 @@ class Authenticity:
     def _forget(self, peer: _Peer, emergency: bytes) -> None:
         """Forget an EMCY; if no page 0 has proven it, every frame that brought it counts as forged.
 
-        These frames count in `unproven`, too, which the status shows. An exception are EMCYs with a code in
-        `_SENT_ONCE`: no page 0 proves these EMCYs, so they may be genuine.
+        These frames also count in `unproven`, which the status shows. EMCYs with a code in `_SENT_ONCE` are an
+        exception: no page 0 proves these EMCYs, so they may be genuine.
         """
         heard = peer.held.pop(emergency)
         if heard == _PROVEN:

@@ -77,7 +77,7 @@ class ChangedPriorities:
         return [self.told(index) for index in sorted(map(self.index_of, functions))]
 
     def accepted(self, index: int) -> list[PriorityRequest]:
-        """Give the last executed request of each PE that concerns the function with this index."""
+        """Give, for each PE, the last executed request for the priority of the function with this index."""
         name = self._functions[index].name
         return [one for (_, function), one in self._turn.memory.priority_requests.items() if function == name]
 

@@ -218,7 +218,7 @@ class Claim:
         self.listens_until_ns, self._goes_first = None, True
 
     def gives_way_to(self, node: int, lease: Lease) -> bool:
-        """Decide on a LEASE of another manager; tells whether this manager now stands by for that one.
+        """Decide on a LEASE of another manager; tells whether this manager gives way and stands by from now on.
 
         Without `standby` this manager ends instead, and the answer is False.
         """

@@ -193,7 +193,7 @@ class Reconfiguration:
 
     @property
     def configuration(self) -> Configuration:
-        """The configuration of this epoch; it stays, even if the plan is replaced by one with a better proof."""
+        """The configuration of this epoch; it never changes, even if a plan with a better proof replaces `plan`."""
         return self.plan.configuration
 
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:

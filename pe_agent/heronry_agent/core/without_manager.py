@@ -37,7 +37,10 @@ class WithoutManager:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which to call `tick`: the end of the lease, if no LEASE comes before."""
+        """Time in ns at which to call `tick`: the end of the lease, if no LEASE comes before that.
+
+        NEVER_NS if no expendable module runs.
+        """
         return self._mastership.lease_ends_ns if self._reconfiguration.expendable_live() else NEVER_NS
 
     def tick(self) -> None:

@@ -67,7 +67,7 @@ class Comparator(Module):
 
 
 class ComparatorBetter(Comparator):
-    """Gives the better version, also while the two disagree; a subclass sets the attributes."""
+    """Gives the better version, also while the two versions disagree; a subclass sets the attributes."""
 
     def goes_on(self, better: float, worse: float) -> float:  # noqa: ARG002 - the other one is not wanted
         """Return the value of the better version."""
@@ -75,7 +75,7 @@ class ComparatorBetter(Comparator):
 
 
 class ComparatorSafer(Comparator):
-    """Gives the value nearer to `safe` while the two disagree; a subclass sets the attributes."""
+    """Gives the value nearer to `safe` while the two versions disagree; a subclass sets the attributes."""
 
     safe: ClassVar[float] = 0.0
 
@@ -85,7 +85,7 @@ class ComparatorSafer(Comparator):
 
 
 class ComparatorNone(Comparator):
-    """Gives no value while the two disagree; a subclass sets the attributes."""
+    """Gives no value while the two versions disagree; a subclass sets the attributes."""
 
     def goes_on(self, better: float, worse: float) -> None:
         """Return None: while the versions disagree there is no output."""

@@ -164,7 +164,7 @@ class AgentDriver:
             self._step(time.monotonic_ns(), ChannelsLost(port, lost))
 
     def _begin_anew(self) -> None:
-        """Stop all modules, wait while another node has the node-ID, and begin as a new incarnation."""
+        """Stop all modules, wait while another node has this PE's node-ID, and begin as a new incarnation."""
         self._host.abandon()
         is_told = False
         while id_is_taken(self._links, self._table):

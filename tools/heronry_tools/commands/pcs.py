@@ -365,7 +365,7 @@ def run_release(arguments: argparse.Namespace) -> int:
 
 
 def run_cut(arguments: argparse.Namespace) -> int:
-    """Find a least cut; returns the exit code."""
+    """Find the cut between the two sides of a component graph that the least data cross; returns the exit code."""
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
     from heronry_tools.analysis.control.cut import least_cut  # noqa: PLC0415
     from heronry_tools.reports.control import cut_text  # noqa: PLC0415

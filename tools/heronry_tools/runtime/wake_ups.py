@@ -1,4 +1,4 @@
-"""How late this computer lets processes run under its present load, and what heartbeat period that allows.
+"""How late processes run on this computer under its present load, and the heartbeat period that nodes can keep here.
 
 The measurement is a short rehearsal with as many processes as will fly. Each process wakes at regular times, computes
 for a moment, and notes how late it ended, without the time that its own computation took. One process that only sleeps

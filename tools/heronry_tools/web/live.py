@@ -27,19 +27,22 @@ Load = dict[str, Any]
 
 
 def load_of(number: int, event: Event) -> Load:
-    """Give the load of a bus in a `bus_seen` event, which is line `number` of the feed, as pages draw it."""
+    """Give the load of a bus in a `bus_seen` event, in the form that a page reads.
+
+    number: the number of the event in the feed.
+    """
     keys = ("bus", "load", "peak", "bits_per_s")
     return {"number": number, "t_ns": event["t_ns"], **{key: event[key] for key in keys}}
 
 
 class DrawnLoads:
-    """Tells which loads of buses are drawn: one per second for each bus."""
+    """Tells which loads of buses the page shows in its charts: one per second for each bus."""
 
     def __init__(self) -> None:
         self._last_ns: dict[str, int] = {}  # by bus
 
     def takes(self, event: Event) -> bool:
-        """Tell whether the load in the next `bus_seen` event is drawn."""
+        """Tell whether the page shows the load in the next `bus_seen` event."""
         bus, t_ns = event["bus"], event["t_ns"]
         if 0 <= t_ns - self._last_ns.get(bus, t_ns - _LOADS_APART_NS) < _LOADS_APART_NS:
             return False

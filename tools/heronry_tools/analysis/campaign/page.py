@@ -149,7 +149,7 @@ def _grid_line(y: float, label: str) -> str:
 
 
 def _dot(x: float, y: float, share: float) -> str:
-    """A mean as a dot; its title shows the number under the pointer."""
+    """A mean as a dot; when the pointer is over the dot, the browser shows the mean as a number."""
     return f'<circle class="dot" cx="{x:.1f}" cy="{y:.1f}" r="3.5"><title>mean {share:.1%}</title></circle>'
 
 

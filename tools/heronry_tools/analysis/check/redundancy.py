@@ -22,7 +22,11 @@ _NEVER_LOST = 10**9  # a round of the search for losses that comes after all oth
 
 @dataclass(frozen=True, slots=True)
 class Alternatives:
-    """A XOR or a voter of a mode, by the path of its gate, and the elements on which each of its inputs depends."""
+    """A XOR or a voter among the gates of a mode.
+
+    path: the path of the gate in the mode's `needs`.
+    inputs: for each input of the gate, the elements on which this input depends.
+    """
 
     gate: Gate
     path: str
@@ -53,7 +57,7 @@ class Dependence:
     def of_ends(self, demux: Demux) -> frozenset[str]:
         """Give the elements without which no end of a DEMUX can run, although the DEMUX's variable could be given.
 
-        None are given if some end cannot run even with everything up.
+        The set is empty if some end cannot run even with everything up.
         """
         ends = [self.spec.modules[name] for name in demux.ends]
         if not all(self._healthy.can_run(end) for end in ends):
@@ -87,7 +91,7 @@ class Dependence:
     def _losing(self, modes: Iterable[tuple[str, str]]) -> frozenset[str]:
         """Give the elements without which at least one of these modes cannot run.
 
-        modes: pairs of the names of a module and of one of its modes.
+        modes: pairs (name of a module, name of a mode).
         """
         return frozenset(element for mode in modes for element in self._lost_with.get(mode, ()))
 
@@ -127,7 +131,7 @@ def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
 def _gates(needs: Expression | None, path: str = "") -> Iterator[tuple[str, Gate]]:
     """Yield every gate of an expression, with the path of the gate.
 
-    The path has the index of each input on the way to the gate, as 0.2; it is empty for the outermost gate.
+    The path has the index of each input on the way to the gate, for example `0.2`. It is empty for the outermost gate.
     """
     if needs is None or isinstance(needs, Leaf):
         return

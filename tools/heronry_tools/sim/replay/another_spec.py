@@ -56,7 +56,11 @@ def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Itera
 
 
 def _whole(head: SliceHead | None, frames: dict[int, bytes]) -> bytes | None:
-    """Return the bytes of a slice, given its first frame and its other frames; None while some bytes are missing."""
+    """Return the bytes of a slice; None while some bytes are missing.
+
+    head: the first frame of the slice.
+    frames: the bytes in each of the other frames, by the number of the frame, from 1.
+    """
     count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
     if head is None or not all(index in frames for index in range(1, count + 1)):
         return None

@@ -23,7 +23,7 @@ class Driven(NamedTuple):
     """A step of a module, with its inputs.
 
     t_ns: when the step was executed
-    inputs: (variable, datum) by path of the leaf
+    inputs: (variable, datum) for each leaf, by the path of the leaf in the mode's `needs`
     asked_ns: when the core requested the step, and read its inputs
     """
 
