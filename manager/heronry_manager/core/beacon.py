@@ -2,8 +2,10 @@
 
 LEASE repeats the epoch and its step, so that a PE that missed ACTIVATE catches up. ALIVE names the available PEs, and a
 PE that ALIVE does not name drives nothing exclusive (protocol rules 4 and 6). When a PE is no longer available, the
-manager sends an ALIVE without it immediately: T_lease begins then. A *beat* is all frames of one heartbeat period. The
-manager does not make up for a late beat: two beats in a row would carry nothing new.
+manager immediately sends an ALIVE that does not name this PE, and counts T_lease for this PE from that ALIVE on.
+
+A *beat* is all frames of one heartbeat period. The manager does not make up for a late beat: two beats in a row would
+carry nothing new.
 """
 
 from heronry_wire.frame import Frame

@@ -1,6 +1,6 @@
 """Which functions have another priority than the spec gives them, and what may change it.
 
-    the operator    may set any priority of any function. It stands until the operator ends it
+    the operator    may set any priority of any function. The order stands until the operator ends it
     a module        may set a priority within the function's `priority_range`: its PE sends a request (EMCY,
                     PRIORITY_REQUEST). The last request counts
 

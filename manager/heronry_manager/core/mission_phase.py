@@ -17,12 +17,13 @@ of their phases (`phase_requests` of the agent).
 
 A PE repeats a request until it is acknowledged. The request carries a number; the PE counts its requests from its start
 on. A request with a number that the manager knows, or with an older number, is acknowledged and has no further effect.
-The manager neither
-acknowledges nor executes a request of an unavailable PE; the PE repeats the request when it is back, if it still wants
-the phase. A pause of the manager loses no request. A forged request changes the phase, and the operator can change it
-back. A manager that restarts or takes over goes on with the last phase, and the PEs make their requests again. A
-manager that remembers the numbers of these requests, or has heard them acknowledged, does not execute them again: a
-later order of the operator stands.
+The manager neither acknowledges nor executes a request of an unavailable PE; the PE repeats the request when it is
+back, if it still wants the phase.
+
+A pause of the manager loses no request. A forged request changes the phase, and the operator can change it back. A
+manager that restarts or takes over goes on with the last phase, and the PEs make their requests again. A manager that
+remembers the numbers of these requests, or has heard them acknowledged, does not execute them again: a later order of
+the operator stands.
 """
 
 from collections.abc import Mapping

@@ -15,16 +15,16 @@ is not flooded. If the manager has waited for one answer of a PE for PATIENCE_PE
 it and plans without it. After the first ACTIVATE only a newer epoch can follow.
 
 *Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice, too, and takes its
-steps when LEASE repeats them. The epoch waits for such a PE only if that PE must break first, so that an aircraft does
-not depend on the ground.
+steps when LEASE repeats them. The epoch waits for such a PE only if that PE must break first. So the aircraft depends
+on the ground as little as possible.
 
 PREPARE refers to a configuration that is on board (protocol rule 5) by its number. A PE that holds the configuration
 needs no slice. A PE that reports NOT_ON_BOARD, or is known not to hold it, gets its slice as usual.
 
 An answer names its epoch and how far the PE is, so a late or doubled answer counts once. After a pause of the manager,
 the driver hands over all waiting frames before any PE counts as overdue (`driver`). A manager that restarts does not
-know an epoch that was under way. A PE that has taken a step of that epoch reports it. The next mastership then adopts
-the epoch if all PEs run it, and opens another one if not.
+know an epoch that was under way. A PE that has taken a step of that epoch reports the epoch. The next mastership then
+adopts the epoch if all PEs run it, and opens another epoch if not.
 
 Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
 and ACTIVATE are for all PEs, and all PEs answer them: however many PEs are late, these commands are repeated once in

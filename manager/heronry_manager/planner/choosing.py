@@ -10,8 +10,8 @@ this choice in its own model; only the places are left to be found.
 
 The bound holds for every legal configuration. If no packing is found, another choice of the same value, or of a little
 less, may still fit. The search over modules and places together looks for such a choice. A module is indivisible, so
-some combinations of modules do not fit on a PE, although the sum of the PEs would have room. That search also gets the
-constraints that exclude such combinations, so it takes longer to prepare.
+some combinations of modules do not fit on a PE, although the PEs together would have room for them. That search also
+gets the constraints that exclude such combinations, so it takes longer to prepare.
 """
 
 from collections.abc import Mapping, Sequence

@@ -2,12 +2,12 @@
 
     nothing      no PREPARE has been accepted, or the last one was refused
     collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, and some frames may
-                 be doubled or missing. A contingency on board is complete immediately; for one that is not on board the
-                 PE requests the slice (NOT_ON_BOARD)
+                 be doubled or missing. If PREPARE names a contingency on board, the slice is complete immediately; if
+                 the contingency is not on board, the PE requests the slice (NOT_ON_BOARD)
     staged       the slice is complete, has its digest, and this PE can run it
 
 The *head* of a slice gives its length and its digest; its *body* is the slice itself, in frames of five bytes. A newer
-epoch, or one from a higher term, replaces what was collected or staged. A repeated command for a staged epoch is
+epoch, or an epoch of a higher term, replaces what was collected or staged. A repeated command for a staged epoch is
 answered again and changes nothing. If the head announces the slice that already runs on this PE, this slice is staged
 at once, without a body. Otherwise the body must follow: if frames are missing and none has come for half a heartbeat
 period, the PE answers INCOMPLETE.

@@ -1,6 +1,6 @@
 """A sweep: the plan for every fault set of a scope.
 
-Workers make the plans, a journal keeps them, so that a killed run can be continued, and the screen shows the progress.
+Workers make the plans. A journal keeps the plans, so that a killed run can be continued. The screen shows the progress.
 At the end the plans are written to a contingency file.
 """
 

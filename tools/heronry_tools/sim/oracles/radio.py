@@ -1,15 +1,15 @@
 """A radio gets no more data than it carries, and data that cross it are not old; verified from frames on both sides.
 
-    age     a datum that a gateway sends by radio had reached the gateway no longer ago than T_lease and one heartbeat
-            period of the radio (the time of a frame in a controller), however slow the radio is. So the gateway's
-            queue has not grown
+    age     a gateway sends each datum by radio at most T_lease plus one heartbeat period of the radio after the datum
+            has reached the gateway, however slow the radio is. (The heartbeat period is for the time that a frame
+            spends in the CAN controller.) So the gateway's queue has not grown
     load    the data on a radio stay, second by second, within the budget for the usable share that its gateway has
             reported. The largest report of the last seconds counts: when the share falls, the manager must confirm the
             fall and plan, and the PEs must take their steps. A quarter more than the budget is tolerated, as by the
             oracle for wired buses (`load.py`)
 
-A frame is recognized by its bytes. An injected error may alter data so that the CRC does not show it. Then a frame on
-one side that differs in one byte from a frame on the other side may be the same frame.
+A frame is recognized by its bytes. An injected error may alter data so that the CRC does not show it. Then the frame
+that a gateway sends may differ in one byte from the frame that the gateway has received.
 
 Not verified: seconds in which a gateway reports its radio as gone, or reports nothing. A PE beyond the radio may still
 send in that time.
