@@ -155,8 +155,8 @@ class Claim:
     def learns_for(self, leases: int) -> None:
         """Listen for `leases` times T_lease from now on.
 
-        Call this in a manager that only advises, when it hears an active manager: it first has to learn the facts that
-        the active manager announces.
+        A manager that only advises calls this when it first hears an active manager: before it advises, it has to learn
+        the facts that the active manager announces.
         """
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 

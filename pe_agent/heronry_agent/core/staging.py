@@ -185,7 +185,10 @@ class Staging:
         return newest is not None and command.term == self._term and not is_newer(command.epoch, newest.epoch)
 
     def _check(self, now_ns: int) -> bool:
-        """Stage the collected slice, or refuse it if this PE cannot run it, or wait for the frames that it lacks."""
+        """Stage the collected slice if it is complete and this PE can run it.
+
+        If frames of the slice are missing, wait for them. If this PE cannot run the slice, refuse it.
+        """
         collection = self._collection
         assert collection is not None
         assert collection.head is not None

@@ -52,7 +52,7 @@ An edge has to be in quotes for a shell: 'A.a->B.b'. Without --at, the view is a
 
 
 def add_parsers(subparsers: Any) -> None:
-    """Add the parser of `heronry pcs` and its own commands."""
+    """Add the parsers of `heronry pcs` and of its commands."""
     parser = subparsers.add_parser(
         "pcs", description="Assess, edit, cut and rewire component graphs of polymorphic control.", epilog=_EPILOG
     )
@@ -243,7 +243,10 @@ def run_edit(arguments: argparse.Namespace) -> int:
 
 
 def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
-    """Give the graph that an operation makes, and the view that results; None if the operation is not on a view."""
+    """Give the graph that an operation makes, and the view that the operation makes.
+
+    The view is None if the operation does not work on a view.
+    """
     from heronry_pcs import operations, views  # noqa: PLC0415
     from heronry_pcs.names import COMPONENT_HINT, is_component  # noqa: PLC0415
 
@@ -365,7 +368,7 @@ def run_release(arguments: argparse.Namespace) -> int:
 
 
 def run_cut(arguments: argparse.Namespace) -> int:
-    """Find the cut between the two sides of a component graph that the least data cross; returns the exit code."""
+    """Divide a component graph into two sides between which the least data pass; returns the exit code."""
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
     from heronry_tools.analysis.control.cut import least_cut  # noqa: PLC0415
     from heronry_tools.reports.control import cut_text  # noqa: PLC0415

@@ -67,7 +67,10 @@ def _live_beat(live: Live) -> str:
 async def recorded_stream(
     recording: Recording, from_ns: int, speed: float, closing: asyncio.Event
 ) -> AsyncIterator[str]:
-    """Stream a recording from a moment on, at `speed` times its own speed; 0 shows that moment only."""
+    """Stream a recording from the time `from_ns` on, until `closing` is set.
+
+    speed: how many times faster than the flight; 0: only the state at `from_ns` is shown.
+    """
     begun_s, events = time.monotonic(), recording.events_until(from_ns)
     state: State = recording.after(events)
     span = {"first_ns": recording.begins_ns, "last_ns": recording.ends_ns, "marks": recording.marks}

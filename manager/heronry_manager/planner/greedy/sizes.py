@@ -23,7 +23,7 @@ class Sizes:
 
 
 def sized_up(numbers: Numbering) -> Sizes:
-    """Compute the sizes of a spec's modes and PEs."""
+    """Compute the resources that the modes of a spec take, and those that its PEs have."""
     pes = numbers.pes
     pe_cpu, pe_ram, pe_flash = [p.cpu_millis for p in pes], [p.ram for p in pes], [p.flash for p in pes]
     cpu, ram = [mode.cpu_millis for _, mode in numbers.modes], [mode.ram for _, mode in numbers.modes]

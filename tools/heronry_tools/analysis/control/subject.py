@@ -87,7 +87,7 @@ def graph_path(text: str) -> Path | None:
 def shipped_spec_of(plan: str) -> Spec | None:
     """Find the shipped spec for which a plan (JSON) was made, by the digest in the plan.
 
-    None: no shipped spec has this digest.
+    None: the text is no plan, or no shipped spec has the digest.
     """
     try:
         digest = json.loads(plan)["spec"]

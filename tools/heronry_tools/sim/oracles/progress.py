@@ -90,5 +90,8 @@ class ProgressCheck(Oracle):
 
 
 def _is_in_vain(answer: PlanGiven | None, t_ns: int) -> bool:
-    """Tell whether a request with this answer is in vain if the manager makes another request at `t_ns`."""
+    """Tell whether a request is in vain if the manager makes another request at `t_ns`.
+
+    answer: the answer to the first of the two requests; None: it has not come.
+    """
     return answer is None or (answer.is_new and answer.t_ns == t_ns)

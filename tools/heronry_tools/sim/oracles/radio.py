@@ -5,8 +5,8 @@
             spends in the CAN controller.) So the gateway's queue has not grown
     load    the data on a radio stay, second by second, within the budget for the usable share that its gateway has
             reported. The largest report of the last seconds counts: when the share falls, the manager must confirm the
-            fall and plan, and the PEs must take their steps. A quarter more than the budget is tolerated, as by the
-            oracle for wired buses (`load.py`)
+            fall and plan, and the PEs must take their steps. A quarter more than the budget is tolerated, as in
+            `load.py`
 
 A frame is recognized by its bytes. An injected error may alter data so that the CRC does not show it. Then the frame
 that a gateway sends may differ in one byte from the frame that the gateway has received.

@@ -81,7 +81,11 @@ def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
 
 
 def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str | None) -> list[LoggedFrame]:
-    """Return the frames of the manager's bus; raises UserError if the recording does not show which bus that is."""
+    """Return the frames of the manager's bus.
+
+    channel: the name of that bus in the recording, from the user; None: it is found as the head of this file says.
+    Raises UserError if the recording does not show which bus is the manager's.
+    """
     channels = list(dict.fromkeys(logged.channel for logged in frames))
     if channel is None:
         channel = spec.manager.bus if spec.manager.bus in channels or len(channels) > 1 else channels[0]
