@@ -83,7 +83,8 @@ def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
 def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str | None) -> list[LoggedFrame]:
     """Return the frames of the manager's bus.
 
-    channel: the name of that bus in the recording, from the user; None: it is found as the head of this file says.
+    channel: the name of that bus in the recording; both channels of a replicated bus, with a comma between them. None:
+        the channel with the bus's name in the spec, or the only channel.
     Raises UserError if the recording does not show which bus is the manager's.
     """
     channels = list(dict.fromkeys(logged.channel for logged in frames))
