@@ -53,7 +53,10 @@ def latest_copy_ns(heartbeat_ns: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Copy:
-    """A frame that one channel has brought and the other has not yet."""
+    """A frame that one channel has brought and the other channel has not brought yet.
+
+    at_ns: time of arrival. is_taken: the node has processed the frame. is_alone: the other channel has not brought it.
+    """
 
     frame: Frame
     channel: int
@@ -93,9 +96,9 @@ class ChannelMerge:
         return is_taken
 
     def _pair(self, waiting: deque[_Copy]) -> bool:
-        """Match a frame with its first copy; tells whether the node is to process the frame.
+        """Match a frame that has just arrived with its first copy, the oldest in `waiting`.
 
-        The node processes it if the first copy was withheld.
+        Returns True if the first copy was withheld: then the node must process the frame that has just arrived.
         """
         first = waiting.popleft()
         first.is_alone = False

@@ -114,7 +114,10 @@ class Findings:
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:
-        """Give the known name that the author may have meant, ignoring case; None where none is similar."""
+        """Give the known name that the author may have meant, ignoring case.
+
+        None: no known name is similar, or there are too many names to compare.
+        """
         if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
             return None
         self._comparisons_left -= len(known)

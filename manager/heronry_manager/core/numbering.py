@@ -6,9 +6,9 @@
              block from there on. So two managers that are active on both sides of a broken bus use no number twice
              either
 
-A new epoch is also newer than the remembered one, and than every epoch that a PE was seen to run: a silent PE may still
-hear commands and drive outputs, and accepts no older epoch. A block is reserved (`memory`) before its first number is
-used: a manager that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16
+A new epoch is also newer than the epoch in the journal, and than every epoch that a PE was seen to run: a silent PE may
+still hear commands and drive outputs, and accepts no older epoch. A block is reserved (`memory`) before its first
+number is used: a manager that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16
 (`is_newer`).
 """
 

@@ -49,8 +49,8 @@ class Publishing:
         """Add a constraint: not all of these hops are published together.
 
         For a hop that begins at its source the constraint also holds if the message comes from farther away: the longer
-        way adds jitter, and makes no message earlier. For a hop that comes from another bus the constraint holds only
-        if the data of the producer come over that bus.
+        way adds jitter, and makes no message earlier. For a hop with a previous bus (`hop.after`) the constraint holds
+        only if the data of the producer come over the previous bus.
         """
         taken: list[IntVar] = []
         facts = 0
@@ -66,7 +66,8 @@ class Publishing:
     def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
         """Add a constraint: if a hop is published, one of these literals is true.
 
-        For a hop that comes from another bus the constraint holds only if the data of the producer come over that bus.
+        For a hop with a previous bus (`hop.after`) the constraint holds only if the data of the producer come over the
+        previous bus.
         """
         elsewhere = [self.messages[self.key(hop)].negated(), *literals]
         there = self._comes_from(hop)
@@ -74,7 +75,7 @@ class Publishing:
             self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
 
     def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
-        """Yield all messages that are more urgent than a hop on the hop's bus, each as a hop that begins there."""
+        """Yield all messages on the bus of a hop that are more urgent than the hop: the key, and a hop that begins there."""
         own = identifiers[hop.producer, hop.variable]
         for key in self.messages:
             producer, variable, _, bus = key

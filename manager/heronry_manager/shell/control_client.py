@@ -65,9 +65,9 @@ def follow(path: Path) -> socket.socket:
 
 
 def find_socket(name: str | None) -> Path:
-    """Give the socket of the manager with this name; without a name, that of the only running manager.
+    """Give the socket of the manager with this name; without a name, the socket of the only running manager.
 
-    Raises ControlError.
+    Raises ControlError if managers run but none of them has this name, or if, without a name, not exactly one runs.
     """
     running = [path for path in found_sockets() if _is_listened_on(path)]
     names = ", ".join(path.stem for path in running)

@@ -64,7 +64,7 @@ def _objective(
 
 
 def _loads(draft: Draft, tables: Tables) -> list[int]:
-    """Return the load of each bus, in thousandths of a bit/s."""
+    """Return the load of each bus, by its number, in thousandths of a bit/s."""
     loads = [0] * len(tables.numbers.buses)
     for module, variable, bus in draft.published:
         loads[bus] += tables.routes.load[variable][draft.mode[module]]

@@ -273,7 +273,10 @@ class BigBluePlant:
         self._steps += 1
 
     def _shape(self, dt_s: float) -> float:
-        """Return the share of their full forces that the wings carry, after a step of `dt_s`."""
+        """Count a step of `dt_s`, and return the share (0 to 1) of the full aerodynamic forces that the wings give.
+
+        The share follows the pressure in the wings. Once the skin has cured under pressure, the share is always 1.
+        """
         firm = min(self._pressure_hpa(self._now_ns()) / _FIRM_HPA, 1.0)
         if self._firm_s >= _CURES_S:
             return 1.0

@@ -89,7 +89,7 @@ class Panel:
         return f'<polygon points="{" ".join(ahead + back[::-1])}" fill="{colour}" fill-opacity="0.22"/>'
 
     def points(self, xs: Sequence[float], ys: Sequence[float], colour: str, shape: str = "circle") -> Iterator[str]:
-        """Draw single points: circles, or with any other `shape` crosses."""
+        """Draw a mark at each point: a circle if `shape` is "circle", else a cross."""
         for x, y in zip(xs, ys, strict=True):
             across, up = self.across.px(x), self._held(y)
             if shape == "circle":

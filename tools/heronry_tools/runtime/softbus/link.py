@@ -123,7 +123,10 @@ class Link:
 
 
 def read_record(source: socket.socket, max_bytes: int, path: str, deadline_s: float | None) -> bytes | None:
-    """Read one record from a non-blocking socket, or return None at the deadline (time.monotonic)."""
+    """Read one record from a non-blocking socket, or return None at the deadline (time.monotonic).
+
+    Raises can.CanOperationError if the hub is gone.
+    """
     try:
         while True:
             with suppress(BlockingIOError):

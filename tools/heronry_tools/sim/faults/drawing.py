@@ -12,8 +12,8 @@ the same flight as in a campaign.
 For a fault that waits for a state other than idle, further faults are drawn that lead to this state: a PE other than
 the target is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost,
 which ends its mastership. For `activating` a PE must release an exclusive output. So a PE is cut off, and when it
-counts as lost the mastership ends. The next manager then finds the PE in an epoch that it does not know, with the
-outputs that this epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
+counts as lost the mastership ends. The PE returns with its old epoch, which the next manager does not know, and with
+the outputs that this epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
 
 With two managers, faults of managers are drawn more often. Their target is the active, the primary or the standby
 manager. The kinds that need two managers (`Kind.of_two`) are drawn, too. Kinds for flights with a key (`Kind.of_keyed`)
@@ -144,7 +144,7 @@ def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[
 
 
 def _rivals(spec: Spec) -> set[str]:
-    """Return the PEs of each DEMUX that several PEs can drive."""
+    """Return the PEs that share a DEMUX, since each of them has a device of the DEMUX; as `pe:NAME`."""
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
         devices = (spec.modules[branch].device for branch in (*demux.branches, *demux.to))
