@@ -75,7 +75,7 @@ class Publishing:
             self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
 
     def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
-        """Yield all messages on the bus of a hop that are more urgent than the hop: the key, and a hop that begins there."""
+        """Yield key and hop of all messages on the bus of `hop` that are more urgent; these hops begin on that bus."""
         own = identifiers[hop.producer, hop.variable]
         for key in self.messages:
             producer, variable, _, bus = key

@@ -200,7 +200,9 @@ class Reconfiguration:
 class Plant:
     """Whether the control loop through a plant of the spec is closed."""
 
-    state: str | None = None  # on_path, open, unmoved, unseen; null: what runs is not known
+    # on_path: closed; open; unmoved: no module drives the plant's actuators; unseen: no module reads its sensors;
+    # null: what runs is not known
+    state: str | None = None
     why: str | None = None
 
 

@@ -147,7 +147,7 @@ class BigBluePlant:
             self._tick()
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Advance to `now_ns`, and return the reading of a sensor; None if it does not answer."""
+        """Advance to `now_ns`, and return the reading of a sensor; None if the sensor does not answer."""
         self.advance(now_ns)
         how, frozen, offset = self._failed.get(device, (None, None, 0.0))
         match how:

@@ -162,7 +162,7 @@ def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") 
 
 
 def legend(entries: Sequence[tuple[str, str, str]], top: float) -> Iterator[str]:
-    """Draw a row of (name, colour, dash).
+    """Draw a legend as one row; each entry is (name, colour, dash).
 
     The dash `band` is drawn as a filled area, `point` and `cross` as single points, every other dash as a line.
     """

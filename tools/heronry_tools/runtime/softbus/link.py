@@ -48,7 +48,10 @@ class Link:
         self._answer: dict[str, Any] = {}
 
     def offer(self, frame: Frame, dlc: int, timeout_s: float | None) -> None:
-        """Put a frame into the mailbox as soon as it is empty; raises can.CanOperationError when it stays full."""
+        """Put a frame into the mailbox as soon as the mailbox is empty.
+
+        Raises can.CanOperationError if the mailbox is still full after `timeout_s`.
+        """
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             if not self._wait_for_mailbox(deadline_s):

@@ -112,7 +112,10 @@ def _more_often(name: str, *, of_two: bool) -> int:
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind of fault may be drawn only in a flight with a key."""
+    """Tell whether a kind of fault is only for flights with a key.
+
+    In a flight with two managers, the answer is no for a kind that needs two managers.
+    """
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
 
