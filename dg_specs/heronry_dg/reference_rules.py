@@ -143,7 +143,7 @@ class _ReferenceRules:
                     graph.GATE_AND_VARIABLE,
                     place,
                     sentence,
-                    "rename the gate: in an expression the name could mean either",
+                    "rename the gate: in an expression the name could mean the gate or the variable",
                 )
 
     def modules(self) -> None:
@@ -303,7 +303,7 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
         case None | int() | str():
             return value
         case _:
-            raise TypeError("a list must have whole numbers alone")
+            raise TypeError("a list may contain only whole numbers")
 
 
 def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:

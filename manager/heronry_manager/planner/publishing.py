@@ -88,9 +88,9 @@ class Publishing:
         return hop.producer, hop.variable, rate_mhz, hop.bus
 
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
-        """Return literals: one is true if the producer's data reach the hop's bus from the bus before it, else none.
+        """Return literals, of which one is true if and only if the data of a hop come from its previous bus.
 
-        None: the hop begins at its source, or the data always come from the bus before.
+        None: the hop has no previous bus, or its data always come from there.
         """
         if hop.after is None:
             return None

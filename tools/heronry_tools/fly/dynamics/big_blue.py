@@ -163,7 +163,7 @@ class BigBluePlant:
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
         """Advance to `now_ns` and command an actuator.
 
-        Return the command that it accepted, None if it accepted none.
+        Return the command that the actuator has accepted, or None if it has accepted none.
         """
         self.advance(now_ns)
         if device in self.servos.pushes:

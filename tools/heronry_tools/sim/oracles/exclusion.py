@@ -67,7 +67,7 @@ class ExclusionCheck(Oracle):
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """Record that some manager was heard: for T_lease from now on, no holder can have released a thing by itself."""
+        """Record that a manager was heard: for T_lease from now on, no holder can have released a thing by itself."""
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:

@@ -184,7 +184,7 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
-        """Record that a PE runs a module; a silence is then no longer excused as the start of the aircraft."""
+        """Record that a PE runs a module: from now on a silence is no longer due to the start of the aircraft."""
         if t_ns - self._ran_ns > self._lease_ns:
             self._idle.append((self._ran_ns, t_ns))
         self._ran_ns = t_ns
