@@ -110,7 +110,7 @@ class Findings:
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
-        """Remove the finding at a place that stops the spec from being loaded; a better finding can then be added."""
+        """Remove, at a place, the finding that stops the spec from being loaded, so that a better one can be added."""
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:

@@ -263,7 +263,7 @@ def _loads(
     gateways: Mapping[str, str] | None = None,
     choices: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, int]:
-    """Compute the load on each bus of the sources that the PEs in `states` publish, each in its state.
+    """Compute the load of each bus, in thousandths of a bit/s, from what the PEs in `states` publish in these states.
 
     gateways: state in which each gateway forwards. A gateway that this map lacks forwards onto every bus onto which it
     forwards in any of its `choices`. Without this map the gateways forward by `states`.

@@ -43,12 +43,12 @@ class EpochNumbers:
         self.last = 0  # the newest number that was given, or may have been before a restart
 
     def begin(self, term: int) -> None:
-        """Begin the mastership of a term: its epochs get newer numbers than all that were used or reserved before."""
+        """Begin the mastership of a term: its epochs get numbers newer than all numbers used or reserved before."""
         self._block = None
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 
     def next(self, newest_seen: int) -> int:
-        """Give a number newer than all that were given before, and than `newest_seen`, the newest one that PEs run."""
+        """Give a number newer than all given before, and newer than `newest_seen`, the newest that a PE runs."""
         runs = self._turn.memory.runs
         epoch = next_epoch(newest_epoch((self.last, newest_seen, NO_EPOCH if runs is None else runs.epoch)))
         if (_block_of(epoch) - (self._turn.term - 1)) % 2:

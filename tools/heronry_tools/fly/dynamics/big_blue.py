@@ -202,7 +202,7 @@ class BigBluePlant:
     def world_s(self) -> float:
         """Return the plant's time since the start, in s.
 
-        While the aircraft hangs on the line, this time passes faster than the avionics' clock.
+        While the aircraft hangs on the line, this time may pass faster than the avionics' clock (`pace`).
         """
         return self._steps / STEPS_PER_S
 
@@ -273,7 +273,7 @@ class BigBluePlant:
         self._steps += 1
 
     def _shape(self, dt_s: float) -> float:
-        """Count a step of `dt_s`, and return the share (0 to 1) of the full aerodynamic forces that the wings give.
+        """Advance the curing by `dt_s`; return which share (0 to 1) of their full forces the wings carry.
 
         The share follows the pressure in the wings. Once the skin has cured under pressure, the share is always 1.
         """

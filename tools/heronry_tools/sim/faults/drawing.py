@@ -147,7 +147,7 @@ def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[
 
 
 def _rivals(spec: Spec) -> set[str]:
-    """Return the PEs that share a DEMUX, since each of them has a device of the DEMUX; as `pe:NAME`."""
+    """Return, as `pe:NAME`, the PEs with a device of a DEMUX whose devices are on several PEs."""
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
         devices = (spec.modules[branch].device for branch in (*demux.branches, *demux.to))

@@ -135,7 +135,7 @@ class ServiceCheck(Oracle):
                 self.failed(t_ns, element)
 
     def failed(self, t_ns: int, element: str) -> None:
-        """Record that a manager treats an element as failed now, if it has not done so before."""
+        """Record that every manager treats an element as failed from now on, if this is not recorded yet."""
         known = [one for one in self._held if one.element == element and one.to_ns is None]
         self._held += [] if known else [_Held(element, t_ns)]
         for one in known:
