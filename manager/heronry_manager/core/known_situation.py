@@ -59,7 +59,7 @@ class PlanNeeded:
     """A plan is needed, because the situation has changed.
 
     cause: why a plan is needed, in words.
-    since_ns: time of the last sign of the old situation; None: now.
+    since_ns: when the old situation was last known to hold, such as the last frame of a lost PE; None: now.
     """
 
     cause: str

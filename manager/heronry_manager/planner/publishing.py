@@ -1,4 +1,4 @@
-"""The variables that say which source is published on which bus, and the bandwidth that it takes.
+"""The variables that say which source is published on which bus, and the bandwidth that this source takes there.
 
 The buses form a forest over the PEs, so taking one bus away splits the PEs into *sides*. A source is published on that
 bus if and only if some consumer wired to it is on another side than its producer (semantics rule 7: on every bus of the

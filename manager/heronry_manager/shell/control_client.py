@@ -43,9 +43,10 @@ def call(path: Path, order: Spoken) -> Answer:
 
 
 def follow(path: Path) -> socket.socket:
-    """Begin to read the events of the manager on a socket; raises ControlError if none of this user or root listens.
+    """Begin to read the events of the manager on a socket.
 
-    The returned socket gives JSON lines: a status, and events (`followers`). The caller closes it.
+    The returned socket gives JSON lines: a status, and events (`followers`). The caller closes the socket. Raises
+    ControlError if no manager of this user or of root listens.
     """
     checked_length(path)
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

@@ -2,7 +2,8 @@
 
 Every running module is checked, also those that are started on the way: its open inputs are tried, and its wired inputs
 are tried in a version that is worth more. No module is moved for an input, and no function changes. The first round
-only restores inputs as they were before, so that no new input takes their room; the second round tries all.
+wires inputs only to modules in the mode in which they ran before, so that new inputs do not take the room of old ones.
+The second round tries all modules.
 """
 
 from typing import Final

@@ -80,7 +80,7 @@ _STARTS: dict[Start, _StartingPoint] = {
 class Motion:
     """State of the aircraft from which sensors make their readings.
 
-    The fields have the names of those of `Moment` (`heronry_tools.aircraft.plant.flight`).
+    The fields have the same names as the fields of `Moment` (`heronry_tools.aircraft.plant.flight`).
     """
 
     time_s: float
@@ -185,7 +185,8 @@ class BigBluePlant:
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
         """Make a device fail as `how` says.
 
-        A charge or a burn wire that has failed does not fire; a valve that has failed does not move.
+        A charge or a burn wire that has failed does not fire; a valve that has failed does not move. offset: for the
+        failure `bias`, the error in the device's own unit.
         """
         self.advance(now_ns)
         if device in self.servos.pushes:

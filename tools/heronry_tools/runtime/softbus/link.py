@@ -60,7 +60,7 @@ class Link:
             self._mailbox_full = True
 
     def linger(self, timeout_s: float) -> bool:
-        """Wait until the mailbox is empty; returns whether it is."""
+        """Wait until the mailbox is empty, for at most `timeout_s`; returns whether the mailbox is empty."""
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             return self._wait_for_mailbox(deadline_s)
@@ -68,7 +68,7 @@ class Link:
     def ask(self, command: dict[str, Any], *passed: socket.socket) -> dict[str, Any]:
         """Send a command, with sockets to pass on, and return its answer.
 
-        Raises can.CanOperationError if none comes.
+        Raises can.CanOperationError if no answer comes.
         """
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):

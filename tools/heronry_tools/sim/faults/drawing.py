@@ -93,7 +93,10 @@ def drawn_faults(
 
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
-    """Return the kinds of faults that have a target in the spec, each with its targets."""
+    """Return the kinds of faults that have a target in the spec, each with its targets.
+
+    With two managers, the targets of a fault of the manager are the active, the primary and the standby manager.
+    """
     there = {name: targets for name in kinds if (targets := possible_targets(spec, name))}
     return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
 

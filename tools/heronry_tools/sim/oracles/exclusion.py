@@ -42,7 +42,7 @@ _Holder = tuple[str, str]
 
 
 class ExclusionCheck(Oracle):
-    """Records the holder of each exclusive output and identifier, and verifies that none has two holders at one time."""
+    """Records the holder of each exclusive output and identifier, and verifies that none has two at one time."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
