@@ -62,7 +62,8 @@ class Slice:
     def restricted_to(self, before: "Slice") -> "Slice":
         """Give a copy of this slice for the step BREAK.
 
-        The copy publishes and forwards a source only on those buses on which `before` does, too.
+        The copy publishes a source only on buses on which `before` publishes it, too, and forwards a source only onto
+        buses onto which `before` forwards it, too.
         """
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {

@@ -3,8 +3,8 @@
     terms    manager 126 takes the odd terms, manager 127 the even terms. So two managers can never be active in the
              same term, even if they have not heard of each other
     epochs   come in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second
-             block from there on. So no epoch has the number of another, even if two managers are active on the two
-             sides of a broken bus
+             block from there on. So two managers that are active on the two sides of a broken bus do not give two
+             epochs the same number
 
 A new epoch is also newer than the epoch in the journal, and than every epoch that a PE was seen to run: a silent PE may
 still hear commands and drive outputs, and accepts no older epoch. A block is reserved (`memory`) before its first

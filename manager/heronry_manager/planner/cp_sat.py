@@ -18,7 +18,8 @@ _INTERFACE: Final = "ortools.sat.python.cp_model"
 def load_without_pandas(module: str) -> None:
     """Import a module that needs only the types of pandas, while an empty module takes the place of pandas.
 
-    If the module needs more of pandas, this import fails without an error, and its next import uses the true pandas.
+    If the module needs more of pandas, this import fails without an error. The caller's own import of the module then
+    uses the true pandas.
     """
     if "pandas" in sys.modules:
         return

@@ -51,8 +51,7 @@ def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = Fal
         "--key",
         type=Path,
         metavar="FILE",
-        help=f"key file of the flight, if it has a key; the frames on a bus{'' if is_live else ' or in a log'} "
-        "are verified with it",
+        help=f"key file that verifies the frames on a bus{'' if is_live else ' or in a log'}, if the flight has a key",
     )
     parser.add_argument(
         "--bus",

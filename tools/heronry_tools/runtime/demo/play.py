@@ -44,7 +44,7 @@ def play(arguments: argparse.Namespace) -> int:
     seconds = arguments.seconds if arguments.seconds is not None else usual
     if actions and actions[-1].at_s > seconds:
         raise UserError(
-            f"--for {seconds:g}: the demo would end before the action at {actions[-1].at_s:g} s; give --for more"
+            f"--for {seconds:g}: the demo would end before the action at {actions[-1].at_s:g} s; make --for longer"
         )
     if arguments.no_kill and (arguments.kill or arguments.restore):
         raise UserError("--no-kill flies without a kill; leave --kill and --restore out")
