@@ -10,10 +10,10 @@ handover in between. Without a handover, two holders have driven the thing at on
 alternately, the oracle detects this when the first module drives again, whatever their rates are.
 
 A *handover* is a GO of the newest epoch of its term, or the GO_ALL that follows this GO, for outputs that had to wait.
-The first epoch of a term may have any number: a manager without its journal may begin with an older number, and when a
-higher term falls silent the term before continues with its own numbers. BREAK is no handover. Until GO every thing
-belongs to the epoch before, and a holder of that epoch may drive for the first time after BREAK (its frame may have
-waited in its controller).
+The first epoch of a term may have any number: a manager without its journal may begin with an older number. And when
+the manager of a higher term falls silent, the manager of the term before continues with its own numbers. BREAK is no
+handover. Until GO every thing belongs to the epoch before, and a holder of that epoch may drive for the first time
+after BREAK (its frame may have waited in its controller).
 
 A holder may also have released a thing by itself. This is possible if, for T_lease, no manager was active and the PE of
 this holder was not heard. Then the former holder may drive again without a handover. If the silent holder has not
