@@ -13,8 +13,8 @@ controller, and a state frame that is a second old looks like a restart of the P
     in step     both channels have brought the last frame of this identifier: the first copy of the next frame is taken
     behind      one channel has not brought the last frame within half a period. A frame that only this channel brings
                 is *withheld* until the other channel brings the frame too: then the frame is taken, and both are in
-                step. If the other channel has brought nothing under this identifier for a period and a quarter, it has
-                failed, and the frame is taken immediately
+                step. If the other channel has brought nothing under this identifier for a period and a quarter, the
+                other channel has failed, and the frame is taken immediately
 
 A channel that has lost a single frame of a sender is behind until the next frame of that sender. If the other channel
 fails at that very moment, the sender is not heard for one more period. This is too short to make the sender suspect.
@@ -53,7 +53,10 @@ def latest_copy_ns(heartbeat_ns: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Copy:
-    """A frame that one channel has brought and the other has not yet."""
+    """A frame that one channel has brought and the other channel has not brought yet.
+
+    at_ns: time of arrival. is_taken: the node has processed the frame. is_alone: the other channel has not brought it.
+    """
 
     frame: Frame
     channel: int
@@ -93,9 +96,9 @@ class ChannelMerge:
         return is_taken
 
     def _pair(self, waiting: deque[_Copy]) -> bool:
-        """Match a frame with its first copy; tells whether the node is to process the frame.
+        """Match a frame that has just arrived with its first copy, the oldest in `waiting`.
 
-        The node processes it if the first copy was withheld.
+        Returns True if the first copy was withheld: then the node must process the frame that has just arrived.
         """
         first = waiting.popleft()
         first.is_alone = False
@@ -117,7 +120,7 @@ class ChannelMerge:
         return at_ns - other_ns >= self._patience_ns
 
     def _expire(self, at_ns: int) -> None:
-        """Find the copies that have not come within the window, and note which channel is behind."""
+        """Find the frames whose second copy has not come within the window, and note which channel is behind."""
         self._now_ns = max(self._now_ns, at_ns)
         while self._order and self._order[0].at_ns < self._now_ns - self._window_ns:
             copy = self._order.popleft()

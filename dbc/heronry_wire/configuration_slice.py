@@ -60,7 +60,11 @@ class Slice:
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
-        """Give a copy of this slice for BREAK; the copy publishes and forwards only what `before` does, too."""
+        """Give a copy of this slice for the step BREAK.
+
+        The copy publishes a source only on buses on which `before` publishes it, too, and forwards a source only onto
+        buses onto which `before` forwards it, too.
+        """
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {
             s: (node, mask & before.forward[s][1])
@@ -108,7 +112,7 @@ def _read(numbers: Unpacker, leaves: Mapping[tuple[int, int], int]) -> Slice:
     for _ in range(number()):
         module, mode = number(), number()
         if (module, mode) not in leaves:
-            raise SliceError(f"module {module} mode {mode} is not in this table")
+            raise SliceError(f"the table of this PE has no mode {mode} of module {module}")
         sources = tuple(number() - 1 for _ in range(leaves[module, mode]))
         modules.append(ModuleSlice(module, mode, tuple(None if s < 0 else s for s in sources)))
     remote = {number(): number() for _ in range(number())}

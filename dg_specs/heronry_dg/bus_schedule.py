@@ -77,7 +77,7 @@ class BusSchedule:
 
     @property
     def reserve_left_frames_per_s(self) -> int:
-        """Number of 8-byte frames per second for which the reserve still has room; 0 where no room is left."""
+        """Number of 8-byte frames per second that still fit into the bus's reserve for management; 0 if none fits."""
         left = (self.bus.reserve - self.management) * self.bus.bitrate / WORST_BLOCKING_BITS
         return max(0, int(left))
 
@@ -151,7 +151,11 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 def _messages(
     spec: Spec, bus: Bus, data: list[ScheduledMessage], jitters: list[int | None]
 ) -> tuple[ScheduledMessage, ...]:
-    """Add the regular management frames to the data on a bus, and compute response times if the bus is wired."""
+    """Add the regular management frames to the data on a bus, and compute response times if the bus is wired.
+
+    jitters: jitter of each message of `data` in ns; None: it has no bound. With such a jitter, the messages below data
+    get no response time.
+    """
     above, below = _above(spec, bus), _below(spec, bus)
     if bus.kind == "wired":
         bounded = [ns for ns in jitters if ns is not None]
@@ -163,7 +167,7 @@ def _messages(
 
 
 def _above(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
-    """Give the management messages with a higher priority than data: LEASE, ALIVE, and the state of each PE there."""
+    """Give the management messages of a bus that precede data: LEASE, ALIVE, and the state of each PE on the bus."""
     lease, alive = (management_id(FIRST_MANAGER, command) for command in (Command.LEASE, Command.ALIVE))
     nodes = sorted((pe.node_id, pe.name) for pe in spec.pes.values() if bus.name in pe.buses)
     period_ns = bus.heartbeat_ns

@@ -110,11 +110,14 @@ class Findings:
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
-        """Remove the finding at a place that stops the spec from being loaded; a better finding can then be added."""
+        """Remove, at a place, the finding that stops the spec from being loaded, so that a better one can be added."""
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:
-        """Give the known name that the author may have meant, ignoring case; None where none is similar."""
+        """Give the known name that the author may have meant, ignoring case.
+
+        None: no known name is similar, or there are too many names to compare.
+        """
         if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
             return None
         self._comparisons_left -= len(known)

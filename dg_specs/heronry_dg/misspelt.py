@@ -57,7 +57,7 @@ def _is_rather_meant(name: str, other: str, words: Counter[str]) -> bool:
     """Tell whether `name`, rather than `other`, is the name that the author meant.
 
     The answer is yes if every word that only `name` has occurs elsewhere in the file, and no word that only `other` has
-    occurs there.
+    occurs elsewhere in the file.
     """
     one, two = set(name.split("_")), set(other.split("_"))
     return all(words[word] > 1 for word in one - two) and all(words[word] == 1 for word in two - one)

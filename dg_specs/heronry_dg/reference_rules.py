@@ -80,7 +80,7 @@ class _ReferenceRules:
                     self._findings.add(graph.SECOND_ROUTE, _value_place(pe, "buses", index), sentence, hint)
 
     def manager(self) -> None:
-        """Check that the manager's bus exists, and is wired if any bus is."""
+        """Check that the manager's bus exists; if the spec has a wired bus, check that the manager's bus is wired."""
         manager, form = self._draft.manager, self._draft.manager.form
         if form is None or any(bus.form is None for bus in self._draft.buses.values()):
             return
@@ -143,13 +143,13 @@ class _ReferenceRules:
                     graph.GATE_AND_VARIABLE,
                     place,
                     sentence,
-                    "rename the gate: in an expression the name could mean either",
+                    "rename the gate: in an expression the name could mean the gate or the variable",
                 )
 
     def modules(self) -> None:
         """Check that everything exists that modules, their modes and DEMUXes name, except in gates.
 
-        The variable must have each version that a mode gives. If a module has a device, `runs_on` must allow the
+        A variable must have each version of it that a mode gives. If a module has a device, `runs_on` must allow the
         device's PE.
         """
         for module in self._draft.modules.values():
@@ -303,7 +303,7 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
         case None | int() | str():
             return value
         case _:
-            raise TypeError("a list must have whole numbers alone")
+            raise TypeError("a list may contain only whole numbers")
 
 
 def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:

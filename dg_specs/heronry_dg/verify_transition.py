@@ -1,9 +1,9 @@
 """The verifier of transitions: finds the rules that the steps from one configuration to another break.
 
 The verifier tries every combination of states that the PEs could have during the steps. If there are too many
-combinations, it takes each PE that is no gateway in its worst state for each bus. The result is still exact, since the
-loads of PEs add up. If there are still too many combinations, it does the same for gateways; then the result is safe
-but not exact. The verifier makes no choice, and shares no code with `transition`.
+combinations, it assumes for each bus the worst state of each PE that is no gateway. The result is still exact, since
+the loads of PEs add up. If there are still too many combinations, it does the same for gateways; then the result is
+safe but not exact. The verifier makes no choice, and shares no code with `transition`.
 
     t.steps      the steps are not in the required order: BREAK before GO before GO_ALL, and GO_ALL last
     t.wait       the manager would wait for a PE that cannot answer; or there is a step BREAK without PEs to wait for,
@@ -53,7 +53,7 @@ class _Way:
     drives: Mapping[str, Sequence[tuple[str, str]]]  # module -> its DEMUXes, each with its part there: branch or end
 
     def modules(self, pe: str, state: str) -> dict[str, Mode]:
-        """Modules that run on a PE in a state, with their modes."""
+        """Modules that run on a PE while the PE is in a state, with their modes."""
         now = {m: mode for m, (mode, at) in self.now_runs.items() if at == pe}
         then = {m: mode for m, (mode, at) in self.shall_run.items() if at == pe}
         if state == BEFORE:
@@ -134,7 +134,7 @@ def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
-    """Give, for each step, the states in which each PE may be from the command of this step to that of the next."""
+    """Give, for each step, the states in which each PE may be from the command of this step to the next command."""
     behind: dict[str, tuple[str, ...]] = dict.fromkeys(left.pe_cpu_millis, (BEFORE,))
     for step in way.steps:
         state = {Step.BREAK: BROKEN, Step.GO: HELD}.get(step, AFTER)
@@ -173,7 +173,10 @@ def _flash(case: _Way, there: Mapping[str, Mode]) -> int:
 
 
 def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]]) -> Iterator[Violation]:
-    """Find exclusive outputs that a PE could begin to drive while another PE could still drive them."""
+    """Find exclusive outputs that a PE could begin to drive while another PE could still drive them.
+
+    stage: the states in which each PE may be.
+    """
     could: dict[str, set[str]] = {}  # exclusive output -> PEs that could drive it
     begins: dict[str, set[str]] = {}  # exclusive output -> those of these PEs that do not drive it now
     for pe, states in stage.items():
@@ -260,10 +263,10 @@ def _loads(
     gateways: Mapping[str, str] | None = None,
     choices: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, int]:
-    """Compute the load of each bus if each PE has the given state.
+    """Compute the load of each bus, in thousandths of a bit/s, from what the PEs in `states` publish in these states.
 
-    gateways: states of the gateways, if they differ from `states`. A gateway in neither map forwards what it forwards
-    in any of its `choices`.
+    gateways: state in which each gateway forwards. A gateway that this map lacks forwards onto every bus onto which it
+    forwards in any of its `choices`. Without this map the gateways forward by `states`.
     """
     loads = dict.fromkeys(case.left.bus_mbit_per_s, 0)
     keys = _forward_keys(case)
@@ -292,7 +295,7 @@ def _loads(
 
 
 def _sent(case: _Way, pe: str, state: str) -> Iterator[tuple[tuple[str, str], tuple[str, ...], int]]:
-    """Give each source that a PE publishes in a state, with its buses, and the bandwidth that it takes on each bus."""
+    """Give each source that a PE publishes in a state, its buses, and its load in thousandths of a bit/s on each."""
     for module, mode in case.modules(pe, state).items():
         for variable in mode.gives:
             key = (pe, module, variable)

@@ -103,7 +103,7 @@ VARIABLES = [
     ("{altitude: {type: UCHAR, initial: »true}}", "does not fit: no data type can carry true"),
     ("{altitude: {type: SHORT2, initial: »[1]}}", "does not fit: SHORT2 cannot carry"),
     ("{altitude: {type: FLOAT, initial: »[1]}}", "does not fit: FLOAT takes one number"),
-    ("{altitude: {type: SHORT2, initial: »[1, 0.5]}}", "does not fit: a list must have whole numbers alone"),
+    ("{altitude: {type: SHORT2, initial: »[1, 0.5]}}", "does not fit: a list may contain only whole numbers"),
     ("{altitude: {type: ACHAR2, initial: »abc}}", "does not fit: ACHAR2 cannot carry"),
     ("{altitude: {type: NODATA, initial: »0}}", "does not fit: NODATA cannot carry"),
     (

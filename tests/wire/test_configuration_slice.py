@@ -141,8 +141,8 @@ def test_any_bytes_are_the_one_way_to_write_a_slice_or_an_error(body: bytes) -> 
     [
         ("00", "the bytes end"),
         ("01 07 00 01", "the bytes end"),
-        ("01 02 00 00 00 00", "module 2 mode 0 is not in this table"),
-        ("01 01 02 00 00 00", "module 1 mode 2 is not in this table"),
+        ("01 02 00 00 00 00", "the table of this PE has no mode 0 of module 2"),
+        ("01 01 02 00 00 00", "the table of this PE has no mode 2 of module 1"),
         ("00 00 00 00 00", "longer than needed"),
         ("00 00 00 00 00 00", "1 bytes follow the end of the slice"),
         ("00 00 00 00", "longer than needed"),

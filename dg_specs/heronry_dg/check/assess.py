@@ -91,7 +91,7 @@ def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
 def _told(
     findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
 ) -> tuple[list[Finding], set[Ignore]]:
-    """Give the findings that are reported, and the comments that suppress the other findings."""
+    """Give the findings that are reported, and the ignore comments that match any finding, reported or not."""
     told: list[Finding] = []
     used: set[Ignore] = set()
     for finding in findings:

@@ -257,7 +257,7 @@ GATE_AND_VARIABLE = FAMILY.stop(
     "DG221",
     "gate-and-variable",
     what="A gate and a variable have the same name.",
-    why="In an expression the name could mean either.",
+    why="In an expression the name could mean the gate or the variable.",
     fix="Rename the gate.",
     bad=f"gates: {{speed: speed}}\n{_display('speed')}",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}",

@@ -1,4 +1,4 @@
-"""What a manager knows: everything that it forgets as a whole when it falls silent, or stands by for another one.
+"""What a manager knows: everything that it forgets as a whole when it falls silent, or becomes a standby manager.
 
 When the manager forgets, each object below is made anew, and begins with what is remembered (`memory`). The other
 objects of the core refer to `Knowledge` alone, so that they always find the present objects.

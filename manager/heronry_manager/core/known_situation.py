@@ -59,7 +59,7 @@ class PlanNeeded:
     """A plan is needed, because the situation has changed.
 
     cause: why a plan is needed, in words.
-    since_ns: time of the last sign of the old situation; None: now.
+    since_ns: when the old situation was last known to hold, such as the last frame of a lost PE; None: now.
     """
 
     cause: str
@@ -183,7 +183,10 @@ class KnownSituation:
             self._health.quarantine(pe, losses)
 
     def down(self) -> frozenset[str]:
-        """Give the elements that are down, each as `kind:name`."""
+        """Give the elements that are down, each as `kind:name`.
+
+        The manager's own bus is left out, since a plan without this bus would stop everything.
+        """
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_available(pe))
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
@@ -278,9 +281,9 @@ class KnownSituation:
         return () if phase == self.phase else self.enter(phase, f"manager {manager}")
 
     def held_no_longer(self, manager: int) -> Changes:
-        """Count a heartbeat of the active manager, and drop what it no longer announces.
+        """Count a heartbeat of the active manager, and drop each fact that this manager has ceased to announce.
 
-        Gives the changes that follow.
+        manager: node-ID of the active manager. Returns the changes of the situation that follow.
         """
         supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
         elements = self.failed.elements - supposed

@@ -1,14 +1,14 @@
 """The numbers of masterships and epochs: each is used by one manager, once.
 
-    terms    manager 126 takes the odd ones, 127 the even ones. So two managers can never be active in the same term,
-             even if they have not heard of each other
+    terms    manager 126 takes the odd terms, manager 127 the even terms. So two managers can never be active in the
+             same term, even if they have not heard of each other
     epochs   come in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second
-             block from there on. So two managers that are active on both sides of a broken bus use no number twice
-             either
+             block from there on. So two managers that are active on the two sides of a broken bus do not give two
+             epochs the same number
 
-A new epoch is also newer than the remembered one, and than every epoch that a PE was seen to run: a silent PE may still
-hear commands and drive outputs, and accepts no older epoch. A block is reserved (`memory`) before its first number is
-used: a manager that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16
+A new epoch is also newer than the epoch in the journal, and than every epoch that a PE was seen to run: a silent PE may
+still hear commands and drive outputs, and accepts no older epoch. A block is reserved (`memory`) before its first
+number is used: a manager that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16
 (`is_newer`).
 """
 
@@ -43,12 +43,12 @@ class EpochNumbers:
         self.last = 0  # the newest number that was given, or may have been before a restart
 
     def begin(self, term: int) -> None:
-        """Begin the mastership of a term: its epochs get newer numbers than all that were used or reserved before."""
+        """Begin the mastership of a term: its epochs get numbers newer than all numbers used or reserved before."""
         self._block = None
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 
     def next(self, newest_seen: int) -> int:
-        """Give a number newer than all that were given before, and than `newest_seen`, the newest one that PEs run."""
+        """Give a number newer than all given before, and newer than `newest_seen`, the newest that a PE runs."""
         runs = self._turn.memory.runs
         epoch = next_epoch(newest_epoch((self.last, newest_seen, NO_EPOCH if runs is None else runs.epoch)))
         if (_block_of(epoch) - (self._turn.term - 1)) % 2:

@@ -244,7 +244,7 @@ class _Process:
         self.answers = self._process.stdout
 
     def send(self, line: bytes) -> None:
-        """Write a request; if the process has ended, that shows only when its answers are read."""
+        """Write a request; a process that has ended is noticed only when its answers are read."""
         with suppress(BrokenPipeError):
             self._requests.write(line)
             self._requests.flush()

@@ -16,7 +16,11 @@ _INTERFACE: Final = "ortools.sat.python.cp_model"
 
 
 def load_without_pandas(module: str) -> None:
-    """Import a module that imports pandas for its types alone; if it needs more of pandas, it gets the true pandas."""
+    """Import a module that needs only the types of pandas, while an empty module takes the place of pandas.
+
+    If the module needs more of pandas, this import fails without an error. The caller's own import of the module then
+    uses the true pandas.
+    """
     if "pandas" in sys.modules:
         return
     sys.modules["pandas"] = stand_in = ModuleType("pandas")

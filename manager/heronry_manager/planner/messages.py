@@ -165,7 +165,7 @@ def _fields(line: bytes) -> dict[str, object]:
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise MessageError(f"the line is not a JSON object: {error}") from error
+        raise MessageError(f"a line between manager and planner is not a JSON object: {error}") from error
     if not isinstance(fields, dict):
-        raise MessageError("the line is not a JSON object")
+        raise MessageError("a line between manager and planner is not a JSON object")
     return fields

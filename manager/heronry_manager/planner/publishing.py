@@ -1,4 +1,4 @@
-"""The variables that say which source is published on which bus, and the bandwidth that it takes.
+"""The variables that say which source is published on which bus, and the bandwidth that this source takes there.
 
 The buses form a forest over the PEs, so taking one bus away splits the PEs into *sides*. A source is published on that
 bus if and only if some consumer wired to it is on another side than its producer (semantics rule 7: on every bus of the
@@ -49,8 +49,8 @@ class Publishing:
         """Add a constraint: not all of these hops are published together.
 
         For a hop that begins at its source the constraint also holds if the message comes from farther away: the longer
-        way adds jitter, and makes no message earlier. For a hop that comes from another bus the constraint holds only
-        if the data of the producer come over that bus.
+        way adds jitter, and makes no message earlier. For a hop with a previous bus (`hop.after`) the constraint holds
+        only if the data of the producer come over the previous bus.
         """
         taken: list[IntVar] = []
         facts = 0
@@ -66,7 +66,8 @@ class Publishing:
     def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
         """Add a constraint: if a hop is published, one of these literals is true.
 
-        For a hop that comes from another bus the constraint holds only if the data of the producer come over that bus.
+        For a hop with a previous bus (`hop.after`) the constraint holds only if the data of the producer come over the
+        previous bus.
         """
         elsewhere = [self.messages[self.key(hop)].negated(), *literals]
         there = self._comes_from(hop)
@@ -74,7 +75,7 @@ class Publishing:
             self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
 
     def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
-        """Yield all messages that are more urgent than a hop on the hop's bus, each as a hop that begins there."""
+        """Yield key and hop of all messages on the bus of `hop` that are more urgent; these hops begin on that bus."""
         own = identifiers[hop.producer, hop.variable]
         for key in self.messages:
             producer, variable, _, bus = key
@@ -87,9 +88,9 @@ class Publishing:
         return hop.producer, hop.variable, rate_mhz, hop.bus
 
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
-        """Return literals: one is true if the producer's data reach the hop's bus from the bus before it, else none.
+        """Return literals, of which one is true if and only if the data of a hop come from its previous bus.
 
-        None: the hop begins at its source, or the data always come from the bus before.
+        None: the hop has no previous bus, or its data always come from there.
         """
         if hop.after is None:
             return None

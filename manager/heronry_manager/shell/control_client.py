@@ -43,9 +43,10 @@ def call(path: Path, order: Spoken) -> Answer:
 
 
 def follow(path: Path) -> socket.socket:
-    """Begin to read the events of the manager on a socket; raises ControlError if none of this user or root listens.
+    """Begin to read the events of the manager on a socket.
 
-    The returned socket gives JSON lines: a status, and events (`followers`). The caller closes it.
+    The returned socket gives JSON lines: a status, and events (`followers`). The caller closes the socket. Raises
+    ControlError if no manager of this user or of root listens.
     """
     checked_length(path)
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -65,9 +66,9 @@ def follow(path: Path) -> socket.socket:
 
 
 def find_socket(name: str | None) -> Path:
-    """Give the socket of the manager with this name; without a name, that of the only running manager.
+    """Give the socket of the manager with this name; without a name, the socket of the only running manager.
 
-    Raises ControlError.
+    Raises ControlError if managers run but none of them has this name, or if, without a name, not exactly one runs.
     """
     running = [path for path in found_sockets() if _is_listened_on(path)]
     names = ", ".join(path.stem for path in running)

@@ -1,7 +1,7 @@
 """Which priorities the modules of this PE request for functions.
 
 If a function has a `priority_range` in the spec, a module may request another priority for it, and later the priority
-of the spec again. A module that repeats its request in the next step makes no new one. If several modules request a
+of the spec again. A module that repeats its request in the next step makes no new request. If several modules request a
 priority of one function, the last request counts. A request *stands* until another one for the function replaces it, or
 its module stops.
 

@@ -116,7 +116,7 @@ class Devices:
         return value if valid else None
 
     def drive(self, order: Drive, now_ns: int) -> Driven | DriveFailed | None:
-        """Command the device of a module; None if the device did not move."""
+        """Command the device of a module; returns the value it moved to, or why it failed; None if it did not move."""
         device = self._bolted_to[order.module]
         if device is None:
             return DriveFailed(order.module, "the module has no device to drive")

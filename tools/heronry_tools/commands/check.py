@@ -179,7 +179,7 @@ def _specs_below(folder: Path) -> list[Path]:
 
 
 def _shipped(text: str) -> Path | None:
-    """Give the path of the shipped spec of this name; None if there is none, or if a file here has this name."""
+    """Give the path of the shipped spec named `text`; None if there is none, or if `text` is the path of a file."""
     from heronry_dg.shipped import shipped_spec_names, shipped_spec_path  # noqa: PLC0415
 
     is_shipped = text in (*shipped_spec_names(), *FLOWN) and not Path(text).exists()

@@ -74,7 +74,7 @@ def add_parsers(subparsers: Any) -> None:
         "--foreseen",
         type=whole_number,
         metavar="N",
-        help="make plans ahead for up to N faults, and put them on board (default: no plans are made ahead)",
+        help="make plans ahead for up to N faults, and put the plans on board (default: no plans are made ahead)",
     )
     parser.add_argument("--count", action="store_true", help="fly nothing: count the single faults of each story")
     parser.add_argument(

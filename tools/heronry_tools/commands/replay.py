@@ -124,7 +124,10 @@ def _spec_of(recording: Path, text: str | None) -> "Spec":
 
 
 def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Namespace) -> "list[LoggedFrame]":
-    """Give the frames that the key proves; raises UserError where --key is missing, or the flight had no key."""
+    """Give the frames that the key proves; in a flight without a key, all frames.
+
+    Raises UserError if the flight has a key and --key is missing, or if --key is given and the flight has no key.
+    """
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.sim.replay.proven import is_tagged, proven  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415

@@ -81,7 +81,8 @@ def add_parsers(subparsers: Any) -> None:
         "--seconds",
         type=seconds,
         metavar="S",
-        help="inject faults for S seconds, at least as long as given ones last (default: 5, or 1 s longer than these)",
+        help="inject faults for S seconds, at least until the given faults end "
+        "(default: 5, or 1 s after the end of the given faults if that is later)",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
@@ -110,7 +111,7 @@ def add_parsers(subparsers: Any) -> None:
         choices=(0, 1, 2),
         type=int,
         metavar="N",
-        help="make plans ahead for up to N faults, and put them on board (default: by the seed, see below)",
+        help="make plans ahead for up to N faults, and put the plans on board (default: by the seed, see below)",
     )
     parser.add_argument(
         "--keyed",

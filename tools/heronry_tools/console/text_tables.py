@@ -13,7 +13,7 @@ _BAR = 5  # characters; wide tables must fit narrow terminals
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A share of a capacity as a bar, with a text."""
+    """A bar that shows a share of a capacity, with a text beside the bar; a share of 1 fills the bar."""
 
     share: float
     text: str

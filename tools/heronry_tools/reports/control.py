@@ -99,7 +99,7 @@ def _place(error: ScriptError) -> str:
 
 
 def trial_text(statements: int, errors: int, violations: Sequence[str]) -> str:
-    """Write the result of trying a script: a sentence, and the violations of the configuration that it makes."""
+    """Write the result of trying a script: a sentence, and what is not legal in the configuration that it leads to."""
     if errors:
         return f"{statements} statements read, {errors} errors: nothing is done\n"
     illegal = "".join(f"not legal: {violation}\n" for violation in violations)

@@ -1,4 +1,4 @@
-"""A plan as text: functions, PEs and buses, and the transition to it from what runs.
+"""A plan as text: functions, PEs, buses, and the transition from the running configuration to the plan.
 
 The lines are suited to `grep`: one function, one module of a PE and one bus a line.
 """
@@ -35,7 +35,7 @@ def _headline(spec: Spec, plan: Plan, planner: str) -> str:
 
 
 def _proof(plan: Plan) -> str:
-    """Write which levels of a plan are proven, and which are not; empty for a plan that is proven to be the best."""
+    """Write which levels of a plan are proven; empty if the plan is proven to be the best, or has no bounds at all."""
     if plan.optimal or all(one.bound is None for one in plan.levels):
         return ""
     proven = ", ".join(one.level for one in plan.levels if one.proven)

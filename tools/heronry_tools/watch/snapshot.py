@@ -4,10 +4,10 @@
 same events give the same snapshot. `docs/watch.md` describes it to users.
 
 Times end in `_ns`: nanoseconds of the clock of the feed, which is CLOCK_MONOTONIC of a live system, the recorder's
-clock of a recording, or virtual time of the simulator. The *document* is a snapshot as JSON. In it, `null` is a fact
-that this feed does not give, unless the text about a field says something else. The feed of a bus alone gives no causes
-(`knows_why` is false): then reconfigurations have no `causes`, and `detect` and `decide` are known only where a PE fell
-silent.
+clock of a recording, or virtual time of the simulator. The *document* is a snapshot as JSON. In it, `null` stands for a
+fact that this feed does not give, unless the text about a field says something else. The feed of a bus alone gives no
+causes (`knows_why` is false): then reconfigurations have no `causes`, and `detect` and `decide` are known only where a
+PE fell silent.
 
 A later program may add keys to the document. If it removes a key, or changes the meaning of a key, it also raises the
 version `v`.
@@ -75,7 +75,7 @@ class Bus:
     """A bus. Loads are shares of the bit rate, from 0 to 1."""
 
     bit_rate: int
-    most: float  # the largest planned load that the spec allows, without the reserve
+    most: float  # `max_load` of the spec: the largest load of data and management together
     planned: float | None = None  # planned load of the data of the running configuration
     load: float | None = None  # measured over the last second
     peak: float | None = None  # in the busiest 100 ms of the last second
@@ -179,7 +179,7 @@ class Reconfiguration:
     number: int  # from 1, in the order of the feed
     epoch: int
     term: int | None
-    began_ns: int  # after a loss, the last frame of the PE; without a loss, the start of the first known time
+    began_ns: int  # after a loss, the last frame of the PE; without a loss, when the first time of `times_ns` began
     done_ns: int
     times_ns: Times
     causes: tuple[str, ...]
@@ -200,7 +200,9 @@ class Reconfiguration:
 class Plant:
     """Whether the control loop through a plant of the spec is closed."""
 
-    state: str | None = None  # on_path, open, unmoved, unseen; null: what runs is not known
+    # on_path: closed; open; unmoved: no module drives the plant's actuators; unseen: no module reads its sensors;
+    # null: what runs is not known
+    state: str | None = None
     why: str | None = None
 
 

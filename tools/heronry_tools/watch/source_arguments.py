@@ -1,4 +1,4 @@
-"""The source that a view watches, in its command line: a manager on this computer, a bus, or a recording.
+"""The source that a view watches, as its command line names it: a manager on this computer, a bus, or a recording.
 
 All views have the same arguments:
 
@@ -51,7 +51,7 @@ def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = Fal
         "--key",
         type=Path,
         metavar="FILE",
-        help=f"the key file of the flight, for a bus{'' if is_live else ' or a log'}",
+        help=f"key file that verifies the frames on a bus{'' if is_live else ' or in a log'}, if the flight has a key",
     )
     parser.add_argument(
         "--bus",

@@ -1,6 +1,6 @@
-"""From the integers of a draft to a plan with the names of the spec.
+"""Turns a draft of the greedy planner, which has only integers, into a plan with the names of the spec.
 
-A draft knows its own value, so the value is not computed again from the configuration.
+The levels of the objective are computed from the integers as well; only the changes need the configuration.
 """
 
 from heronry_dg.configuration import Configuration, Running
@@ -64,7 +64,7 @@ def _objective(
 
 
 def _loads(draft: Draft, tables: Tables) -> list[int]:
-    """Return the load of each bus, in thousandths of a bit/s."""
+    """Return the load of each bus, by its number, in thousandths of a bit/s."""
     loads = [0] * len(tables.numbers.buses)
     for module, variable, bus in draft.published:
         loads[bus] += tables.routes.load[variable][draft.mode[module]]

@@ -1,8 +1,9 @@
-"""Level 3: optional inputs, and better versions for inputs that are wired already.
+"""Level 3 of the greedy plan: optional inputs, and better versions for inputs that are wired already.
 
-Every running module is checked, also those that are started on the way: its open inputs are tried, and its wired inputs
-are tried in a version that is worth more. No module is moved for an input, and no function changes. The first round
-only restores inputs as they were before, so that no new input takes their room; the second round tries all.
+Every running module is checked, including modules that are started here: its open inputs are tried, and its wired
+inputs are tried in a version that is worth more. No module is moved for an input, and no function changes. The first
+round wires inputs only to modules in the mode in which they ran before, so that new inputs do not take the room of old
+inputs. The second round tries all modules.
 """
 
 from typing import Final

@@ -40,7 +40,7 @@ class AttitudeFilter(Module):
         self._angles_deg: tuple[float, float] | None = None if ctx.mode == "fused" else _GLIDE_DEG
 
     def mode_changed(self) -> bool:
-        """Keep the angles, which may be those of a turn."""
+        """Keep the angles, since the aircraft may be in a turn; returns True, so that no new object is made."""
         self._period_s = self.ctx.period_ns / _NS_PER_S
         return True
 

@@ -67,7 +67,7 @@ class Guidance(Module):
         self._learned_deg = 0.0  # is added to the wanted bank
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish both commands; in `route`, fly straight ahead if position or track is missing."""
+        """Publish commanded pitch and roll in degrees; without a position or track, `route` flies straight ahead."""
         wanted_deg = self._roll_deg(inputs)
         if self.ctx.mode == "route" and not _flares(inputs):
             self._learn(inputs, wanted_deg)
@@ -125,7 +125,7 @@ class OrbitAutopilot(Module):
     """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish both commands; nothing while any part of the telemetry is missing."""
+        """Publish commanded pitch and roll in degrees; nothing without altitude, course, position or attitude."""
         altitude_m, course_deg = number(inputs, "telemetry_altitude"), number(inputs, "telemetry_course")
         place = (number(inputs, "telemetry_latitude"), number(inputs, "telemetry_longitude"))
         attitude = numbers(inputs, "telemetry_attitude", 2)
@@ -143,7 +143,7 @@ class OrbitAutopilot(Module):
         return {"pitch_command": self._pitch_deg(altitude_m, attitude[1] / 100.0), "roll_command": roll_deg}
 
     def _pitch_deg(self, altitude_m: float, roll_deg: float) -> float:
-        """Give the commanded pitch: a steeper glide when high; in a bank, which costs lift, a higher nose."""
+        """Give the commanded pitch: the higher the aircraft, the steeper the glide; in a bank the nose is raised."""
         height_km = max(altitude_m - HOME_ALTITUDE_M, 0.0) / 1000.0
         glide_deg = max(BEST_GLIDE_PITCH_DEG - 0.2 * height_km, _STEEPEST_PITCH_DEG)
         return glide_deg + 1.5 * (1.0 - math.cos(math.radians(held(roll_deg, 60.0))))

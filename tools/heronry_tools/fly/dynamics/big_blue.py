@@ -80,7 +80,7 @@ _STARTS: dict[Start, _StartingPoint] = {
 class Motion:
     """State of the aircraft from which sensors make their readings.
 
-    The fields have the names of those of `Moment` (`heronry_tools.aircraft.plant.flight`).
+    The fields have the same names as the fields of `Moment` (`heronry_tools.aircraft.plant.flight`).
     """
 
     time_s: float
@@ -147,7 +147,7 @@ class BigBluePlant:
             self._tick()
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Advance to `now_ns`, and return the reading of a sensor; None if it does not answer."""
+        """Advance to `now_ns`, and return the reading of a sensor; None if the sensor does not answer."""
         self.advance(now_ns)
         how, frozen, offset = self._failed.get(device, (None, None, 0.0))
         match how:
@@ -163,7 +163,7 @@ class BigBluePlant:
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
         """Advance to `now_ns` and command an actuator.
 
-        Return the command that it accepted, None if it accepted none.
+        Return the command that the actuator has accepted, or None if it has accepted none.
         """
         self.advance(now_ns)
         if device in self.servos.pushes:
@@ -185,7 +185,8 @@ class BigBluePlant:
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
         """Make a device fail as `how` says.
 
-        A charge or a burn wire that has failed does not fire; a valve that has failed does not move.
+        A charge or a burn wire that has failed does not fire; a valve that has failed does not move. offset: for the
+        failure `bias`, the error in the device's own unit.
         """
         self.advance(now_ns)
         if device in self.servos.pushes:
@@ -202,7 +203,7 @@ class BigBluePlant:
     def world_s(self) -> float:
         """Return the plant's time since the start, in s.
 
-        While the aircraft hangs on the line, this time passes faster than the avionics' clock.
+        While the aircraft hangs on the line, this time may pass faster than the avionics' clock (`pace`).
         """
         return self._steps / STEPS_PER_S
 
@@ -273,7 +274,10 @@ class BigBluePlant:
         self._steps += 1
 
     def _shape(self, dt_s: float) -> float:
-        """Return the share of their full forces that the wings carry, after a step of `dt_s`."""
+        """Advance the curing by `dt_s`; return which share (0 to 1) of their full forces the wings carry.
+
+        The share follows the pressure in the wings. Once the skin has cured under pressure, the share is always 1.
+        """
         firm = min(self._pressure_hpa(self._now_ns()) / _FIRM_HPA, 1.0)
         if self._firm_s >= _CURES_S:
             return 1.0

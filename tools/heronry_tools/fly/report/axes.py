@@ -89,7 +89,7 @@ class Panel:
         return f'<polygon points="{" ".join(ahead + back[::-1])}" fill="{colour}" fill-opacity="0.22"/>'
 
     def points(self, xs: Sequence[float], ys: Sequence[float], colour: str, shape: str = "circle") -> Iterator[str]:
-        """Draw single points: circles, or with any other `shape` crosses."""
+        """Draw a mark at each point: a circle if `shape` is "circle", else a cross."""
         for x, y in zip(xs, ys, strict=True):
             across, up = self.across.px(x), self._held(y)
             if shape == "circle":
@@ -162,7 +162,7 @@ def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") 
 
 
 def legend(entries: Sequence[tuple[str, str, str]], top: float) -> Iterator[str]:
-    """Draw a row of (name, colour, dash).
+    """Draw a legend as one row; each entry is (name, colour, dash).
 
     The dash `band` is drawn as a filled area, `point` and `cross` as single points, every other dash as a line.
     """

@@ -56,7 +56,7 @@ class Marks:
         return running is not None and running.mode == mode.name
 
     def wired(self, module: Module, mode: Mode, path: str) -> bool:
-        """Tell whether the leaf at a path is wired."""
+        """Tell whether a module runs in a mode, and the leaf of this mode at `path` is wired."""
         running = self.running(module)
         return running is not None and running.mode == mode.name and path in running.inputs
 

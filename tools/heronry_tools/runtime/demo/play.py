@@ -44,7 +44,7 @@ def play(arguments: argparse.Namespace) -> int:
     seconds = arguments.seconds if arguments.seconds is not None else usual
     if actions and actions[-1].at_s > seconds:
         raise UserError(
-            f"--for {seconds:g}: the demo would end before the action at {actions[-1].at_s:g} s; give it longer"
+            f"--for {seconds:g}: the demo would end before the action at {actions[-1].at_s:g} s; make --for longer"
         )
     if arguments.no_kill and (arguments.kill or arguments.restore):
         raise UserError("--no-kill flies without a kill; leave --kill and --restore out")
@@ -91,10 +91,10 @@ def play(arguments: argparse.Namespace) -> int:
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
-    """Give the plans made ahead with which the demo flies, and the process that makes them for the next demo.
+    """Give the contingencies with which the demo flies, and the process that makes contingencies for the next demo.
 
-    If the plans for single faults are wanted but have not been made yet, the plans are None, and the process makes
-    them; the process is None if the solver is not installed. In all other cases there is no process.
+    If the plans for single faults are wanted but have not been made yet, the contingencies are None, and the process
+    makes these plans; the process is None if the solver is not installed. In all other cases there is no process.
     """
     if source is not Ahead.SINGLE_FAULTS:
         return contingencies_of(spec, source), None
@@ -114,7 +114,10 @@ def _run(show: Show, fleet: Fleet, tell: Tell, run: Callable[[], int]) -> int:
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
-    """Give the manager's bus from python-can's flags; None where no flag is given."""
+    """Give interface, channel and bit rate of the manager's bus from python-can's flags; None if no flag is given.
+
+    A bit rate of None: the flags name none. Raises UserError for an interface without a channel.
+    """
     interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
     if interface is None and channel is None:
         return None

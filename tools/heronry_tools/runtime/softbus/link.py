@@ -35,7 +35,7 @@ _ANSWER_TIMEOUT_S = 5.0
 
 
 class Link:
-    """A connected command socket; `path` is the hub's, for messages."""
+    """A connected command socket; `path` is the path of the hub, for the sentences of errors."""
 
     def __init__(self, command: socket.socket, path: str) -> None:
         command.setblocking(False)
@@ -48,7 +48,10 @@ class Link:
         self._answer: dict[str, Any] = {}
 
     def offer(self, frame: Frame, dlc: int, timeout_s: float | None) -> None:
-        """Put a frame into the mailbox as soon as it is empty; raises can.CanOperationError when it stays full."""
+        """Put a frame into the mailbox as soon as the mailbox is empty.
+
+        Raises can.CanOperationError if the mailbox is still full after `timeout_s`.
+        """
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             if not self._wait_for_mailbox(deadline_s):
@@ -57,7 +60,7 @@ class Link:
             self._mailbox_full = True
 
     def linger(self, timeout_s: float) -> bool:
-        """Wait until the mailbox is empty; returns whether it is."""
+        """Wait until the mailbox is empty, for at most `timeout_s`; returns whether the mailbox is empty."""
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             return self._wait_for_mailbox(deadline_s)
@@ -65,7 +68,7 @@ class Link:
     def ask(self, command: dict[str, Any], *passed: socket.socket) -> dict[str, Any]:
         """Send a command, with sockets to pass on, and return its answer.
 
-        Raises can.CanOperationError if none comes.
+        Raises can.CanOperationError if no answer comes.
         """
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):
@@ -123,7 +126,10 @@ class Link:
 
 
 def read_record(source: socket.socket, max_bytes: int, path: str, deadline_s: float | None) -> bytes | None:
-    """Read one record from a non-blocking socket, or return None at the deadline (time.monotonic)."""
+    """Read one record from a non-blocking socket, or return None at the deadline (time.monotonic).
+
+    Raises can.CanOperationError if the hub is gone.
+    """
     try:
         while True:
             with suppress(BlockingIOError):

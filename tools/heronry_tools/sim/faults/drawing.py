@@ -12,8 +12,8 @@ the same flight as in a campaign.
 For a fault that waits for a state other than idle, further faults are drawn that lead to this state: a PE other than
 the target is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost,
 which ends its mastership. For `activating` a PE must release an exclusive output. So a PE is cut off, and when it
-counts as lost the mastership ends. The next manager then finds the PE in an epoch that it does not know, with the
-outputs that this epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
+counts as lost the mastership ends. The PE returns with its old epoch, which the next manager does not know, and with
+the outputs that this epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
 
 With two managers, faults of managers are drawn more often. Their target is the active, the primary or the standby
 manager. The kinds that need two managers (`Kind.of_two`) are drawn, too. Kinds for flights with a key (`Kind.of_keyed`)
@@ -93,7 +93,10 @@ def drawn_faults(
 
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
-    """Return the kinds of faults that have a target in the spec, each with its targets."""
+    """Return the kinds of faults that have a target in the spec, each with its targets.
+
+    With two managers, the targets of a fault of the manager are the active, the primary and the standby manager.
+    """
     there = {name: targets for name in kinds if (targets := possible_targets(spec, name))}
     return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
 
@@ -112,7 +115,10 @@ def _more_often(name: str, *, of_two: bool) -> int:
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind of fault may be drawn only in a flight with a key."""
+    """Tell whether a kind of fault is only for flights with a key.
+
+    In a flight with two managers, the answer is no for a kind that needs two managers.
+    """
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
 
@@ -144,7 +150,7 @@ def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[
 
 
 def _rivals(spec: Spec) -> set[str]:
-    """Return the PEs of each DEMUX that several PEs can drive."""
+    """Return, as `pe:NAME`, the PEs with a device of a DEMUX whose devices are on several PEs."""
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
         devices = (spec.modules[branch].device for branch in (*demux.branches, *demux.to))

@@ -50,7 +50,7 @@ def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spe
 
 
 def collect_seldom() -> None:
-    """Make garbage collection rare, and exempt the objects that exist now from it; this makes flights faster."""
+    """Make garbage collection rare, and exempt from collection all objects that exist now; both make flights faster."""
     gc.freeze()
     gc.set_threshold(_COLLECTED_AFTER)
 

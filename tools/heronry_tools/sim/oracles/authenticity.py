@@ -16,7 +16,7 @@ takes the earliest commands that explain the PE's reports so far. One LEASE expl
 detected as soon as a PE has accepted more LEASEs than were sent.
 
 A PE that has restarted can only have heard commands sent since its start. Its first page 0 shows the restart, but comes
-up to a heartbeat period after the start, and the PE may have received a WELCOME and a PREPARE before. If this page 0
+up to a heartbeat period after the start, and the PE may have received a WELCOME and a PREPARE by then. If this page 0
 has waited in the controller, the page 2 that requested the WELCOME shows when the PE started. After some faults a
 manager may reuse numbers of its term (`may_count_again`); then a lower number may be new to a restarted PE.
 

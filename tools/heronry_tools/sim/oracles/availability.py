@@ -44,7 +44,9 @@ class AvailabilityCheck(Oracle):
             self._lost.append(_violation(t_ns, f"the manager has ended its session with {self._pe_of[message.node]}"))
 
     def denials(self, faults: Collection[Fault], witness: Witness, span_ns: range) -> list[Violation]:
-        """Return what was denied between the first configuration and the end of a flight.
+        """Return a violation for each denial of service between the first configuration and the end of a flight.
+
+        The list is empty if a fault of another kind was injected, or forged frames on a tenth of a bus or more.
 
         faults: everything that was injected
         span_ns: time of the first configuration, and of the end of the flight

@@ -10,10 +10,10 @@ handover in between. Without a handover, two holders have driven the thing at on
 alternately, the oracle detects this when the first module drives again, whatever their rates are.
 
 A *handover* is a GO of the newest epoch of its term, or the GO_ALL that follows this GO, for outputs that had to wait.
-The first epoch of a term may have any number: a manager without its journal may begin with an older number, and when a
-higher term falls silent the term before continues with its own numbers. BREAK is no handover. Until GO every thing
-belongs to the epoch before, and a holder of that epoch may drive for the first time after BREAK (its frame may have
-waited in its controller).
+The first epoch of a term may have any number: a manager without its journal may begin with an older number. And when
+the manager of a higher term falls silent, the manager of the term before continues with its own numbers. BREAK is no
+handover. Until GO every thing belongs to the epoch before, and a holder of that epoch may drive for the first time
+after BREAK (its frame may have waited in its controller).
 
 A holder may also have released a thing by itself. This is possible if, for T_lease, no manager was active and the PE of
 this holder was not heard. Then the former holder may drive again without a handover. If the silent holder has not
@@ -42,7 +42,7 @@ _Holder = tuple[str, str]
 
 
 class ExclusionCheck(Oracle):
-    """Records the holder of each exclusive output and identifier, and verifies that there are no two at one time."""
+    """Records the holder of each exclusive output and identifier, and verifies that none has two at one time."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -67,11 +67,11 @@ class ExclusionCheck(Oracle):
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """Record that some manager was heard; for T_lease from now on, no driver counts as stopped by itself."""
+        """Record that a manager was heard: for T_lease from now on, no holder can have released a thing by itself."""
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """Record that a PE was heard; for T_lease from now on, its drivers do not count as stopped by themselves."""
+        """Record that a PE was heard: for T_lease from now on, the PE cannot have released a thing by itself."""
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
@@ -92,7 +92,7 @@ class ExclusionCheck(Oracle):
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
-        """Verify that no other module drives the device that a PE allows to move for a module."""
+        """Verify a movement of a device, which a PE commands for a module: no other module may drive this device."""
         for thing in self._things_of[moved.module]:
             self._follow(moved.t_ns, thing, (moved.module, moved.pe))
 
@@ -106,7 +106,7 @@ class ExclusionCheck(Oracle):
                 self._follow(driven.t_ns, thing, (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
-        """Verify that no other node sends frames with the same exclusive identifier."""
+        """Verify that no other node sends frames with the exclusive identifier of this frame."""
         thing = (sent.bus, sent.frame.can_id)
         if self._holders.get(thing) != (sent.sender, ""):
             self._follow(sent.end_ns, thing, (sent.sender, ""))
@@ -127,9 +127,9 @@ class ExclusionCheck(Oracle):
             self.violations.append(Violation(t_ns, "exclusion", story))
 
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
-        """Tell whether a driver may have stopped by itself.
+        """Tell whether a holder may have released its thing by itself.
 
-        The answer is yes if neither a manager nor the PE of the driver was heard for T_lease.
+        The answer is yes if neither a manager nor the PE of the holder was heard for T_lease.
         """
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))

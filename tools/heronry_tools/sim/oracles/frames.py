@@ -212,7 +212,10 @@ class FrameWatch:
     # What foreign nodes send
 
     def _misled(self, sent: Sent) -> None:
-        """Report a foreign node's ALIVE, or its state in the name of a PE; with a key no node believes such a state."""
+        """Report a foreign node's ALIVE; without a key, also a state that a foreign node sends in the name of a PE.
+
+        With a key no node believes such a state.
+        """
         can_id = sent.frame.can_id
         nodes: Collection[int] = ()
         if can_id in self._alive_ids:

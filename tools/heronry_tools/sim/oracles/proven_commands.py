@@ -2,8 +2,8 @@
 
 A command and the TAG after it are a pair. A pair is *proven* if its tag is correct for some command number. TAG shows
 the lowest 13 bits of the number. The higher bits are found by trying, up to a limit beyond the highest number that was
-proven of this manager in this term. The result does not depend on what the nodes accepted, nor on order: a replayed
-pair is proven each time it is sent, with its original number.
+proven of this manager in this term. The result depends neither on what the nodes accepted nor on the order of the
+pairs: a replayed pair is proven each time it is sent, with its original number.
 
 SLICE names no term and is left out: the digest of its configuration proves it. WELCOME is left out because its tag
 covers a nonce as well.

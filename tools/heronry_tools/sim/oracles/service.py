@@ -135,7 +135,7 @@ class ServiceCheck(Oracle):
                 self.failed(t_ns, element)
 
     def failed(self, t_ns: int, element: str) -> None:
-        """Record that a manager treats an element as failed now, if it has not done so before."""
+        """Record that every manager treats an element as failed from now on, if this is not recorded yet."""
         known = [one for one in self._held if one.element == element and one.to_ns is None]
         self._held += [] if known else [_Held(element, t_ns)]
         for one in known:
@@ -144,7 +144,7 @@ class ServiceCheck(Oracle):
     def cleared(self, t_ns: int, element: str, _truth: Situation, *, everywhere: bool) -> None:
         """Record that an element was cleared.
 
-        everywhere: False if another manager may still treat it as failed.
+        everywhere: False if another manager may still treat the element as failed.
         """
         self._places.cleared(element)
         for one in self._held:
@@ -184,7 +184,7 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
-        """Record that a PE runs a module; a silence is then no longer excused as the start of the aircraft."""
+        """Record that a PE runs a module: from now on a silence is no longer due to the start of the aircraft."""
         if t_ns - self._ran_ns > self._lease_ns:
             self._idle.append((self._ran_ns, t_ns))
         self._ran_ns = t_ns
@@ -209,7 +209,10 @@ class ServiceCheck(Oracle):
         self._phases.append((t_ns, phase))
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """Verify that an epoch serves as much as the best plan; a contingency is verified at the next ALIVE."""
+        """Verify that an epoch serves as much as the best plan.
+
+        A contingency is verified at the next ALIVE, which shows which PEs take part in the epoch.
+        """
         if epoch.is_adopted:
             return
         phase = self._phases[-1][1] if self._phases else self._spec.initial_phase()
@@ -251,9 +254,10 @@ class ServiceCheck(Oracle):
         return f"epoch {epoch.number} serves {served} by criticality, but a plan serves {possible}"
 
     def in_force(self, prepared_ns: int, to_ns: int) -> list[Situation]:
-        """Return the situations for which an epoch prepared at `prepared_ns` may be planned; nothing is down in them.
+        """Return the situations for which an epoch prepared at `prepared_ns` may be planned.
 
-        There is one for each phase and each set of priorities in force from shortly before that time to `to_ns`.
+        There is one situation for each phase and each set of priorities that counted at some moment from shortly before
+        `prepared_ns` to `to_ns`. Nothing is down in them: the method is for flights in which only managers fail.
         """
         return self._in_force(prepared_ns - _UNDER_WAY_NS, to_ns)
 
@@ -267,7 +271,7 @@ class ServiceCheck(Oracle):
         return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
     def prioritized(self, t_ns: int, priorities: Mapping[str, int]) -> None:
-        """Record that the manager announces other priorities."""
+        """Record that the manager announces changed priorities, by function."""
         self._priorities.append((t_ns, priorities))
 
     def _priorities_in(self, from_ns: int, to_ns: int) -> list[Mapping[str, int]]:
@@ -323,7 +327,10 @@ class ServiceCheck(Oracle):
                     yield first_ns, last_ns
 
     def _could_serve(self, name: str, now: Situation) -> bool:
-        """Tell whether the best plan serves every wanted function of this function's class and of the classes above."""
+        """Tell whether the best plan serves every wanted function of this function's class and of the classes above.
+
+        Returns False if this function is not critical, or not wanted.
+        """
         functions = self._spec.functions.values()
         criticality = self._spec.functions[name].criticality_in(now.phase)
         if criticality not in CRITICAL_CLASSES or not now.priority_of(self._spec.functions[name]):

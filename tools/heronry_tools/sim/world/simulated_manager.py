@@ -1,7 +1,7 @@
 """The driver of a simulated manager: its core, its stations, its disk, and the driver of its planners.
 
-The core is the one that flies. Its invariants are checked after every call that did more than send a frame, and after
-every sixteenth call.
+The core is the same code as on an aircraft. Its invariants are checked after every call that did more than send a
+frame, and after every sixteenth call.
 """
 
 from collections.abc import Callable, Sequence
@@ -70,8 +70,8 @@ class SimulatedManager(Node):
     ) -> None:
         """Join the bus on each of its channels, and start the manager.
 
-        disk: the disk with its journal
-        name: name of its station
+        disk: the disk with the manager's journal
+        name: name of the manager's station
         decide_ns: returns the time that the next planning run takes
         tell: is called with every event of the manager
         planned: is called with every request for a plan, and with every answer that the core is given
@@ -169,7 +169,7 @@ class SimulatedManager(Node):
                 self.stop()
 
     def _left(self, frame: Frame) -> None:
-        """Report to the core that a frame was sent; no effect while the processor is paused."""
+        """Report to the core that its ALIVE was sent; no effect for other frames, or while the processor is paused."""
         if frame.can_id == self.core.alive_id and self.is_awake:
             self._hand_over(AliveLeft(frame))
 

@@ -228,7 +228,7 @@ def _told(view: Snapshot, told: Told) -> Text:
 
 
 def details(view: Snapshot, look: Look) -> Iterator[str]:
-    """Give all that is known of the selected PE and of the last reconfiguration, as a page to read."""
+    """Give all that is known of the selected PE and of the last reconfiguration, as lines of text."""
     pe = view.pes.get(look.selected)
     if pe is not None:
         yield f"PE {look.selected} (node {pe.node_id}) is {pe.standing}" + (f": {pe.why}" if pe.why else "")

@@ -1,4 +1,7 @@
-"""The base of every topic of an inspection: the PE's table, what was heard of the PE, and an SDO client."""
+"""The base of the topics of an inspection, in which a diagnostic client inspects one PE.
+
+A topic has the PE's table, the frames that were heard of the PE, and an SDO client.
+"""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
