@@ -324,7 +324,7 @@ class _FormFindings:
 
 
 def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
-    """Give the known fields that the author seems to have meant by some of these names."""
+    """Give the fields of `known` that are close to one of `names`: the author has probably misspelt them."""
     return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 

@@ -201,7 +201,8 @@ class Deployment:
     def stopped(self, module: str, pe: str | None = None) -> None:
         """Note that the operator has cleared a module which its PE had stopped: only a new epoch makes the PE start it.
 
-        pe: the PE that had stopped the module; if the module runs on another PE now, nothing changes.
+        pe: the PE that had stopped the module. If another PE is to run the module now, the call has no effect.
+        None: the call has an effect whichever PE is to run the module.
         """
         runs_on = (self.running or {}).get(module)
         if pe is None or (runs_on is not None and runs_on[1] == pe):

@@ -132,7 +132,7 @@ class Sweep:
             self._settle(question.phase, question.down, outcome)
 
     def _places_in_use(self) -> list[Question]:
-        """List the questions about the loss of each place that a fault-free plan uses; each needs a plan of its own."""
+        """List one question for each place that a fault-free plan uses: the plan to make when that place is lost."""
         if not self._scope.places or not self._scope.faults:
             return []
         found = [

@@ -12,13 +12,15 @@ First it bounds w in closed form, with (w + J + tau) / T + 1 in place of the rou
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
-If the message is too late by that bound, w is computed by iteration. Both ways give a response time J + w + C that is
-no less than the exact one, as long as it is within the message's own period: B is the longest frame that exists, so B
-also covers the case that one instance of a message is blocked by the instance before it (Davis et al. 2007, section
-3.4). The iterated response time of the first instance alone is also a lower bound of the exact one. Sources are checked
-in the order of their identifiers, each along its route, so that every jitter is known when it is needed. The jitter of
-a message on its next bus is its response time on the bus before; a response time that is used as a jitter is always
-iterated.
+If the message is too late by that bound, w is computed by iteration. Both ways give a response time J + w + C. If this
+response time is within the message's own period, it is no less than the exact response time. The reason: B is the
+longest frame that exists, so B also covers the case that one instance of a message is blocked by the instance before it
+(Davis et al. 2007, section 3.4). The iterated response time of the first instance alone is also a lower bound of the
+exact response time.
+
+Sources are checked in the order of their identifiers, each along its route, so that every jitter is known when it is
+needed. The jitter of a message on its next bus is its response time on the bus before. A response time that is used as
+a jitter is always iterated.
 
 The bounds are floating-point numbers, rounded to the safe side, and a response time is used as a jitter only if both
 directions of rounding give the same value. Where the bounds do not decide, the exact analysis does; its verdicts are
@@ -88,7 +90,10 @@ class Watch:
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
-        """Tell whether a draft that meets its deadlines still does with these messages added; called by `Draft`."""
+        """Tell whether a draft that meets its deadlines also meets them with the messages `more` added.
+
+        False, too, if the budget is used up. `Draft` calls this method.
+        """
         self._budget -= len(draft.published)
         return self._budget >= 0 and self._punctuality.stay_met(draft, more)
 
@@ -118,7 +123,7 @@ class Punctuality:
         return self._exactly(draft, messages) if verdict is None else verdict
 
     def stay_met(self, draft: Draft, more: list[Publication]) -> bool:
-        """Tell whether a draft that meets its deadlines still does with these messages added."""
+        """Tell whether a draft that meets its deadlines also meets them with the messages `more` added."""
         messages = [*draft.published, *more]
         since = min(self._urgency[module, variable] for module, variable, _ in more)
         verdict = self._bounded(draft, messages, since)
@@ -134,7 +139,7 @@ class Punctuality:
     def _bounded(self, draft: Draft, messages: list[Publication], since: int) -> bool | None:
         """Decide by the bounds whether all deadlines are met; None: the bounds do not decide it.
 
-        since: an identifier; all messages that are more urgent are known to be in time.
+        since: an identifier; all messages that are more urgent than this identifier are known to be in time.
         """
         buses: dict[Source, list[int]] = {}
         for module, variable, bus in messages:

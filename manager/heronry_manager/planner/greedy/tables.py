@@ -51,7 +51,7 @@ class Tables:
 
 
 def tables_of(spec: Spec) -> Tables:
-    """Work out the tables of a spec: some milliseconds."""
+    """Work out the tables of a spec; this takes some milliseconds."""
     numbers = numbered(spec)
     sizes, leaves = sized_up(numbers), numbered_leaves(numbers)
     return Tables(

@@ -68,7 +68,10 @@ def _weight(graph: Graph, vertex: str) -> int:
 
 
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
-    """Give the maximum flow from node 0 to node 1, and the nodes from which free capacity leads to node 1."""
+    """Give the maximum flow from node 0 to node 1, and the nodes from which free capacity leads to node 1.
+
+    number: leaf -> its node. nets: port -> the leaves that its net joins.
+    """
     network = SimpleMaxFlow()
     network.add_arc_with_capacity(0, 1, 0)  # both nodes are there, even if nothing leads to them
     node = max(number.values(), default=1)

@@ -146,7 +146,10 @@ class TrackingFilter:
             self.covariance[i][i] = _START_M2
 
     def _since(self, exposed_ns: int) -> tuple[float, float, float]:
-        """Return the distance flown since a time along x, y and h, interpolated between remembered times."""
+        """Return the distances (m) along x, y and h that were flown since `exposed_ns`.
+
+        They are interpolated between the times that the filter remembers.
+        """
         later_ns, later = self._now_ns, self._way_m
         for time_ns, way in reversed(self._ways):
             if time_ns <= exposed_ns:
@@ -183,7 +186,12 @@ class TrackingFilter:
         )
 
     def _use(self, row: list[float], error: float, noise: float) -> None:
-        """Update state and covariance by one scalar measurement."""
+        """Update state and covariance by one scalar measurement.
+
+        row: derivative of the measurement with respect to each state.
+        error: measured minus expected value.
+        noise: variance of the measurement.
+        """
         covariance = self.covariance
         gain = [sum(p * a for p, a in zip(line, row, strict=True)) for line in covariance]
         spread = sum(a * g for a, g in zip(row, gain, strict=True)) + noise

@@ -46,7 +46,7 @@ def _checked(name: str) -> str:
 
 
 def how_to_start(channel: str) -> str:
-    """Give the remedy for a bus that no hub serves; it lists the buses that were started by name."""
+    """Give the remedy for a bus that no hub serves. For a bus with a name, it lists the other buses with a name."""
     remedy = f"start one with: heronry softbus {channel}"
     others = [] if _is_path(channel) else [name for name in _names() if name != channel]
     return f"{remedy}   (there is: {', '.join(others)})" if others else remedy

@@ -118,7 +118,10 @@ class JournalCheck(Oracle):
         return memory
 
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether an earlier version of the journal, a few records shorter, agrees with a HOLDS."""
+        """Tell whether a HOLDS agrees with the journal as it was before its last few records.
+
+        False for any other message.
+        """
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False
         lines = self._last_read[manager][0].splitlines(keepends=True)

@@ -27,7 +27,7 @@ class TransitionCheck(Oracle):
     """Verifies each epoch at its first GO or GO_ALL, from what each PE runs at that time."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
-        """Begin without states; the caller adds to `epochs` (by number) each epoch that is activated."""
+        """Begin with no state frame seen; the caller adds each activated epoch to `epochs`, under its number."""
         super().__init__()
         self._spec, self._epochs = spec, epochs
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
