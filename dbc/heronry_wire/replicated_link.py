@@ -94,7 +94,7 @@ class ReplicatedLink:
 
     @property
     def all_left(self) -> bool:
-        """Whether every queued frame has been sent on at least one channel."""
+        """Whether at least one of the two channels has sent all frames that were queued on it."""
         return any(link.all_left for link in self.links)
 
     def take_link_events(self) -> list[str]:

@@ -142,7 +142,10 @@ class DemuxPaths:
         return self._without[failed]
 
     def _remove(self, remains: "_Remains", failed: Iterable[str], doubtful: Iterable[tuple[Module, Mode]]) -> None:
-        """Remove the modes of failed modules, then all modes whose needs can no longer be met."""
+        """Remove the modes of failed modules, then all modes whose needs can no longer be met.
+
+        doubtful: modes whose needs may not be met from the beginning.
+        """
         falling = [
             (self.spec.modules[name], mode) for name in failed for mode in self.spec.modules[name].modes.values()
         ]

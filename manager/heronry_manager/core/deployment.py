@@ -292,7 +292,7 @@ class Deployment:
     def tick(self) -> list[str]:
         """Send again what the PEs have not acknowledged in time.
 
-        Gives the PEs that must be failed, since patience is over.
+        Returns the PEs that must be failed because they have not answered within the patience.
         """
         if self._turn.silent:
             return []

@@ -31,7 +31,7 @@ class Suspicions:
         self._asked: set[str] = set()  # PEs that owe an answer
 
     def pe(self, pe: str, by: str) -> bool:
-        """Note that the PE `by` reports a failure of the PE `pe`; tells whether the manager must send `pe` a PING now."""
+        """Note that the PE `by` reports a failure of the PE `pe`; tells whether the manager must PING `pe` now."""
         element = f"pe:{pe}"
         is_new = self._note(element, by)
         if not self._health.is_available(pe):
@@ -50,7 +50,7 @@ class Suspicions:
             self._conclude(f"pe:{pe}", "it answers, and stays")
 
     def bus(self, bus: str, by: str) -> None:
-        """Note that `by` has reported that a bus failed, and report the manager's own evidence."""
+        """Note that the PE `by` reports a failure of a bus, and emit an event with the manager's own evidence."""
         element = f"bus:{bus}"
         if not self._note(element, by):
             return

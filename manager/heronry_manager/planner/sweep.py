@@ -179,8 +179,8 @@ class Sweep:
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
         """Give the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
 
-        rest: `what_is_left` with `down`. Sets with an equal value leave the same choice, and the value is found fast.
-        Only if no earlier set has an equal value, the choices themselves are compared (`choice_of`).
+        rest: the value of `what_is_left` for `down`, which is computed fast. Fault sets with an equal `rest` leave the
+        same choice. Only if no earlier set has an equal `rest`, the choices themselves are compared (`choice_of`).
         """
         twin = self._twins.get((phase, rest))
         if twin is None:
@@ -225,7 +225,9 @@ def what_is_left(left: Survivors) -> object:
 
 
 def choice_of(possible: Candidates) -> object:
-    """Give all on which the best plan of a phase depends if no radio is limited: which modes may run where, and routes.
+    """Give as one value what decides the best plan of a phase: which modes may run on which PEs, and the routes.
+
+    This holds only if no radio is limited.
 
     PEs on which nothing may run, and routes to them, make no difference: no legal configuration uses them.
     """

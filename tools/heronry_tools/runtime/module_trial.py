@@ -35,8 +35,8 @@ class Trial:
     """The result of a trial.
 
     steps: the steps that the module has computed.
-    failure: how it failed; None if it did not.
-    failed_in: the step in which it failed; 0 before the first step.
+    failure: how the module failed; None if it did not fail.
+    failed_in: number of the step in which the module failed, from 1; 0 before the first step.
     longest_ns: the longest time that a step took.
     """
 
@@ -133,7 +133,7 @@ def _own_frames(frame: FrameType) -> list[traceback.FrameSummary]:
 
 @contextmanager
 def _limited(limit_s: float) -> Iterator[None]:
-    """Raise _TooLongError in the `with` block after `limit_s` seconds, and every `_AGAIN_S` seconds until the block ends."""
+    """Raise _TooLongError in the `with` block after `limit_s` seconds, then every `_AGAIN_S` seconds until it ends."""
 
     def end(_number: int, frame: FrameType | None) -> None:
         raise _TooLongError(frame)

@@ -146,7 +146,10 @@ class Listening:
             yield from self._epochs.page_0(t_ns, self._spec.pes[pe].node_id, page)
 
     def _heard_until(self, t_ns: int) -> Iterator[Event]:
-        """Give the times of last frames, and an event when a silence of a function begins, and when it ends."""
+        """Give an observation of when each PE and each function was last heard.
+
+        Give also an event for each silence of a function that has begun or ended.
+        """
         functions = {}
         for name in self._spec.functions:
             output = self._witness.last_output(name)

@@ -47,7 +47,7 @@ Source = tuple[int, int]  # module and variable
 
 
 class _Level:
-    """The load on one bus of all messages that are more urgent than the one to be checked next."""
+    """The load on one bus of all messages that are more urgent than the message to be checked next."""
 
     __slots__ = ("blocking", "demand", "frames", "load", "streams")
 
@@ -55,7 +55,7 @@ class _Level:
         self.blocking = self.demand = blocking_ns  # `demand`: numerator of the closed form
         self.frames = 0.0  # the part of the demand with one frame of each message
         self.load = 0.0
-        self.streams: dict[tuple[float, float], float] = {}  # period, lateness -> frames: many have the same
+        self.streams: dict[tuple[float, float], float] = {}  # (period, lateness) -> transmission times, added up
 
     def copy(self) -> "_Level":
         one = _Level(self.blocking)
@@ -73,6 +73,7 @@ class _Level:
         """Iterate the recurrence for the delay w of the next message, in ns, until it converges, or exceeds `most_ns`.
 
         The iteration starts from the value without round-ups, which is less than the result; this saves most steps.
+        rounding: `_UP` gives an upper bound of w, `_DOWN` a lower bound.
         """
         before, delay = 0.0, (self.demand - self.frames) / (1 - self.load) * _DOWN
         while before < delay <= most_ns:

@@ -160,7 +160,10 @@ class TrackingFilter:
         return self._way_m[0] - later[0], self._way_m[1] - later[1], self._way_m[2] - later[2]
 
     def _expected(self, axis: int, since_m: tuple[float, float, float]) -> tuple[float, list[float]]:
-        """Return the angle that an image should show, and its derivative with respect to each state."""
+        """Return the angle (rad) that an image should show, and its derivative with respect to each state.
+
+        axis: 0 for azimuth, 1 for elevation. since_m: distances (m) along x, y, h flown since the image was taken.
+        """
         ahead = self._camera_m[0] - (self.state[X] - since_m[0])
         right = self.state[Y] - since_m[1] - self._camera_m[1]
         up = self.state[H] - since_m[2] - self._camera_m[2]
