@@ -89,7 +89,7 @@ class ReplicatedLink:
 
     @property
     def nothing_waits(self) -> bool:
-        """Whether no frame waits for the controller on at least one open channel; also true if no channel is open."""
+        """Whether at least one open channel has no frame that waits for its controller; also true if none is open."""
         return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
 
     @property

@@ -106,7 +106,7 @@ class Draft:
 
 
 def read_draft(root: Node, findings: Findings) -> Draft | None:
-    """Read all elements of a file; None where the file is not a map."""
+    """Read all elements of a file; None, with a finding, if the file is not a map or is of another kind."""
     if not isinstance(root, yaml_source.Mapping):
         hint = "begin with dg: 1, then buses:, pes:, modules: ..."
         findings.add(rules.NOT_A_MAP, root.place, "a spec is a map of sections", hint)

@@ -301,7 +301,7 @@ class Deployment:
     def advance(self) -> Reconfiguration | None:
         """Command the next step of each epoch that need not wait any more.
 
-        Gives the epoch that is completed now; None if no epoch is.
+        Returns the epoch that is completed now; None if none is completed.
         """
         if self.next is not None and self.next.all_staged():
             self._activate(self.next)

@@ -189,9 +189,9 @@ class Sweep:
         return twin
 
     def _inherited(self, phase: Phase, down: FaultSet, lost: frozenset[str]) -> Outcome | None:
-        """Give the plan of the first set with one fault less that uses none of the lost elements.
+        """Of the plans for the fault sets with one fault less, give the first that uses no element of `lost`.
 
-        None: there is none.
+        None: there is no such plan.
         """
         for element in sorted(down):
             outcome = self.outcomes[phase, down - {element}]

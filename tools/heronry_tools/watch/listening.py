@@ -10,7 +10,8 @@ This file has a part for each kind of observation:
                PE is lost or joins, as the active manager does; its plans (advice) are dropped
 
 If the manager's own events are available (`tells_why`), the last two parts are left out. Nothing is sent. All times are
-those of the frames: `until` first handles the deadlines before its time, so the same frames give the same events.
+those of the frames: before a frame is handled, all deadlines up to its time are handled (`until`), so the same frames
+give the same events.
 """
 
 from collections.abc import Iterator, Mapping

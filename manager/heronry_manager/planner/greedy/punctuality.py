@@ -178,9 +178,9 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Bound one response time in ns; it is exact if it becomes the jitter of another message.
+        """Give an upper bound of one response time in ns; with `is_jitter`, give the exact response time.
 
-        0: it is too long. None: the bounds do not decide that.
+        0: the response time is too long. None: the bounds do not decide whether the response time is too long.
         """
         if level.load > _FULL:
             return None

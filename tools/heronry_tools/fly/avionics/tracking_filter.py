@@ -71,8 +71,8 @@ class TrackingFilter:
         The position is uncertain along this line. Near the ground even a wrong range gives a good height, since the
         height is the range times the elevation.
 
-        sinks: whether the aircraft sinks, so that it is on the slope of the approach; before the slope, on the level
-        part, the aircraft may be seen at the same elevation
+        sinks: True: the aircraft sinks, so it is on the slope of the approach. False: it may also be on the level part
+        before the slope, where the camera can see it at the same elevation.
         """
         rise = math.tan(elevation_rad)
         if sinks or elevation_rad < _LEVEL_FROM_RAD:

@@ -94,7 +94,7 @@ PLAIN = Setup()
 class FrameFault:
     """A fault of one management frame, or the death of a node when that frame has been received.
 
-    number: position of the frame among the management frames of the flight, from 0.
+    number: number of the frame; 0 is the first management frame after the story begins.
     """
 
     number: int
@@ -349,7 +349,7 @@ class _FrameFaultInjector:
         return list(nodes.values()) if victim == ALL_NODES else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
-        """Return the name of a victim's station; empty if the victim does not run, or is every node."""
+        """Return the name of a victim's station; empty for every node, and for a manager that does not run."""
         if victim == ALL_NODES:
             return ""
         if victim.startswith("pe:"):
