@@ -71,7 +71,7 @@ def link_id(radio: int) -> int:
     radio: position of the radio among the wireless buses of the spec, from 0.
     """
     if not 0 <= radio < len(GATEWAY_IDS):
-        raise WireError(f"radio number {radio} has no identifier for its reports: there are only {len(GATEWAY_IDS)}")
+        raise WireError(f"radio {radio} has no identifier for its reports: only {len(GATEWAY_IDS)} radios have one")
     return GATEWAY_IDS[radio]
 
 

@@ -14,9 +14,10 @@ disturbed. A PE with a module in that plan needs a new epoch, since other PEs mu
 that may have staged a newer epoch, which was abandoned, needs a new epoch too: no PE goes back to an older epoch.
 
 *Overtaken*: a PE that hears of an epoch newer than its own is overtaken. It drives nothing exclusive until it runs a
-still newer epoch (protocol rule 6). Such a newer epoch may run on a PE that was cut off, and is not available yet: a
-manager on the PE's side of a broken bus has opened that epoch. So this manager opens a new epoch for the running
-configuration, without the PE that was cut off. The core checks this with every state, so a lost state does no harm.
+still newer epoch (protocol rule 6). Such a newer epoch may run on a PE that was cut off by a broken bus: another
+manager, on the PE's side, has opened that epoch. So this manager opens a new epoch for the running configuration. The
+PE that was cut off is not available yet, and has no part in this epoch. The core checks for newer epochs with every
+state, so a lost state does no harm.
 
 *Adopting*: at its start the manager may take over the running configuration (`adoption`). A manager that only advises
 reports what it would do, and adopts what the PEs run (`advice`).

@@ -23,7 +23,7 @@ from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 
 
 class Suspicions:
-    """Keeps which PEs and buses modules suspect, and reports what the manager finds out about them."""
+    """Keeps the PEs and buses that modules suspect, and reports what the manager finds out about them."""
 
     def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
         self._spec, self._turn, self._health = spec, turn, health

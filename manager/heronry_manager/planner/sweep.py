@@ -3,10 +3,10 @@
 The sweep takes fault sets by size. For each set, the phase's fault-free plan counts as the running one
 (docs/semantics.md, faults). A set is settled without a search in two cases:
 
-    by a plan    the best plan for the set less one element uses nothing that the whole set takes out of use. Then that
-                 plan is the best one for the whole set, too (`heronry_dg.losses` has the proof), and the set inherits
-                 it with its value. If the plan is not proven to be the best, the inherited plan is not proven either;
-                 its upper bounds still hold, since more faults make no plan better
+    by a plan    without one of its elements the set is smaller, and has a best plan already. If that plan uses nothing
+                 that the whole set takes out of use, it is the best plan for the whole set, too (`heronry_dg.losses`
+                 has the proof), and the set inherits it with its value. If the plan is not proven to be the best, the
+                 inherited plan is not proven either; its upper bounds still hold, since more faults make no plan better
     by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
                  has a purpose, and the same routes between these PEs. The usual case is a device and its only driver
 
@@ -68,7 +68,7 @@ class Scope:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A request for a plan: the phase, the elements that are down, and what runs (None: none is known)."""
+    """A request for a plan: the phase, the elements that are down, and what runs (None: not known)."""
 
     phase: Phase
     down: FaultSet
@@ -94,7 +94,7 @@ class Tally:
     """How many fault sets were settled in which way.
 
     searched: by the planner.
-    by_plan: by inheriting the plan for the set less one element.
+    by_plan: by inheriting the plan for the set without one of its elements.
     by_twin: by the plan of a set that leaves the same choice.
     """
 

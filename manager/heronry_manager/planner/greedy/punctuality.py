@@ -157,9 +157,10 @@ class Punctuality:
         return True
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
-        """Decide whether one source meets its deadline on its route, and add its load to the buses.
+        """Decide whether one source meets its deadline on its route, and add its load to the buses; None: not decided.
 
-        None: not decided.
+        buses: numbers of the buses on which the source is published.
+        above: by number of a bus, the load of all messages that are more urgent than this source.
         """
         steps = self._steps[draft.pe[source[0]]]
         if len(buses) > 1:
