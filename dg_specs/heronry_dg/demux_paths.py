@@ -144,7 +144,7 @@ class DemuxPaths:
     def _remove(self, remains: "_Remains", failed: Iterable[str], doubtful: Iterable[tuple[Module, Mode]]) -> None:
         """Remove the modes of failed modules, then all modes whose needs can no longer be met.
 
-        doubtful: modes whose needs may not be met from the beginning.
+        doubtful: modes to check first, since it is not known whether their needs can be met.
         """
         falling = [
             (self.spec.modules[name], mode) for name in failed for mode in self.spec.modules[name].modes.values()

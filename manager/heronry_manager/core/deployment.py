@@ -202,8 +202,8 @@ class Deployment:
     def stopped(self, module: str, pe: str | None = None) -> None:
         """Note that the operator has cleared a module which its PE had stopped: only a new epoch makes the PE start it.
 
-        pe: the PE that had stopped the module. If another PE is to run the module now, the call has no effect.
-        None: the call has an effect whichever PE is to run the module.
+        pe: the PE that had stopped the module. If this PE is not the one to run the module now, the call has no effect.
+        None: the call always has an effect.
         """
         runs_on = (self.running or {}).get(module)
         if pe is None or (runs_on is not None and runs_on[1] == pe):

@@ -60,7 +60,7 @@ def status(
     details: PeDetails,
     held: HeldOutputs,
 ) -> dict[str, Any]:
-    """Build the status document; `manager` and `script` are the contents of its keys of these names."""
+    """Build the status document; `manager` and `script` are the values of its keys with these names."""
     current, plan, now = deployment.current, deployment.plan, situation.now()
     return {
         "v": VERSION,

@@ -154,7 +154,7 @@ class Wiring:
             self._model.add(LinearExpr.sum(support) >= self._choice.runs[name])
 
     def _ranked(self, name: str, consumer: str, literals: list[IntVar], ranks: dict[str, IntVar]) -> IntVar:
-        """Return a literal; it is true only if module `consumer` reads from module `name` and has a lower rank.
+        """Return a literal; if it is true, module `consumer` reads from module `name`, and its rank is lower than that of `name`.
 
         literals: the wires from `name` to `consumer`. ranks: module -> its rank.
         """

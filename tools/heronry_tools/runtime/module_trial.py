@@ -77,7 +77,7 @@ def requested_priorities(step: Result) -> list[tuple[str, int | None]]:
 
 
 def expect_there(image: str) -> None:
-    """Make sure that the code of an image exists, also in the present folder; if not, raise UnknownImageError.
+    """Look for the code of an image, in the present folder, too; raises UnknownImageError if there is no such code.
 
     Code that exists, but fails when it is imported, raises nothing here: the trial finds the failure again.
     """

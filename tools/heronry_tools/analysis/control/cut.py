@@ -3,8 +3,8 @@
 The cut divides the leaves that have a port in the graph, except plants. A leaf that is pinned to a side stays there,
 and the pinned leaves must name exactly two sides. A port has a weight, the bandwidth of its data. This weight counts
 once if one or more consumers of the port are on the other side. So a port and its consumers are one *net*, not several
-edges. If there are several least cuts, the result is the cut that leaves as many leaves as possible on the first side.
-Least cuts form a lattice, so there is exactly one such cut.
+edges. If there are several least cuts, the result is the cut with as many leaves as possible on the first side. Least
+cuts form a lattice, so there is exactly one such cut.
 
 The cut is found by maximum flow. The leaves pinned to the first side are the source, and the leaves pinned to the
 second side are the sink. Each net becomes an arc of its weight between two nodes of its own. Arcs lead from each leaf

@@ -177,7 +177,7 @@ class EavPlant:
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
         """Make a device fail; a `dead` camera gives no new images.
 
-        offset: for `how` = "bias", what is added to each reading of a sensor, or to the angle of a servo.
+        offset: for `how` = "bias", what is added to each reading of a sensor, or to each command of a servo.
         """
         self.advance(now_ns)
         if device in self.servos.pushes:

@@ -28,9 +28,9 @@ class Sheet:
 
 
 def sheets(graph: Graph) -> tuple[Sheet, ...]:
-    """Lay a graph out on as few sheets of at most `_WIDEST` pixels as possible.
+    """Lay a graph out on as few sheets as possible, each at most `_WIDEST` pixels wide.
 
-    There are never more than `_MOST` sheets. If so many are not enough, some of them are wider.
+    There are at most `_MOST` sheets. If that is not enough, some sheets are wider.
     """
     whole = laid_out(graph)
     middles = {key: box.x + box.shape.width // 2 for key, box in whole.boxes.items()}

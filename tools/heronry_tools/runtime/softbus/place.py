@@ -46,7 +46,10 @@ def _checked(name: str) -> str:
 
 
 def how_to_start(channel: str) -> str:
-    """Give the remedy for a bus that no hub serves. For a bus with a name, it lists the other buses with a name."""
+    """Give the remedy for a bus that no hub serves, as a line of text.
+
+    If `channel` is a name, the line also lists the other buses that were started by name.
+    """
     remedy = f"start one with: heronry softbus {channel}"
     others = [] if _is_path(channel) else [name for name in _names() if name != channel]
     return f"{remedy}   (there is: {', '.join(others)})" if others else remedy

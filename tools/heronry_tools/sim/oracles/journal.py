@@ -136,7 +136,7 @@ class JournalCheck(Oracle):
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether a command is HOLDS of the first phase, perhaps sent before another phase was entered.
+        """Tell whether `message` is a HOLDS of the first phase, and the journal named no phase a moment ago.
 
         The first phase has no record in the journal.
         """
