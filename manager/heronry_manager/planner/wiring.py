@@ -154,9 +154,9 @@ class Wiring:
             self._model.add(LinearExpr.sum(support) >= self._choice.runs[name])
 
     def _ranked(self, name: str, consumer: str, literals: list[IntVar], ranks: dict[str, IntVar]) -> IntVar:
-        """Return a literal; if it is true, module `consumer` reads from module `name`, and its rank is lower than that of `name`.
+        """Return a literal that is true only if `consumer` reads from `name` and has a lower rank than `name`.
 
-        literals: the wires from `name` to `consumer`. ranks: module -> its rank.
+        name, consumer: modules. literals: the wires from `name` to `consumer`. ranks: module -> its rank.
         """
         supports = self._model.new_bool_var(f"{name} serves through {consumer}")
         self._model.add(LinearExpr.sum(literals) >= supports)
