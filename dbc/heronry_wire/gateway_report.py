@@ -7,8 +7,8 @@ heartbeat period of the radio, and immediately when the radio is gone or back. O
 forward the report.
 
 Reports are not acknowledged. The next report replaces a lost one, a doubled report has no effect, and a late report is
-recognized by its sequence number. A forged report can make the manager treat the radio as gone, or plan with less
-bandwidth or more than the radio has. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
+recognized by its sequence number. A forged report can make the manager treat the radio as gone, or plan with a
+bandwidth that the radio does not have. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
 ValueError.
 
 Source: docs/protocol.md, protocol rule 9.

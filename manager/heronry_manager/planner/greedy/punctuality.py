@@ -1,18 +1,18 @@
 """Deadlines (semantics rule 9) for the greedy planner: bounds that cost microseconds, and the exact analysis.
 
 The exact response-time analysis of `heronry_dg.response_times` takes longer than a greedy plan may take. So this file
-only bounds its recurrence
+only computes bounds of the recurrence of that analysis:
 
     w = B + sum of ceil((w + J + tau) / T) C        over all messages on the bus that are more urgent
 
 Here w is the delay of a message before its transmission, B the blocking by a frame that is already being sent, and tau
 one bit time. J is the jitter of a message, T its period, and C its transmission time.
 
-First it bounds w in closed form, with (w + J + tau) / T + 1 in place of the round-up:
+The first bound of w has a closed form, with (w + J + tau) / T + 1 in place of the round-up:
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
-If the message is too late by that bound, w is computed by iteration. Both ways give a response time J + w + C. If this
+If the message is too late by this bound, w is computed by iteration. Both ways give a response time J + w + C. If this
 response time is within the message's own period, it is no less than the exact response time. The reason: B is the
 longest frame that exists, so B also covers the case that one instance of a message is blocked by the instance before it
 (Davis et al. 2007, section 3.4). The iterated response time of the first instance alone is also a lower bound of the
