@@ -8,8 +8,9 @@ forward the report.
 
 Reports are not acknowledged. The next report replaces a lost one, a doubled report has no effect, and a late report is
 recognized by its sequence number. A forged report can make the manager treat the radio as gone, or plan with a
-bandwidth that the radio does not have. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
-ValueError.
+bandwidth that the radio does not have.
+
+Malformed bytes decode to `Malformed`; encoding a number that does not fit raises ValueError.
 
 Source: docs/protocol.md, protocol rule 9.
 """
