@@ -7,9 +7,10 @@ heartbeat period of the radio, and immediately when the radio is gone or back. O
 forward the report.
 
 Reports are not acknowledged. The next report replaces a lost one, a doubled report has no effect, and a late report is
-recognized by its sequence number. A forged report can make the manager treat the radio as gone, or plan with less
-bandwidth or more than the radio has. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
-ValueError.
+recognized by its sequence number. A forged report can make the manager treat the radio as gone, or plan with a
+bandwidth that the radio does not have.
+
+Malformed bytes decode to `Malformed`; encoding a number that does not fit raises ValueError.
 
 Source: docs/protocol.md, protocol rule 9.
 """
@@ -66,12 +67,12 @@ class LinkReport:
 
 
 def link_id(radio: int) -> int:
-    """Give the identifier of the reports on a radio; raises WireError where the plan has none for it.
+    """Give the identifier of the reports on a radio; raises WireError if `radio` is not one of the numbers 0 to 8.
 
     radio: position of the radio among the wireless buses of the spec, from 0.
     """
     if not 0 <= radio < len(GATEWAY_IDS):
-        raise WireError(f"radio number {radio} has no identifier for its reports: there are only {len(GATEWAY_IDS)}")
+        raise WireError(f"radio {radio} has no identifier for its reports: only {len(GATEWAY_IDS)} radios have one")
     return GATEWAY_IDS[radio]
 
 

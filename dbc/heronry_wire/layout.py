@@ -44,7 +44,7 @@ class Layout:
         number = 0
         for (name, shift, mask), value in zip(self._steps, values, strict=True):
             if not 0 <= value <= mask:
-                raise ValueError(f"{self.name}.{name} is {value}; it holds 0 to {mask}")
+                raise ValueError(f"{self.name}.{name} is {value}; it must be 0 to {mask}")
             number |= value << shift
         return number.to_bytes(self.length, "big")
 

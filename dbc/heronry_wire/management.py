@@ -452,7 +452,7 @@ def without_sequence(alive: bytes) -> bytes:
 
 
 def decode_tag(data: bytes) -> tuple[int, int, int] | None:
-    """Give kind, lowest 13 bits of the number, and tag from the payload of a TAG; None for a wrong length."""
+    """Give the three fields of a TAG: kind, number (its lowest 13 bits) and tag; None if `data` has a wrong length."""
     fields = TAG.unpack(data)
     return None if fields is None else (fields[0], fields[1], fields[2])
 

@@ -7,15 +7,15 @@ lost. Each channel is a `Link` with a queue of its own, and neither waits for th
     both well      each sends the most urgent frame first. When a frame has left one channel, its copy on the other has
                    a quarter of a heartbeat period left to start, and is then dropped: a late copy is of no use
     one lags       (noise, a full queue, an error-passive controller) a copy that waits too long for this channel is
-                   dropped. A frame that the controller already has cannot be withdrawn; a receiver withholds such a
-                   frame if it comes late
+                   dropped. A frame that the controller already has cannot be withdrawn. If such a frame comes late, a
+                   receiver does not take it until the other channel brings it, too (`channel_merge`)
     one is lost    (the interface is gone, bus-off, the wire is cut) the bus works with the other channel.
                    `lost_channels` names the lost channel after `misses` heartbeats, and its link reports an event. The
                    link tries to open the channel again and again
     both are lost  the bus is lost, since the time at which the second channel was lost (`off_since_ns`). When one
                    channel returns, the bus is no longer lost
-    one returns    the channel is used immediately, and late frames on it are withheld (`channel_merge`). The channel
-                   counts as lost until it has kept up for ten periods
+    one returns    the channel is used immediately, with the same rule for late frames. The channel counts as lost until
+                   it has kept up for ten periods
 
 A break of a node's own wire looks to that node like a lost channel. So does a break of a sender's wire, but only for
 the frames of that sender.
@@ -89,12 +89,12 @@ class ReplicatedLink:
 
     @property
     def nothing_waits(self) -> bool:
-        """Whether no frame waits for the controller on at least one open channel; also true if no channel is open."""
+        """Whether at least one open channel has no frame that waits for its controller; also true if none is open."""
         return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
 
     @property
     def all_left(self) -> bool:
-        """Whether every queued frame has been sent on at least one channel."""
+        """Whether at least one of the two channels has sent all frames that were queued on it."""
         return any(link.all_left for link in self.links)
 
     def take_link_events(self) -> list[str]:

@@ -65,7 +65,11 @@ def _check_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findi
 
 
 def _check_lack_of_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
-    """Find the first branch of a DEMUX without `to` that drives no actuator, and leads on to modules that drive one."""
+    """Check a DEMUX that has no `to`.
+
+    It needs `to` if one of its branches drives no actuator, but leads on to modules that drive one. The first such
+    branch is reported.
+    """
     actuators = [name for name, module in paths.spec.modules.items() if _drives(paths.spec, module)]
     lost = [name for name in actuators if not paths.can_run(name, without=demux.branches)]
     for branch in _bare(paths.spec, demux):
@@ -138,7 +142,10 @@ class DemuxPaths:
         return self._without[failed]
 
     def _remove(self, remains: "_Remains", failed: Iterable[str], doubtful: Iterable[tuple[Module, Mode]]) -> None:
-        """Remove the modes of failed modules, then all modes whose needs can no longer be met."""
+        """Remove the modes of failed modules, then all modes whose needs can no longer be met.
+
+        doubtful: modes to check first, since it is not known whether their needs can be met.
+        """
         falling = [
             (self.spec.modules[name], mode) for name in failed for mode in self.spec.modules[name].modes.values()
         ]

@@ -106,7 +106,7 @@ class Draft:
 
 
 def read_draft(root: Node, findings: Findings) -> Draft | None:
-    """Read all elements of a file; None where the file is not a map."""
+    """Read all elements of a file; None, with a finding, if the file is not a map or is of another kind."""
     if not isinstance(root, yaml_source.Mapping):
         hint = "begin with dg: 1, then buses:, pes:, modules: ..."
         findings.add(rules.NOT_A_MAP, root.place, "a spec is a map of sections", hint)
@@ -324,7 +324,7 @@ class _FormFindings:
 
 
 def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
-    """Give the known fields that the author seems to have meant by some of these names."""
+    """Give the fields of `known` that are close to one of `names`: the author has probably misspelt them."""
     return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 

@@ -242,12 +242,13 @@ class ModuleForm(Fallible):
     )
     partition: PrintableText | None = Field(
         default=None,
-        description="Name of the process that runs the module; modules may share it. By default one per criticality.",
+        description="Name of the process that runs the module; several modules may share one process. "
+        "By default there is one process for each criticality.",
         examples=["control"],
     )
     restarts: Restarts = Field(
         default=_default(Module, "restarts"),
-        description="How often the PE restarts a failed module; a minute without failure resets the count.",
+        description="How many times the PE restarts a failed module; a minute without failure resets the count.",
         examples=[0],
     )
     checkpoint: Checkpoint | None = Field(
@@ -294,7 +295,7 @@ class FunctionForm(Form):
     )
     priority_range: PriorityRange | None = Field(
         default=None,
-        description="Lowest and highest priority that a module may request in flight; none if left out.",
+        description="Lowest and highest priority that a module may request in flight; left out: no module may.",
         examples=[[0, 100]],
     )
 
@@ -368,7 +369,7 @@ class DemuxForm(Form):
     demux: str = Field(description="Variable that the running branch reads.", examples=["elevator_demand"])
     to: Names = Field(
         default=[],
-        description="For each branch the module at which it ends, the preferred one first. "
+        description="Modules at which the branches end, one for each branch, the preferred module first. "
         "Left out: each branch is its own end.",
         examples=[["driver_1", "driver_2"]],
     )

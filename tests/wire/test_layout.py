@@ -45,7 +45,7 @@ def test_any_bytes_of_the_right_length_are_values_and_no_others(
 
 @pytest.mark.parametrize("values", [(16, 0, 0), (0, -1, 0), (0, 0, 0x10000)])
 def test_a_value_that_does_not_fit_is_named(values: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match=r"NIBBLES\.(high|low|rest) is -?\d+; it holds 0 to (15|65535)"):
+    with pytest.raises(ValueError, match=r"NIBBLES\.(high|low|rest) is -?\d+; it must be 0 to (15|65535)"):
         NIBBLES.pack(*values)
 
 

@@ -158,7 +158,7 @@ def _attribute(text: str) -> str:
 
 
 def _xml(text: str) -> str:
-    """Remove the characters that XML 1.0 cannot write."""
+    """Replace characters that are not printable by U+FFFD, except tab and newline; XML 1.0 forbids most of them."""
     return "".join(c if c.isprintable() or c in "\t\n" else "\ufffd" for c in text)
 
 

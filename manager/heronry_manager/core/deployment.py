@@ -14,9 +14,10 @@ disturbed. A PE with a module in that plan needs a new epoch, since other PEs mu
 that may have staged a newer epoch, which was abandoned, needs a new epoch too: no PE goes back to an older epoch.
 
 *Overtaken*: a PE that hears of an epoch newer than its own is overtaken. It drives nothing exclusive until it runs a
-still newer epoch (protocol rule 6). Such a newer epoch may run on a PE that was cut off, and is not available yet: a
-manager on the PE's side of a broken bus has opened that epoch. So this manager opens a new epoch for the running
-configuration, without the PE that was cut off. The core checks this with every state, so a lost state does no harm.
+still newer epoch (protocol rule 6). Such a newer epoch may run on a PE that was cut off by a broken bus: another
+manager, on the PE's side, has opened that epoch. So this manager opens a new epoch for the running configuration. The
+PE that was cut off is not available yet, and has no part in this epoch. The core checks for newer epochs with every
+state, so a lost state does no harm.
 
 *Adopting*: at its start the manager may take over the running configuration (`adoption`). A manager that only advises
 reports what it would do, and adopts what the PEs run (`advice`).
@@ -201,7 +202,8 @@ class Deployment:
     def stopped(self, module: str, pe: str | None = None) -> None:
         """Note that the operator has cleared a module which its PE had stopped: only a new epoch makes the PE start it.
 
-        pe: the PE that had stopped the module; if the module runs on another PE now, nothing changes.
+        pe: the PE that had stopped the module. If this PE is not the one to run the module now, the call has no effect.
+        None: the call always has an effect.
         """
         runs_on = (self.running or {}).get(module)
         if pe is None or (runs_on is not None and runs_on[1] == pe):
@@ -291,7 +293,7 @@ class Deployment:
     def tick(self) -> list[str]:
         """Send again what the PEs have not acknowledged in time.
 
-        Gives the PEs that must be failed, since patience is over.
+        Returns the PEs that must be failed because they have not answered within the patience.
         """
         if self._turn.silent:
             return []
@@ -300,7 +302,7 @@ class Deployment:
     def advance(self) -> Reconfiguration | None:
         """Command the next step of each epoch that need not wait any more.
 
-        Gives the epoch that is completed now; None if no epoch is.
+        Returns the epoch that is completed now; None if none is completed.
         """
         if self.next is not None and self.next.all_staged():
             self._activate(self.next)

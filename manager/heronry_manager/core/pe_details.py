@@ -6,12 +6,12 @@
     traceback                read when the operator asks for it, from the PE that reported the last failure
     standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
                              the status. A standstill is *long* if it exceeds a heartbeat period. If there were more
-                             long standstills than before, an event reports that, as they may be the reason why the PE
-                             was not heard. The event gives the longest standstill of the PE if that is new, and its
-                             last long one if not. If this reading fails, the next one after a PING, a return or a join
-                             reports the standstills. A manager reads nothing when it becomes active, since a foreign
-                             SDO client may be reading just then; so its first report on a PE counts from the start of
-                             that PE
+                             long standstills than before, an event reports this, as they may be the reason why the PE
+                             was not heard. If the longest standstill of the PE is new, the event gives that; if not,
+                             the last long standstill. If this reading fails, the next reading after a PING, a return
+                             or a join reports the standstills. A manager reads nothing when it becomes active, since
+                             a foreign SDO client may be reading just then; so its first report on a PE counts from
+                             the start of that PE
 
 A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no gateway
 forwards SDO. It keeps what it has read until it ends; another manager reads the details again. `object_reader` says

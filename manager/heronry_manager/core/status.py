@@ -17,8 +17,8 @@ and changes none.
     priorities      changed ones, by function: priority, by ("operator" or "module")
     latched         list of element, by, code, detail, for_ns
     failures        last failure of each module, as its PE gives it: list of element, by, text, for_ns
-    links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
-                    delivered (per cent), queued, dropped
+    links           by name of the radio: state, limit (per mille of its bit rate, with which the manager plans), usable
+                    (per mille of its bit rate, as reported last), delivered (per cent), queued, dropped
     channels        of replicated buses, by name (can0.1): the nodes that hear nothing on it
     disagreements   list of module (a comparator), by, detail
     functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the epoch's plan; if that
@@ -60,7 +60,7 @@ def status(
     details: PeDetails,
     held: HeldOutputs,
 ) -> dict[str, Any]:
-    """Build the status document; `manager`: its part on the manager itself."""
+    """Build the status document; `manager` and `script` are the values of its keys with these names."""
     current, plan, now = deployment.current, deployment.plan, situation.now()
     return {
         "v": VERSION,

@@ -1,14 +1,14 @@
 """What modules report of PEs and buses: suspicions, which the manager assesses by its own evidence.
 
-A module sees a device that it drives, or another module whose data it reads. Of a PE or a bus it only sees that some
-data do not come. So such a report alone makes no PE and no bus count as failed:
+A module sees a device that it drives, or another module whose data it reads. If a PE or a bus fails, the module only
+sees that some data do not come. So a report alone makes no PE and no bus count as failed:
 
     a PE     the manager sends it a PING. If the PE answers, it stays available; if it is silent, it is lost like any
              other PE (`health`)
-    a bus    never counts as failed because of a report. The manager's own bus has carried the report. Another bus works
-             as long as a PE is available that can be reached over that bus alone; every bus but the manager's leads to
-             such PEs, since buses form a forest. If all these PEs are lost, the plan does without them already, and
-             they may return
+    a bus    never counts as failed because of a report. The manager's own bus works, since it has carried the report.
+             Every other bus leads to PEs that can be reached over that bus alone, since the buses form a forest. The
+             bus works as long as one of these PEs is available. If all of them are lost, the plan does without them
+             already, and they may return
 
 An event reports each suspicion with the evidence (`suspicion`), and another event what was found
 (`suspicion_assessed`). A PE repeats its report every second while its module sees the fault, so a lost or doubled
@@ -23,7 +23,7 @@ from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 
 
 class Suspicions:
-    """Keeps which PEs and buses modules suspect, and reports what the manager finds out about them."""
+    """Keeps the PEs and buses that modules suspect, and reports what the manager finds out about them."""
 
     def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
         self._spec, self._turn, self._health = spec, turn, health
@@ -31,7 +31,7 @@ class Suspicions:
         self._asked: set[str] = set()  # PEs that owe an answer
 
     def pe(self, pe: str, by: str) -> bool:
-        """Note that `by` has reported that a PE failed; tells whether the manager must send the PE a PING now."""
+        """Note that the PE `by` reports a failure of the PE `pe`; tells whether the manager must PING `pe` now."""
         element = f"pe:{pe}"
         is_new = self._note(element, by)
         if not self._health.is_available(pe):
@@ -50,7 +50,7 @@ class Suspicions:
             self._conclude(f"pe:{pe}", "it answers, and stays")
 
     def bus(self, bus: str, by: str) -> None:
-        """Note that `by` has reported that a bus failed, and report the manager's own evidence."""
+        """Note that the PE `by` reports a failure of a bus, and emit an event with the manager's own evidence."""
         element = f"bus:{bus}"
         if not self._note(element, by):
             return

@@ -3,10 +3,10 @@
 The sweep takes fault sets by size. For each set, the phase's fault-free plan counts as the running one
 (docs/semantics.md, faults). A set is settled without a search in two cases:
 
-    by a plan    the best plan for the set less one element uses nothing that the whole set takes out of use. Then that
-                 plan is the best one for the whole set, too (`heronry_dg.losses` has the proof), and the set inherits
-                 it with its value. If the plan is not proven to be the best, the inherited plan is not proven either;
-                 its upper bounds still hold, since more faults make no plan better
+    by a plan    without one of its elements the set is smaller, and has a best plan already. If that plan uses nothing
+                 that the whole set takes out of use, it is the best plan for the whole set, too (`heronry_dg.losses`
+                 has the proof), and the set inherits it with its value. If the plan is not proven to be the best, the
+                 inherited plan is not proven either; its upper bounds still hold, since more faults make no plan better
     by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
                  has a purpose, and the same routes between these PEs. The usual case is a device and its only driver
 
@@ -68,7 +68,7 @@ class Scope:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A request for a plan: the phase, the elements that are down, and what runs (None: none is known)."""
+    """A request for a plan: the phase, the elements that are down, and what runs (None: not known)."""
 
     phase: Phase
     down: FaultSet
@@ -94,7 +94,7 @@ class Tally:
     """How many fault sets were settled in which way.
 
     searched: by the planner.
-    by_plan: by inheriting the plan for the set less one element.
+    by_plan: by inheriting the plan for the set without one of its elements.
     by_twin: by the plan of a set that leaves the same choice.
     """
 
@@ -132,7 +132,7 @@ class Sweep:
             self._settle(question.phase, question.down, outcome)
 
     def _places_in_use(self) -> list[Question]:
-        """List the questions about the loss of each place that a fault-free plan uses; each needs a plan of its own."""
+        """List one question for each place that a fault-free plan uses: the plan to make when that place is lost."""
         if not self._scope.places or not self._scope.faults:
             return []
         found = [
@@ -179,8 +179,8 @@ class Sweep:
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
         """Give the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
 
-        rest: `what_is_left` with `down`. Sets with an equal value leave the same choice, and the value is found fast.
-        Only if no earlier set has an equal value, the choices themselves are compared (`choice_of`).
+        rest: the value of `what_is_left` for `down`, which is computed fast. Fault sets with an equal `rest` leave the
+        same choice. Only if no earlier set has an equal `rest`, the choices themselves are compared (`choice_of`).
         """
         twin = self._twins.get((phase, rest))
         if twin is None:
@@ -189,9 +189,9 @@ class Sweep:
         return twin
 
     def _inherited(self, phase: Phase, down: FaultSet, lost: frozenset[str]) -> Outcome | None:
-        """Give the plan of the first set with one fault less that uses none of the lost elements.
+        """Of the plans for the fault sets with one fault less, give the first that uses no element of `lost`.
 
-        None: there is none.
+        None: there is no such plan.
         """
         for element in sorted(down):
             outcome = self.outcomes[phase, down - {element}]
@@ -225,7 +225,9 @@ def what_is_left(left: Survivors) -> object:
 
 
 def choice_of(possible: Candidates) -> object:
-    """Give all on which the best plan of a phase depends if no radio is limited: which modes may run where, and routes.
+    """Give as one value what decides the best plan of a phase: which modes may run on which PEs, and the routes.
+
+    This holds only if no radio is limited.
 
     PEs on which nothing may run, and routes to them, make no difference: no legal configuration uses them.
     """

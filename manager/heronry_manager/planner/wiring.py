@@ -154,7 +154,10 @@ class Wiring:
             self._model.add(LinearExpr.sum(support) >= self._choice.runs[name])
 
     def _ranked(self, name: str, consumer: str, literals: list[IntVar], ranks: dict[str, IntVar]) -> IntVar:
-        """Return a literal that is true only if `consumer` reads from `name`, and has a lower rank than `name`."""
+        """Return a literal that is true only if `consumer` reads from `name` and has a lower rank than `name`.
+
+        name, consumer: modules. literals: the wires from `name` to `consumer`. ranks: module -> its rank.
+        """
         supports = self._model.new_bool_var(f"{name} serves through {consumer}")
         self._model.add(LinearExpr.sum(literals) >= supports)
         self._model.add(ranks[name] >= ranks[consumer] + 1).only_enforce_if(supports)

@@ -89,7 +89,7 @@ class NetworkManagement:
     def command(self, data: bytes, now_ns: int, *, configured: bool, managed: bool) -> NmtOutcome:
         """Execute or refuse an NMT command, given as its bytes; returns what became of it.
 
-        configured: a manager has configured this PE. managed: a manager is heard. In both cases the command is refused.
+        configured: a manager has configured this PE. managed: a manager is heard. If either holds, the PE refuses.
         """
         command = decode_command(data)
         if command is None or command.code not in (*_COMMANDED, *_RESETS):

@@ -118,7 +118,7 @@ class PhaseRequests:
         return self._fire(module, [watch for watch in fired if self._phase in watch.rule.origins] or fired, now_ns)
 
     def entered(self, phase: int, now_ns: int) -> list[Frame]:
-        """Note the phase that the manager announces; returns the frames of requests, if rules fire again."""
+        """Note the phase that the manager announces; returns the requests of rules that fire again, as frames."""
         if phase == self._phase:
             return []
         self._phase = phase

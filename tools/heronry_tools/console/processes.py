@@ -47,7 +47,7 @@ def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[P
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Block the signals that end a command, also in processes started meanwhile; deliver them after the block."""
+    """Block the signals that end a command, also in processes started meanwhile; deliver the first one afterwards."""
     came: list[int] = []
     handlers = {number: signal.signal(number, lambda number, _: came.append(number)) for number in NUMBERS}
     # Started processes inherit this mask. The handlers are needed besides: a thread of a library may receive a signal.
@@ -63,7 +63,7 @@ def held_back() -> Iterator[None]:
 
 
 def in_order(tasks: deque[Future[R]]) -> Iterator[R]:
-    """Yield the results of tasks given to worker processes, in this order, and keep none of them.
+    """Yield the results of tasks of worker processes, in the order of `tasks`; a yielded result is not kept.
 
     `Executor.map` cancels the tasks that are left when its caller stops. If the workers are killed, too, the executor's
     thread then ends with a traceback on a cancelled task (Python 3.11). This function cancels no task.

@@ -143,16 +143,16 @@ class Recorder:
         self.watch(truth)
 
     def watch(self, truth: Truth) -> None:
-        """Look for contacts with the ground; call this after each step near the ground, between rows too."""
+        """Look for contacts with the ground; to be called after each step near the ground, with or without a row."""
         if truth.touching and self._touchdown is None:
             self._touchdown = _touchdown(truth)
             self.mark(truth.time_s, "touchdown", "the aircraft touches the ground")
         self._structure.update(name for name in truth.touching if not is_wheel(name))
 
     def state(self, time_s: float, kind: StretchKind, subject: str, label: str | None) -> None:
-        """Record that the subject has the state `label` from `time_s` on; with None, it has no state any more.
+        """Record that the subject has the state `label` from `time_s` on; None: it has no state from then on.
 
-        This ends the previous stretch of the subject. If the label is the same as before, the stretch goes on.
+        If `label` differs from the label before, the previous stretch of the subject ends; else that stretch goes on.
         """
         before = self._states.get((kind, subject))
         if before is not None:

@@ -35,8 +35,8 @@ class Trial:
     """The result of a trial.
 
     steps: the steps that the module has computed.
-    failure: how it failed; None if it did not.
-    failed_in: the step in which it failed; 0 before the first step.
+    failure: how the module failed; None if it did not fail.
+    failed_in: number of the step in which the module failed, from 1; 0 before the first step.
     longest_ns: the longest time that a step took.
     """
 
@@ -46,7 +46,10 @@ class Trial:
     longest_ns: int = 0
 
     def document(self) -> dict[str, Any]:
-        """Give the trial as plain data; bytes as hexadecimal digits, and null for the priority of the spec."""
+        """Give the trial as plain data for JSON. Bytes become hexadecimal digits.
+
+        A request to go back to the spec's own priority of a function has None instead of a number.
+        """
         failure = None
         if self.failure is not None:
             failure = {"in_step": self.failed_in, "reason": self.failure.reason, "traceback": self.failure.traceback}
@@ -69,12 +72,12 @@ class Trial:
 
 
 def requested_priorities(step: Result) -> list[tuple[str, int | None]]:
-    """Give function and priority of each priority request of a step; None for the priority of the spec."""
+    """Give function and priority of each priority request of a step; priority None: the spec's own priority."""
     return [(function, None if number == SPECS_PRIORITY else number) for function, number in step.priorities]
 
 
 def expect_there(image: str) -> None:
-    """Look for the code of an image, also in the present folder; raises UnknownImageError where there is none.
+    """Look for the code of an image, in the present folder, too; raises UnknownImageError if there is no such code.
 
     Code that exists, but fails when it is imported, raises nothing here: the trial finds the failure again.
     """
@@ -130,7 +133,7 @@ def _own_frames(frame: FrameType) -> list[traceback.FrameSummary]:
 
 @contextmanager
 def _limited(limit_s: float) -> Iterator[None]:
-    """Raise _TooLongError in the block after this time, and again where the block catches it."""
+    """Raise _TooLongError in the `with` block after `limit_s` seconds, then every `_AGAIN_S` seconds until it ends."""
 
     def end(_number: int, frame: FrameType | None) -> None:
         raise _TooLongError(frame)

@@ -10,7 +10,8 @@ This file has a part for each kind of observation:
                PE is lost or joins, as the active manager does; its plans (advice) are dropped
 
 If the manager's own events are available (`tells_why`), the last two parts are left out. Nothing is sent. All times are
-those of the frames: `until` first handles the deadlines before its time, so the same frames give the same events.
+those of the frames: before a frame is handled, all deadlines up to its time are handled (`until`), so the same frames
+give the same events.
 """
 
 from collections.abc import Iterator, Mapping
@@ -146,7 +147,10 @@ class Listening:
             yield from self._epochs.page_0(t_ns, self._spec.pes[pe].node_id, page)
 
     def _heard_until(self, t_ns: int) -> Iterator[Event]:
-        """Give the times of last frames, and an event when a silence of a function begins, and when it ends."""
+        """Give an observation of when each PE and each function was last heard.
+
+        Give also an event for each silence of a function that has begun or ended.
+        """
         functions = {}
         for name in self._spec.functions:
             output = self._witness.last_output(name)

@@ -1,24 +1,26 @@
 """Deadlines (semantics rule 9) for the greedy planner: bounds that cost microseconds, and the exact analysis.
 
 The exact response-time analysis of `heronry_dg.response_times` takes longer than a greedy plan may take. So this file
-only bounds its recurrence
+only computes bounds of the recurrence of that analysis:
 
     w = B + sum of ceil((w + J + tau) / T) C        over all messages on the bus that are more urgent
 
 Here w is the delay of a message before its transmission, B the blocking by a frame that is already being sent, and tau
 one bit time. J is the jitter of a message, T its period, and C its transmission time.
 
-First it bounds w in closed form, with (w + J + tau) / T + 1 in place of the round-up:
+The first bound of w has a closed form, with (w + J + tau) / T + 1 in place of the round-up:
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
-If the message is too late by that bound, w is computed by iteration. Both ways give a response time J + w + C that is
-no less than the exact one, as long as it is within the message's own period: B is the longest frame that exists, so B
-also covers the case that one instance of a message is blocked by the instance before it (Davis et al. 2007, section
-3.4). The iterated response time of the first instance alone is also a lower bound of the exact one. Sources are checked
-in the order of their identifiers, each along its route, so that every jitter is known when it is needed. The jitter of
-a message on its next bus is its response time on the bus before; a response time that is used as a jitter is always
-iterated.
+If the message is too late by this bound, w is computed by iteration. Both ways give a response time J + w + C. If this
+response time is within the message's own period, it is no less than the exact response time. The reason: B is the
+longest frame that exists, so B also covers the case that one instance of a message is blocked by the instance before it
+(Davis et al. 2007, section 3.4). The iterated response time of the first instance alone is also a lower bound of the
+exact response time.
+
+Sources are checked in the order of their identifiers, each along its route, so that every jitter is known when it is
+needed. The jitter of a message on its next bus is its response time on the bus before. A response time that is used as
+a jitter is always iterated.
 
 The bounds are floating-point numbers, rounded to the safe side, and a response time is used as a jitter only if both
 directions of rounding give the same value. Where the bounds do not decide, the exact analysis does; its verdicts are
@@ -45,7 +47,7 @@ Source = tuple[int, int]  # module and variable
 
 
 class _Level:
-    """The load on one bus of all messages that are more urgent than the one to be checked next."""
+    """The load on one bus of all messages that are more urgent than the message to be checked next."""
 
     __slots__ = ("blocking", "demand", "frames", "load", "streams")
 
@@ -53,7 +55,7 @@ class _Level:
         self.blocking = self.demand = blocking_ns  # `demand`: numerator of the closed form
         self.frames = 0.0  # the part of the demand with one frame of each message
         self.load = 0.0
-        self.streams: dict[tuple[float, float], float] = {}  # period, lateness -> frames: many have the same
+        self.streams: dict[tuple[float, float], float] = {}  # (period, lateness) -> transmission times, added up
 
     def copy(self) -> "_Level":
         one = _Level(self.blocking)
@@ -71,6 +73,7 @@ class _Level:
         """Iterate the recurrence for the delay w of the next message, in ns, until it converges, or exceeds `most_ns`.
 
         The iteration starts from the value without round-ups, which is less than the result; this saves most steps.
+        rounding: `_UP` gives an upper bound of w, `_DOWN` a lower bound.
         """
         before, delay = 0.0, (self.demand - self.frames) / (1 - self.load) * _DOWN
         while before < delay <= most_ns:
@@ -88,7 +91,10 @@ class Watch:
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
-        """Tell whether a draft that meets its deadlines still does with these messages added; called by `Draft`."""
+        """Tell whether a draft that meets its deadlines also meets them with the messages `more` added.
+
+        False, too, if the budget is used up. `Draft` calls this method.
+        """
         self._budget -= len(draft.published)
         return self._budget >= 0 and self._punctuality.stay_met(draft, more)
 
@@ -118,7 +124,7 @@ class Punctuality:
         return self._exactly(draft, messages) if verdict is None else verdict
 
     def stay_met(self, draft: Draft, more: list[Publication]) -> bool:
-        """Tell whether a draft that meets its deadlines still does with these messages added."""
+        """Tell whether a draft that meets its deadlines also meets them with the messages `more` added."""
         messages = [*draft.published, *more]
         since = min(self._urgency[module, variable] for module, variable, _ in more)
         verdict = self._bounded(draft, messages, since)
@@ -134,7 +140,7 @@ class Punctuality:
     def _bounded(self, draft: Draft, messages: list[Publication], since: int) -> bool | None:
         """Decide by the bounds whether all deadlines are met; None: the bounds do not decide it.
 
-        since: an identifier; all messages that are more urgent are known to be in time.
+        since: an identifier; all messages that are more urgent than this identifier are known to be in time.
         """
         buses: dict[Source, list[int]] = {}
         for module, variable, bus in messages:
@@ -151,9 +157,10 @@ class Punctuality:
         return True
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
-        """Decide whether one source meets its deadline on its route, and add its load to the buses.
+        """Decide whether one source meets its deadline on its route, and add its load to the buses; None: not decided.
 
-        None: not decided.
+        buses: numbers of the buses on which the source is published.
+        above: by number of a bus, the load of all messages that are more urgent than this source.
         """
         steps = self._steps[draft.pe[source[0]]]
         if len(buses) > 1:
@@ -172,9 +179,9 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Bound one response time in ns; it is exact if it becomes the jitter of another message.
+        """Give an upper bound of one response time in ns; with `is_jitter`, give the exact response time.
 
-        0: it is too long. None: the bounds do not decide that.
+        0: the response time is too long. None: the bounds do not decide whether the response time is too long.
         """
         if level.load > _FULL:
             return None

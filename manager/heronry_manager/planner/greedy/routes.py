@@ -12,7 +12,7 @@ class Routes:
     """Routes between PEs, and the load that each variable puts on a bus.
 
     way: for each PE, the elements on the route from the manager, as a set of bits: PEs from bit 0 on, buses from bit
-        `first_bus` on; bit `never`: there is no such route.
+        `first_bus` on. If there is no such route, the value is `never`, one higher bit.
     """
 
     route: list[list[tuple[int, ...]]]  # from one PE to another one: the buses between them

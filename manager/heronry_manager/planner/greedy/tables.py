@@ -6,7 +6,7 @@ are made in this order, each from the parts before it:
     numbering        the number of each element
     sizes            the resources of modes and PEs, where a mode could run
     leaves           inputs and gates
-    orders           the order in which these are tried
+    orders           the order in which the inputs of gates, and the modes that may feed them, are tried
     placement_rules  rules between modules
     routes           buses
     wanted           the functions of a phase, with their priorities
@@ -51,7 +51,7 @@ class Tables:
 
 
 def tables_of(spec: Spec) -> Tables:
-    """Work out the tables of a spec: some milliseconds."""
+    """Work out the tables of a spec; this takes some milliseconds."""
     numbers = numbered(spec)
     sizes, leaves = sized_up(numbers), numbered_leaves(numbers)
     return Tables(

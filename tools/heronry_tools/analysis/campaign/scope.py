@@ -40,7 +40,7 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = False) -> "Scope":
-    """Give the scope that the command line describes; raises UserError.
+    """Give the scope that the command line describes; raises UserError if an option has a value that cannot be used.
 
     places: include the places in use, if the command line includes modules.
     """
@@ -75,7 +75,7 @@ def feasible(scope: "Scope") -> "Scope":
 
 
 def jobs_of(arguments: argparse.Namespace) -> int:
-    """Give the number of processes that make plans; raises UserError."""
+    """Give the number of processes that make plans; raises UserError if `--jobs` is less than 1."""
     jobs = cpus() if arguments.jobs is None else int(arguments.jobs)
     if jobs < 1:
         raise UserError(f"--jobs {jobs}: at least one process must plan")
@@ -88,11 +88,11 @@ def cpus() -> int:
 
 
 def kinds_of(text: str | None) -> tuple[str, ...]:
-    """Read the kinds of elements that may fail, as in `pe,bus`; None means all. Raises UserError."""
+    """Read the kinds of elements that may fail, as in `pe,bus`; None means all. Raises UserError for any other kind."""
     if text is None:
         return KINDS
     named = tuple(kind.strip() for kind in text.split(","))
     for kind in named:
         if kind not in KINDS:
-            raise UserError(f"--kinds: '{kind}' is no kind of element; there is {', '.join(KINDS)}")
+            raise UserError(f"--kinds: '{kind}' is no kind of element; the kinds are {', '.join(KINDS)}")
     return named

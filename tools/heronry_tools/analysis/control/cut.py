@@ -3,8 +3,8 @@
 The cut divides the leaves that have a port in the graph, except plants. A leaf that is pinned to a side stays there,
 and the pinned leaves must name exactly two sides. A port has a weight, the bandwidth of its data. This weight counts
 once if one or more consumers of the port are on the other side. So a port and its consumers are one *net*, not several
-edges. If there are several least cuts, the result is the cut in which the first side keeps most leaves. Least cuts form
-a lattice, so there is exactly one such cut.
+edges. If there are several least cuts, the result is the cut with as many leaves as possible on the first side. Least
+cuts form a lattice, so there is exactly one such cut.
 
 The cut is found by maximum flow. The leaves pinned to the first side are the source, and the leaves pinned to the
 second side are the sink. Each net becomes an arc of its weight between two nodes of its own. Arcs lead from each leaf
@@ -35,8 +35,9 @@ class Cut:
 
 
 def least_cut(graph: Graph, first: str | None = None) -> Cut:
-    """Find the least cut; `first` is the side that keeps most leaves, by default the side of the first pinned leaf.
+    """Find the least cut; of several least cuts, the one with as many leaves as possible on the side `first`.
 
+    first: name of a side; None: the side of the first pinned leaf.
     Raises PcsError `sides` if the leaves are not pinned to exactly two sides.
     """
     inner = {parent(vertex) for vertex in graph.vertices}
@@ -68,7 +69,10 @@ def _weight(graph: Graph, vertex: str) -> int:
 
 
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
-    """Give the maximum flow from node 0 to node 1, and the nodes from which free capacity leads to node 1."""
+    """Give the maximum flow from node 0 to node 1, and the nodes from which free capacity leads to node 1.
+
+    number: leaf -> its node. nets: port -> the leaves that its net joins.
+    """
     network = SimpleMaxFlow()
     network.add_arc_with_capacity(0, 1, 0)  # both nodes are there, even if nothing leads to them
     node = max(number.values(), default=1)

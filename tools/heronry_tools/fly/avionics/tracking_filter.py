@@ -71,8 +71,8 @@ class TrackingFilter:
         The position is uncertain along this line. Near the ground even a wrong range gives a good height, since the
         height is the range times the elevation.
 
-        sinks: whether the aircraft sinks, so that it is on the slope of the approach; before the slope, on the level
-        part, the aircraft may be seen at the same elevation
+        sinks: True: the aircraft sinks, so it is on the slope of the approach. False: it may also be on the level part
+        before the slope, where the camera can see it at the same elevation.
         """
         rise = math.tan(elevation_rad)
         if sinks or elevation_rad < _LEVEL_FROM_RAD:
@@ -146,7 +146,10 @@ class TrackingFilter:
             self.covariance[i][i] = _START_M2
 
     def _since(self, exposed_ns: int) -> tuple[float, float, float]:
-        """Return the distance flown since a time along x, y and h, interpolated between remembered times."""
+        """Return the distances (m) along x, y and h that were flown since `exposed_ns`.
+
+        They are interpolated between the times that the filter remembers.
+        """
         later_ns, later = self._now_ns, self._way_m
         for time_ns, way in reversed(self._ways):
             if time_ns <= exposed_ns:
@@ -157,7 +160,10 @@ class TrackingFilter:
         return self._way_m[0] - later[0], self._way_m[1] - later[1], self._way_m[2] - later[2]
 
     def _expected(self, axis: int, since_m: tuple[float, float, float]) -> tuple[float, list[float]]:
-        """Return the angle that an image should show, and its derivative with respect to each state."""
+        """Return the angle (rad) that an image should show, and its derivative with respect to each state.
+
+        axis: 0 for azimuth, 1 for elevation. since_m: distances (m) along x, y, h flown since the image was taken.
+        """
         ahead = self._camera_m[0] - (self.state[X] - since_m[0])
         right = self.state[Y] - since_m[1] - self._camera_m[1]
         up = self.state[H] - since_m[2] - self._camera_m[2]
@@ -183,7 +189,12 @@ class TrackingFilter:
         )
 
     def _use(self, row: list[float], error: float, noise: float) -> None:
-        """Update state and covariance by one scalar measurement."""
+        """Update state and covariance by one scalar measurement.
+
+        row: derivative of the measurement with respect to each state.
+        error: measured minus expected value.
+        noise: variance of the measurement.
+        """
         covariance = self.covariance
         gain = [sum(p * a for p, a in zip(line, row, strict=True)) for line in covariance]
         spread = sum(a * g for a, g in zip(row, gain, strict=True)) + noise

@@ -175,7 +175,10 @@ class EavPlant:
         """Do nothing: a servo holds its angle without a command."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail; a `dead` camera gives no new images."""
+        """Make a device fail; a `dead` camera gives no new images.
+
+        offset: for `how` = "bias", what is added to each reading of a sensor, or to each command of a servo.
+        """
         self.advance(now_ns)
         if device in self.servos.pushes:
             self.servos.fail(device, how, offset)
@@ -327,7 +330,7 @@ class EavPlant:
 
 
 def _shifted(value: Value, offset: float) -> Value:
-    """Return a number plus `offset`, or a tuple with `offset` added to each number."""
+    """Return a number plus `offset`; a tuple with the rounded `offset` added to each number; else the value itself."""
     if isinstance(value, tuple):
         return tuple(item + round(offset) for item in value)
     return value + offset if isinstance(value, (int, float)) else value

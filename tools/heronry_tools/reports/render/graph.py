@@ -14,7 +14,11 @@ Kind = Literal["module", "variable", "sensor", "actuator", "and", "or", "xor", "
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One mode of a module."""
+    """One mode of a module, as it is drawn.
+
+    dead: the mode cannot run.
+    chosen: the mode runs in the plan.
+    """
 
     label: str
     dead: bool = False

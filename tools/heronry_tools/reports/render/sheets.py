@@ -28,7 +28,10 @@ class Sheet:
 
 
 def sheets(graph: Graph) -> tuple[Sheet, ...]:
-    """Lay a graph out on as few sheets as possible, at most `_MOST`; only with `_MOST` sheets may one be too wide."""
+    """Lay a graph out on as few sheets as possible, each at most `_WIDEST` pixels wide.
+
+    There are at most `_MOST` sheets. If that is not enough, some sheets are wider.
+    """
     whole = laid_out(graph)
     middles = {key: box.x + box.shape.width // 2 for key, box in whole.boxes.items()}
     found: tuple[Sheet, ...] = (Sheet(graph, whole),)

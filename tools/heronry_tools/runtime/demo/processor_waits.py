@@ -46,8 +46,8 @@ class ProcessorWaits:
     def longest(self, now_ns: int, pe: str, processes: Mapping[str, int]) -> Wait:
         """Give the longest wait that may have made a PE silent: that of its process, of a manager or of a bus.
 
-        Waits since the last sample before the window count. If the demo's own process had to wait and took no sample,
-        this time is longer than the window.
+        A process counts with the sum of its waits since the last sample that is older than the window. That sample is
+        much older than the window if the demo's own process had to wait, and took no samples meanwhile.
         """
         began_ns, before = self._samples[0] if self._samples else (now_ns, {})
         of_ns = now_ns - began_ns

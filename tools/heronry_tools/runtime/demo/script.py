@@ -56,7 +56,10 @@ def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoA
 
 
 def default_actions(plan: Mapping[str, Any], seconds: float) -> list[DemoAction]:
-    """Give the usual actions: the PE with most modules is killed, and restored if `seconds` allow."""
+    """Give the usual actions: the PE with most modules is killed after 4 s, and restored after 9 s.
+
+    Actions that are not due within the first `seconds` of the demo are left out.
+    """
     runs = Counter(module["pe"] for module in plan.get("modules", {}).values())
     if not runs:
         return []

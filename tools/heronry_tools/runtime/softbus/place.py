@@ -24,7 +24,8 @@ class BusNameError(HeronryError, ValueError):
 def path_to_listen(channel: str) -> Path:
     """Give the path at which a hub serves the bus `channel`; for a name, its folder is made.
 
-    Raises RuntimeFolderError; raises BusNameError if `channel` is neither a path nor a name.
+    Raises RuntimeFolderError if the folder cannot be made or another user could write into it, and BusNameError if
+    `channel` is neither a path nor a name.
     """
     return Path(channel) if _is_path(channel) else owned_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
 
@@ -32,8 +33,8 @@ def path_to_listen(channel: str) -> Path:
 def path_to_call(channel: str) -> Path:
     """Give the path at which clients find the bus `channel`.
 
-    Raises RuntimeFolderError if its folder belongs to another user, and BusNameError if `channel` is neither a path nor
-    a name.
+    Raises RuntimeFolderError if another user could write into the folder of a bus with a name, and BusNameError if
+    `channel` is neither a path nor a name.
     """
     return Path(channel) if _is_path(channel) else trusted_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
 
@@ -46,7 +47,10 @@ def _checked(name: str) -> str:
 
 
 def how_to_start(channel: str) -> str:
-    """Give the remedy for a bus that no hub serves; it lists the buses that were started by name."""
+    """Give the remedy for a bus that no hub serves, as a line of text.
+
+    If `channel` is a name, the line also lists the other buses that were started by name.
+    """
     remedy = f"start one with: heronry softbus {channel}"
     others = [] if _is_path(channel) else [name for name in _names() if name != channel]
     return f"{remedy}   (there is: {', '.join(others)})" if others else remedy

@@ -92,7 +92,10 @@ PLAIN = Setup()
 
 @dataclass(frozen=True, slots=True, order=True)
 class FrameFault:
-    """A fault of the frame with this number, or the death of a node when that frame has been received."""
+    """A fault of one management frame, or the death of a node when that frame has been received.
+
+    number: number of the frame; 0 is the first management frame after the story begins.
+    """
 
     number: int
     kind: str
@@ -292,7 +295,7 @@ def _victim(sender: str, setup: Setup) -> str:
 
 
 class _FrameFaultInjector:
-    """Counts the management frames of a flight, and injects frame faults when their frame comes."""
+    """Counts the management frames of a flight, and injects each frame fault when the frame with its number comes."""
 
     def __init__(self, simulation: Simulation, faults: tuple[FrameFault, ...], injected: list[Injected]) -> None:
         """Inject `faults`, and append each to `injected`, which the oracle `service` reads."""
@@ -346,7 +349,7 @@ class _FrameFaultInjector:
         return list(nodes.values()) if victim == ALL_NODES else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
-        """Return the name of a victim's station; empty if the victim does not run, or is every node."""
+        """Return the name of a victim's station; empty for every node, and for a manager that does not run."""
         if victim == ALL_NODES:
             return ""
         if victim.startswith("pe:"):

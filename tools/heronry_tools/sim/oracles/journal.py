@@ -58,7 +58,12 @@ Read = Callable[[str], bytes | None]  # bytes on the disk of a station's manager
 
 @dataclass(slots=True)
 class _Said:
-    """What one manager has sent in all its masterships: highest term, last new PREPARE, last LEASE (epoch, digest)."""
+    """What one manager has sent in all its masterships.
+
+    term: the highest term.
+    prepared: epoch of the last PREPARE with a new number.
+    leased: epoch and digest of the last LEASE.
+    """
 
     term: int = 0
     prepared: int = NO_EPOCH
@@ -79,7 +84,7 @@ class JournalCheck(Oracle):
         self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: bytes on its disk, and what they hold
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
-        """Verify a command of the manager at a station."""
+        """Verify a command of a manager; `station` is the name of the manager in the simulator."""
         if isinstance(message, SliceHead | SliceBody):
             return
         said = self._said.setdefault(station, _Said())
@@ -97,7 +102,7 @@ class JournalCheck(Oracle):
             self._tell(t_ns, station, _numbers(said, memory) + facts)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """Note that a second manager is about to start at station `twin`, with `station`'s journal."""
+        """Note that the manager `twin` is about to start with a copy of the journal of the manager `station`."""
         self._said[twin] = replace(self._said.get(station, _Said()))
         self._prepared = {epoch: "" if first == twin else first for epoch, first in self._prepared.items()}
 
@@ -118,7 +123,10 @@ class JournalCheck(Oracle):
         return memory
 
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether an earlier version of the journal, a few records shorter, agrees with a HOLDS."""
+        """Tell whether a HOLDS agrees with the journal as it was before its last few records.
+
+        False for any other message.
+        """
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False
         lines = self._last_read[manager][0].splitlines(keepends=True)
@@ -128,7 +136,7 @@ class JournalCheck(Oracle):
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether HOLDS names the first phase, and may have been sent before another phase was entered.
+        """Tell whether `message` is a HOLDS of the first phase, and the journal named no phase a moment ago.
 
         The first phase has no record in the journal.
         """

@@ -2,9 +2,9 @@
 
 `bound_ns` counts from the last fault. It adds up these times, each at its longest:
 
-    controllers     the restart of a bus-off controller, and the sending of what was queued for T_lease
-    a manager       T_lease, for which a manager that has just started listens, and its start-up window, in which it
-                    waits for PEs that will never be heard
+    controllers     the restart of a bus-off controller, and T_lease for the frames that wait in its queue
+    a manager       T_lease, for which a manager listens after its start; then its start-up window, in which it waits
+                    for PEs that will never be heard
     an old epoch    one patience: an epoch that is under way is abandoned when one PE has not answered for so long
     the way back    the start of a PE and its hold-down, which doubles after each loss, up to a minute. The losses are
                     counted from ALIVE, which names the available PEs, and are forgotten after a minute of availability.

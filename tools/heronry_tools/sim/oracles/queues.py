@@ -5,8 +5,8 @@
 - A bus on which frames wait must have been idle at some moment in the interval. A bus is never idle while a frame waits
   (arbitration is work-conserving), so an idle moment proves that every queue was empty. The bus was never idle if its
   frames fill the interval. (An error-passive controller pauses for 8 bits after each frame; that counts as idle.)
-- On a bus within its budget, no frame may wait from one call of `look` to the second call after it. A frame that waits
-  so long is one that its sender never sends.
+- On a bus within its budget, no frame may wait from one call of `look` to the second call after it. If a frame waits
+  so long, its sender has left it behind.
 """
 
 from collections.abc import Mapping

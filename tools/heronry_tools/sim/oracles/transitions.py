@@ -4,9 +4,11 @@ At the first GO or GO_ALL of an epoch, the oracle knows from state frames what e
 already stopped what they must give up. `heronry_dg.verify_transition` goes through every order in which the PEs may
 take the remaining steps, and must find that the data fit on each bus at every moment.
 
-The oracle verifies an epoch only if the configuration before it is known: all PEs that take part and run anything are
-ACTIVE in one epoch that was read back from its frames, or BROKEN in the epoch that is verified. A radio counts with its
-whole budget here; the oracle `radio` verifies the share that is usable.
+The oracle verifies an epoch only if it knows the configuration that ran before. This is so if every PE that takes part,
+and runs anything, is in one of two states: BROKEN in the epoch that is verified, or ACTIVE in an earlier epoch. The
+earlier epoch must be the same for all these PEs, and the oracle must have read it back from its frames.
+
+A radio counts with its whole budget here; the oracle `radio` verifies the share that is usable.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +29,7 @@ class TransitionCheck(Oracle):
     """Verifies each epoch at its first GO or GO_ALL, from what each PE runs at that time."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
-        """Begin without states; the caller adds to `epochs` (by number) each epoch that is activated."""
+        """Begin with no state frame seen; the caller adds each activated epoch to `epochs`, under its number."""
         super().__init__()
         self._spec, self._epochs = spec, epochs
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
@@ -72,7 +74,7 @@ class TransitionCheck(Oracle):
         return [f"from epoch {before.number} to {epoch.number}: {one}" for one in found if one.rule == "t.bus"]
 
     def _before(self, pages: Sequence[StatePage0]) -> Epoch | None:
-        """Return the epoch in which all these PEs are ACTIVE; None if they are not all in one epoch."""
+        """Return the epoch in which all these PEs are ACTIVE; None if there is no such epoch, or it is not known."""
         said = {(page.epoch, page.digest, page.state) for page in pages}
         number, digest, state = next(iter(said), (NO_EPOCH, 0, PeState.UNCONFIGURED))
         before = self._epochs.get(number)

@@ -102,7 +102,7 @@ def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
     """Return the kills and the jammed actuators of a script as faults, for the oracle `service`.
 
     If one of two managers is killed, the kill is a fault without duration, since the other manager takes over.
-    The fault of a jammed actuator names no element: when the actuator is reported depends on the monitors.
+    The fault of a jammed actuator names no element, since the monitors decide when the actuator is reported.
     """
     start_ns, restored = _start_ns(flight), dict[str, int]()
     for deed in reversed(script.deeds):

@@ -70,7 +70,7 @@ def prepared(spec: Spec, faults: int | None) -> Prepared:
 
 
 def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
-    """Return the tables of a spec, with these contingencies on board."""
+    """Return the tables of a spec, with the contingencies `made` on board; None: without contingencies."""
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in spec.pes}
     if made is None:

@@ -12,9 +12,9 @@ _STARTS_AGAIN_MS = (5, 200)
 
 
 def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
-    """Make an injection of `do`, which is done to the running PE that the fault names.
+    """Make an injection that applies `do` to the PE that the fault names, if this PE runs.
 
-    The fault is ended only if the same incarnation of the PE still runs then.
+    At the end of the fault, nothing is done if this incarnation of the PE has ended.
     """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
@@ -28,9 +28,9 @@ def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
 
 
 def _on_living(do: Callable[[Simulation, Fault, Random], End | None]) -> Inject:
-    """Make an injection of `do`, which is done to the running PE that the fault names.
+    """Make an injection that applies `do` to the PE that the fault names, if this PE runs.
 
-    The fault is ended in whichever incarnation of the PE runs then.
+    At the end of the fault, the fault is ended in the incarnation of the PE that runs then.
     """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
