@@ -79,9 +79,10 @@ class ManagementTimes:
                 self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
 
     def on(self, bus: str, burst: Burst) -> FrameTimes | None:
-        """Give the longest response times on `bus` if the frames of `burst` are sent besides the regular ones.
+        """Give the longest response times on `bus` if the frames of `burst` are sent in addition to the regular frames.
 
-        None: the response times have no bound.
+        On the manager's bus, SLICE frames are counted once as a paced stream and once as a burst. Both give upper
+        bounds; the result is the one with the smaller bound for answers. None: the response times have no bound.
         """
         entry = self._spec.buses[bus]
         ways = [

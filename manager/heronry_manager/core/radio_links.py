@@ -1,7 +1,7 @@
 """The share of each radio's bandwidth that plans may use, from the reports of its gateway.
 
 Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps, and plans use one of them. The
-step of a radio
+step of a radio changes in three ways:
 
     falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are more than
              a tenth below the present step; with a longer wait the queues of the gateway would grow
@@ -55,7 +55,7 @@ class LinkRecord:
     period_ns: int
     step: int = PER_MILLE  # the share that plans use, in thousandths
     gone: bool = False
-    settling: bool = True  # no PE beyond has been available since the start, or since it was gone
+    settling: bool = True  # no PE beyond the radio has been available since the start, or since the radio was gone
     report: LinkReport | None = None
     low: bool = False  # the last report was below the step
     rising_since_ns: int | None = None

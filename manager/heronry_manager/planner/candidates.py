@@ -86,7 +86,7 @@ def _givers(modules: Mapping[str, Candidate]) -> dict[str, list[tuple[str, str, 
 
 
 def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
-    """Return the modules that have a PE, with the PEs that could carry each mode if nothing else ran there."""
+    """Return the modules that fit on some PE, with the PEs that could carry each mode if nothing else ran there."""
     placeable = {}
     for module in spec.modules.values():
         pes = [pe for pe in left.hosts(module) if module.flash <= spec.pes[pe].flash]
@@ -103,7 +103,7 @@ def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
 
 
 def _possible(placeable: dict[str, Candidate]) -> dict[str, Candidate]:
-    """Remove the modes whose needs cannot hold, until all that are left can hold together."""
+    """Remove the modes whose `needs` cannot hold with the modes that are left; repeat this until no mode is removed."""
     current = placeable
     while True:
         given = _given(current)

@@ -182,7 +182,10 @@ def decode_orders(packet: bytes) -> Iterator[Order]:
 
 
 def encode_answer(answer: Loaded | StartRefused | Done | Failed) -> bytes:
-    """Encode an answer as a packet for the agent; raises Uncarriable if a value cannot be sent."""
+    """Encode an answer as a packet for the agent.
+
+    Raises Uncarriable if a value cannot be sent, or if the packet would be longer than `ANSWER_BYTES`.
+    """
     packet = _stepped(answer) if isinstance(answer, Done) else _other(answer)
     if len(packet) > ANSWER_BYTES:
         raise Uncarriable(f"a step gives {len(packet)} bytes, more than {ANSWER_BYTES}")

@@ -86,7 +86,10 @@ def contingencies_of(
 
 
 def kept_contingencies(spec: "Spec") -> "Contingencies | None":
-    """Give the plans for every single fault from the cache; None if it has none of this spec, solver and planner."""
+    """Give the plans for every single fault from the user's cache.
+
+    None if the cache has no plans that this planner made for this spec with this solver.
+    """
     return _kept(spec, _kept_in(spec))
 
 
@@ -99,7 +102,10 @@ def can_plan_ahead() -> bool:
 
 
 def questions(spec: "Spec") -> int:
-    """Give the number of plans for every single fault in all phases, without the plans for places."""
+    """Give how many plans are made for single faults, over all phases that are planned ahead, without those for places.
+
+    A plan for a place is the plan for the failure of a module on one PE.
+    """
     scope = _scope(spec)
     return scope.set_count() * len(scope.phases)
 

@@ -51,7 +51,10 @@ class _Loop(Module):
 
 
 class VerticalSpeedControl(_Loop):
-    """Computes the pitch command: the sum of trimmed angle of attack, commanded path angle and speed feedback."""
+    """Computes the pitch command: the trimmed angle of attack, the commanded path angle and a correction are added.
+
+    The correction is proportional and integral feedback of the error of the vertical speed.
+    """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the pitch command; without a measured airspeed, assume the reference airspeed."""

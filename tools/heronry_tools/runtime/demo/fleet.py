@@ -59,7 +59,10 @@ def run_folder() -> Path:
 
 
 def _here() -> str:
-    """Name the process namespace of this process: containers may share /tmp, and have process numbers of their own."""
+    """Return 8 hexadecimal digits that stand for this boot of the kernel and the PID namespace of this process.
+
+    The name of a run's folder contains them: containers may share /tmp, and each has process numbers of its own.
+    """
     kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     space = Path("/proc/self/ns/pid").stat().st_ino
     return sha256(f"{kernel} {space}".encode()).hexdigest()[:8]
@@ -79,7 +82,7 @@ def keep_logs(folder: Path) -> Path:
 
 
 class Fleet:
-    """All processes of one run; as a context manager it ends them all."""
+    """All processes of one run; a context manager, which ends all of them when its block is left."""
 
     def __init__(
         self,

@@ -79,7 +79,10 @@ def _collapse(simulation: Simulation, fault: Fault, _: Random) -> End:
 
 
 def _link(direction: str) -> Inject:
-    """Return an injection that breaks the link of every gateway to a bus, in one direction or in both."""
+    """Return an injection that breaks the link of every gateway to the fault's bus, in one direction or in both.
+
+    direction: the argument of `SimulatedBus.wire` that is set: `cut_off`, `transmit_failed` or `receive_failed`.
+    """
 
     def inject(simulation: Simulation, fault: Fault, _: Random) -> End | None:
         gateways = [pe for pe in simulation.fleet.running.values() if len({bus.name for bus, _ in pe.stations}) > 1]
