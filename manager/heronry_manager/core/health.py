@@ -355,9 +355,9 @@ class Health:
         return changes
 
     def tick(self, now_ns: int) -> list[HealthChange]:
-        """Find the PEs that are late or silent, or whose hold-down is over, at `now_ns`.
+        """Find the PEs that are late or silent at `now_ns`, or whose hold-down is over; gives the changes of health.
 
-        Gives the changes of their health.
+        When the start-up window closes, every PE that is still WAITING becomes DOWN, too.
         """
         changes: list[HealthChange] = []
         for record in self._records.values():

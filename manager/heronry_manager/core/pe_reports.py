@@ -1,7 +1,7 @@
 """The reports of PEs, once they are decoded and believed: the pages of a state, and EMCYs.
 
-    page 0    the PE lives, and runs this epoch: for `health`, `following` and `deployment`, in this order. If the PE
-              runs what it must not, or an epoch newer than this manager's, a plan is needed
+    page 0    shows that the PE lives, and which epoch it runs. `health`, `following` and `deployment` get the page, in
+              this order. If the PE runs what it must not, or an epoch newer than this manager's, a plan is needed
     page 1    how far the PE is with the epoch that is being prepared; without a key also that the PE lives
     page 2    with a key: the PE requests a session, which this manager opens if it is active
     page 3    only `authenticity` uses it

@@ -6,8 +6,9 @@ Two passes over the spec, both exact:
 and if its `needs` could hold while every other possible mode runs. The pass finds the largest set of such modes,
 because feedback is legal: two modules that feed each other are possible together.
 
-*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase), an end of a
-wanted DEMUX, or feeds a possible mode of a useful module. No other module can serve (semantics rule 5).
+*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase). If this output is
+a DEMUX, its ends are useful. A module is also useful if it feeds a possible mode of a useful module. No other module
+can serve (semantics rule 5).
 
 Every legal configuration consists of candidates. Sums (resources, traffic) are not checked here: the solver does that.
 """

@@ -102,9 +102,9 @@ def can_plan_ahead() -> bool:
 
 
 def questions(spec: "Spec") -> int:
-    """Give how many plans are made for single faults, over all phases that are planned ahead, without those for places.
+    """Give the number of plans to make: in each phase one for the healthy system, and one for each single fault.
 
-    A plan for a place is the plan for the failure of a module on one PE.
+    Plans for places are not counted. (A plan for a place is for the failure of a module on one PE.)
     """
     scope = _scope(spec)
     return scope.set_count() * len(scope.phases)
@@ -200,7 +200,7 @@ def _make(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
 
 
 def _scope(spec: "Spec") -> "Scope":
-    """Give the fault sets and phases of the plans that are made ahead."""
+    """Give what is planned ahead: the elements that may fail, the number of faults at once (0 or 1), and the phases."""
     from heronry_dg.situation import elements  # noqa: PLC0415
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
     from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415

@@ -88,7 +88,7 @@ class CourseControl(Module):
     """Computes the roll command from the error of the course over ground."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the roll command: at most 25 degrees, and 8 degrees in the flare and its transition."""
+        """Publish the roll command: at most 25 degrees, in the flare transition and the flare at most 8 degrees."""
         command = number(inputs, "course_command")
         north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
         if command is None or north is None or east is None:

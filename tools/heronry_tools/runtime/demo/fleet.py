@@ -102,7 +102,7 @@ class Fleet:
 
         aloft_s: how long the simulated flight has already lasted when the demo begins, in s.
         called: the name under which the operator's commands find the manager (`manager_name`); None: by its path alone.
-        heartbeat_ns: shortest heartbeat period in `spec`, if it is longer than in the file; None if it is not.
+        heartbeat_ns: shortest heartbeat period in `spec`, if `spec` has longer periods than `spec_file`; None if not.
         device_driver: name of the driver of all devices; None for the driver of the scripted flight.
         environment: environment variables for all processes.
         """
@@ -134,7 +134,7 @@ class Fleet:
         self._end(signal.SIGKILL if kind is not None and issubclass(kind, KeyboardInterrupt) else signal.SIGTERM)
 
     def start_buses(self, choices: Mapping[str, BusChoice]) -> None:
-        """Start the software buses among these choices."""
+        """Start a hub for each channel of the software buses of this run; `choices`: by name of the spec's bus."""
         self._buses = choices
         for choice in choices.values():
             for config in choice.configs() if choice.is_ours else ():

@@ -135,19 +135,19 @@ class Script:
     """The content of one scenario file."""
 
     file: Path
-    why: str
+    why: str  # the comment at the top of the file
     spec: Spec
     spec_file: Path
     seed: int
-    without: frozenset[str]
-    contingencies: int | None
+    without: frozenset[str]  # PEs that are absent at the start, as pe:NAME
+    contingencies: int | None  # most faults at once that contingencies on board cover; None: no contingencies
     has_standby: bool
     has_key: bool
-    is_unforeseen: bool
+    is_unforeseen: bool  # nothing is pre-planned
     deeds: tuple[Deed, ...]
     expectations: tuple[Expectation, ...]
-    end_ns: int
-    loss: float = 0.0
+    end_ns: int  # since the script began
+    loss: float = 0.0  # share of the frames that are destroyed, 0 to 0.5
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -161,7 +161,7 @@ class Script:
 
 
 def read_script(file: Path) -> Script:
-    """Read a scenario file; raises UserError with the place and the remedy."""
+    """Read a scenario file; raises UserError, with the place and the remedy, for a line that cannot be read."""
     try:
         text = file.read_text(encoding="utf-8")
     except UnicodeDecodeError:

@@ -38,7 +38,10 @@ def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
 
 
 def _share(field: str) -> Inject:
-    """Return an injection that sets one probability (`loss`, `omission` or `doubled`) of a bus to the fault's level."""
+    """Return an injection that sets one probability of a bus to the fault's level, in thousandths.
+
+    field: the probability: `loss`, `omission` or `doubled`.
+    """
 
     def inject(simulation: Simulation, fault: Fault, _: Random) -> End:
         wires, before = simulation.wiring.wires[fault.name], getattr(simulation.wiring.faults, field)
