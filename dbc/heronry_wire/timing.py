@@ -298,7 +298,7 @@ def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_S
 
 
 def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
-    """Give the longest response time among the instances of a message in the busy period, and their number."""
+    """Give the longest response time among the instances of a message in the busy period, and how many these are."""
     instances = -(-(busy + stream.jitter) // stream.period)
     worst = delay = queue.length
     if instances > 1:

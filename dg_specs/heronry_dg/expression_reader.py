@@ -219,7 +219,10 @@ class ExpressionReader:
         return points if len(points) == accepted else points[best - 1 : worst]
 
     def _demux_leaf(self, place: Place, name: str) -> Reading | None:
-        """Read the name of a DEMUX: a leaf for its variable, in any version."""
+        """Read the name of a DEMUX: give a leaf that accepts every version of the DEMUX's variable.
+
+        None if the DEMUX or its variable has a mistake.
+        """
         form = self._draft.demuxes[name].form
         variable = self._draft.variables.get(form.demux) if form is not None else None
         if form is None or variable is None or variable.form is None:

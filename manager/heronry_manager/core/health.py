@@ -315,7 +315,7 @@ class Health:
     def forgive(self, pe: str) -> bool:
         """Let a PE become available again after the shortest hold-down.
 
-        Tells whether it was barred or in quarantine.
+        Tells whether the PE was barred or in quarantine until now.
         """
         record = self._records[pe]
         kept_out = record.barred or self.is_quarantined(pe)

@@ -177,7 +177,7 @@ def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
 
 
 def _made(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
-    """Make the file and give its plans; if another process makes it, wait for that process and read the file."""
+    """Make the file and give its plans; if another process makes the file, wait for that process, and read the file."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with (file.parent / "lock").open("w") as lock:
         try:

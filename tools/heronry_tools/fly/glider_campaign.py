@@ -26,7 +26,8 @@ def summary(landings: Sequence[GliderLanding]) -> dict[str, Any]:
     """Return the statistics of many flights as JSON data.
 
     The entry `kept` concerns only some flights: those whose last plan has modules that steer by the route, and in which
-    no parachute opened. It has the share of acceptable landings among these flights.
+    no parachute opened. It has the share of acceptable landings among these flights. `from_home_m` has the median and
+    the greatest distance of the landings from home.
     """
     kept = [landing for landing in landings if landing.guided and not landing.chute]
     far = sorted(landing.from_home_m for landing in landings if landing.from_home_m is not None)

@@ -27,7 +27,7 @@ class Output:
 
     t_ns: the end of the frame.
     module, node: the module of the output, and the node on which it drove its actuator or ran.
-    value: the command to the actuator; None where there is none.
+    value: the command to the actuator; None if the frame only shows that the module ran.
     """
 
     t_ns: int

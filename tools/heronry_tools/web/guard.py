@@ -54,8 +54,8 @@ class Access:
 
     address: str  # an IP address
     port: int
-    token: str
-    operates: bool = False
+    token: str  # the secret after `#` in the printed address
+    operates: bool = False  # whether pages may give orders (--operate)
 
     @property
     def is_local(self) -> bool:

@@ -164,9 +164,10 @@ class Fleet:
         return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
 
     def active_manager(self) -> int:
-        """Give the node-ID of the active manager, from its status.
+        """Give the node-ID of the active manager; on a busy computer the standby manager may have taken over.
 
-        On a busy computer the standby manager may have taken over.
+        If there are two managers, the status of each shows whether it is active. If no status shows this, the result is
+        the lower node-ID.
         """
         if len(self._managers) > 1:
             for node in self._managers:
@@ -191,7 +192,7 @@ class Fleet:
     def order(self, order: Spoken, place: str) -> None:
         """Give an order to the active manager.
 
-        Raises UserError, which begins with `place`, where the manager refuses the order or does not answer.
+        Raises UserError, whose message begins with `place`, if the manager refuses the order or does not answer.
         """
         try:
             answer = call(self.control_socket(self.active_manager()), order)

@@ -12,7 +12,7 @@ class Flown:
 
     script: Script
     where: str  # in the simulator, or on which bus
-    seconds: float  # time of the script at its end
+    seconds: float  # how long the script lasts
     verdicts: tuple[Verdict, ...]  # one for each expectation
     violations: tuple[str, ...]  # one sentence for each
     trace: tuple[str, ...]  # the lines of the decision trace
