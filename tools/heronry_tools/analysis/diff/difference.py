@@ -35,7 +35,7 @@ class PhaseDifference:
 
     phase: str | None  # the phase of the new spec; None for a spec without phases
     against: str | None  # the phase of the old spec
-    functions: Mapping[str, tuple[str | None, str | None]]  # function -> what serves it; None: nothing, or no function
+    functions: Mapping[str, tuple[str | None, str | None]]  # as `PhaseConsequences.served`; None also: no such function
     hangs_on: Mapping[str, Moved]  # by function
     buses: Mapping[str, tuple[int, int]]  # bus -> load in bit/s
     cpu_millis: tuple[int, int]  # load of all PEs, in thousandths of a core
