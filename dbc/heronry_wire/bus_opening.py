@@ -34,7 +34,10 @@ def bus_name(config: Mapping[str, Any]) -> str:
 
 
 def look_at_interface(config: Mapping[str, Any]) -> None:
-    """Raise LinkError if a SocketCAN interface should not be used now; restarts a controller that is bus-off."""
+    """Raise LinkError if a SocketCAN interface has another bit rate than the bus, or if its controller is bus-off.
+
+    A controller that is bus-off is restarted here, unless Linux restarts it. A restart that succeeds is no error.
+    """
     interface = config.get("channel") if config.get("interface") == "socketcan" else None
     reason = None if interface is None else obstacle(interface, config.get("bitrate"))
     if reason is not None:

@@ -149,7 +149,7 @@ def management_id(manager: int, command: Command) -> int:
 
 def _checked(node_id: int, allowed: range, kind: str) -> int:
     if node_id not in allowed:
-        raise WireError(f"{kind} {node_id} has no such identifier: use {allowed[0]}..{allowed[-1]}")
+        raise WireError(f"{node_id} is not the node-ID of a {kind}: use {allowed[0]}..{allowed[-1]}")
     return node_id
 
 
@@ -231,7 +231,7 @@ def allocate(sources: Iterable[Source]) -> dict[tuple[str, str], int]:
     rest.sort(key=lambda s: (s.criticality_rank, -s.rate_mhz))
     if len(rest) > len(ALLOCATED_DATA_IDS):
         raise WireError(
-            f"{len(rest)} (module, variable) pairs need an allocated identifier and there are "
+            f"{len(rest)} (module, variable) pairs need an allocated identifier, but there are only "
             f"{len(ALLOCATED_DATA_IDS)}: give variables a standard identifier, or merge variables"
         )
     for source, can_id in zip(rest, ALLOCATED_DATA_IDS, strict=False):

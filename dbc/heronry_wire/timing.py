@@ -161,8 +161,9 @@ class _Stream(NamedTuple):
 class _Window:
     """A time window that is exactly as long as it takes to send the messages that are released in it.
 
-    ahead: a message counts if it is released before `length + ahead`. due: a heap with the next release of each stream
-    that does not count yet. The window only grows, so every release is counted once.
+    length: the length of the window. ahead: time after the window in which a release counts, too. due: a heap with an
+    entry (next release, period, cost) for each stream; this release does not count yet. All times are integers on the
+    common denominator. The window only grows, so every release is counted once.
     """
 
     __slots__ = ("ahead", "due", "length")
@@ -243,7 +244,10 @@ def _check(messages: Sequence[Message], errors: Errors | None) -> None:
 
 
 def _on_one_denominator(messages: Sequence[Message], errors: Errors | None) -> tuple[int, list[_Stream], int]:
-    """Give the common denominator of all times, and the messages and the interval between errors as multiples of it."""
+    """Convert all times to integers: give a common denominator, the messages, and the interval between errors.
+
+    A time of n bit times becomes n times the denominator.
+    """
     interval = errors.interval if errors else 1
     times = [interval, *(time for m in messages for time in (m.period, m.jitter, m.deadline))]
     scale = lcm(*(time.denominator for time in times))
@@ -294,7 +298,7 @@ def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_S
 
 
 def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
-    """Give the longest response time among the instances of a message in the busy period, and their number."""
+    """Give the longest response time among the instances of a message in the busy period, and how many these are."""
     instances = -(-(busy + stream.jitter) // stream.period)
     worst = delay = queue.length
     if instances > 1:

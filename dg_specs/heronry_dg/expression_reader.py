@@ -141,7 +141,7 @@ class ExpressionReader:
         return match
 
     def _input(self, fields: Mapping[str, yaml_source.Entry], below_choice: bool) -> Reading | None:
-        """Read `{var: NAME, worth: [...], only_in: [...]}`."""
+        """Read an input in the form `{var: NAME, worth: [...], only_in: [...]}`; gives None where it has a mistake."""
         for key in fields.keys() - set(_INPUT_FIELDS):
             hint = self._findings.suggestion(key, _INPUT_FIELDS) or "write {var: NAME, worth: [...], only_in: [...]}"
             self._findings.add(rules.UNKNOWN_GATE, fields[key].place, f"an input has no field {shown(key)}", hint)
@@ -219,7 +219,10 @@ class ExpressionReader:
         return points if len(points) == accepted else points[best - 1 : worst]
 
     def _demux_leaf(self, place: Place, name: str) -> Reading | None:
-        """Read the name of a DEMUX: a leaf for its variable, in any version."""
+        """Read the name of a DEMUX: give a leaf that accepts every version of the DEMUX's variable.
+
+        None if the DEMUX or its variable has a mistake.
+        """
         form = self._draft.demuxes[name].form
         variable = self._draft.variables.get(form.demux) if form is not None else None
         if form is None or variable is None or variable.form is None:
@@ -288,7 +291,7 @@ class ExpressionReader:
         idle = [item for reading, item in zip(inputs, entry.node.items, strict=True) if reading.holds_unwired]
         for item in idle:
             sentence = "this input of a XOR holds with nothing wired below it"
-            self._findings.add(rules.XOR_UNWIRED, item.place, sentence, "give the OR below it a 'k' of 1 or more")
+            self._findings.add(rules.XOR_UNWIRED, item.place, sentence, "give the OR in this input a 'k' of 1 or more")
         return None if idle else _joined(Xor(_expressions(inputs)), inputs, holds_unwired=False)
 
     def _inputs(self, place: Place, gate: str, node: Node, least: int, below_choice: bool) -> list[Reading] | None:
@@ -354,7 +357,8 @@ def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
 def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> tuple[int, ...]:
     """Give the points of an input without `worth`, one number per accepted version, best version first.
 
-    The points are 0 if the input accepts one version and is below no OR or XOR; otherwise a better version gets more.
+    If the input accepts only one version, and is below neither an OR nor a XOR, the points are 0. Otherwise a better
+    version gets more points than a worse one.
     """
     if not below_choice and best == worst:
         return (0,)

@@ -74,11 +74,11 @@ def test_the_edges_of_the_plan(can_id: int, meaning: Meaning) -> None:
 
 
 def test_an_identifier_is_refused_to_a_node_that_has_none() -> None:
-    with pytest.raises(WireError, match=r"PE 126 has no such identifier: use 92\.\.125"):
+    with pytest.raises(WireError, match=r"126 is not the node-ID of a PE: use 92\.\.125"):
         plan.state_id(126)
-    with pytest.raises(WireError, match=r"node 91 has no such identifier: use 92\.\.127"):
+    with pytest.raises(WireError, match=r"91 is not the node-ID of a node: use 92\.\.127"):
         plan.heartbeat_id(91)
-    with pytest.raises(WireError, match=r"manager 125 has no such identifier: use 126\.\.127"):
+    with pytest.raises(WireError, match=r"125 is not the node-ID of a manager: use 126\.\.127"):
         plan.management_id(125, Command.LEASE)
 
 
@@ -160,7 +160,7 @@ def test_the_gap_of_the_sdo_identifiers_is_jumped_over() -> None:
 
 
 def test_too_many_pairs_are_an_error() -> None:
-    with pytest.raises(WireError, match=r"222 .* pairs need an allocated identifier and there are 221"):
+    with pytest.raises(WireError, match=r"222 .* pairs need an allocated identifier, but there are only 221"):
         allocate(source(f"m{i}", "v", order=i) for i in range(222))
 
 

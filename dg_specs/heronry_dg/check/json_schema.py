@@ -1,4 +1,4 @@
-"""The JSON schema of a spec (draft 7), for editors: they complete fields, show what each means, and mark mistakes.
+"""The JSON schema of a spec (draft 7). With it an editor completes fields, shows their meaning, and marks mistakes.
 
 The schema is generated from the forms of schema.py; gate expressions, initial values and names are added. It accepts
 everything that the loader accepts, including a key without a value. It does not check whether a name refers to
@@ -121,7 +121,10 @@ def spec_schema() -> dict[str, Any]:
 
 
 def _complete_sections(sections: dict[str, Any]) -> None:
-    """Complete the sections; the form of a module depends on the field `modes`, the form of a gate on `demux`."""
+    """Add to the schemas of the sections `modules`, `gates` and `phases` what their entries must look like.
+
+    The form of a module depends on the field `modes`, the form of a gate on the field `demux`.
+    """
     sections["modules"]["additionalProperties"] = {
         "if": {"required": ["modes"], "properties": {"modes": {"not": {"type": "null"}}}},
         "then": {"$ref": "#/definitions/ModuleOfModesForm"},

@@ -79,9 +79,10 @@ class ManagementTimes:
                 self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
 
     def on(self, bus: str, burst: Burst) -> FrameTimes | None:
-        """Give the longest response times on `bus` if the frames of `burst` are sent besides the regular ones.
+        """Give the longest response times on `bus` if the frames of `burst` are sent in addition to the regular frames.
 
-        None: the response times have no bound.
+        On the manager's bus, SLICE frames are counted once as a paced stream and once as a burst. Both give upper
+        bounds; the result is the one with the smaller bound for answers. None: the response times have no bound.
         """
         entry = self._spec.buses[bus]
         ways = [
@@ -125,7 +126,10 @@ class ManagementTimes:
         return [*commands, *reports, *states, *once(burst.answers * len(senders))], len(commands), burst.reports
 
     def _states(self, bus: Bus, pe: str) -> tuple[Message, Message]:
-        """Give page 0 and page 1 of a PE as they load this bus; a gateway that forwards them adds its jitter."""
+        """Give page 0 and page 1 of a PE as periodic messages on this bus.
+
+        If a gateway forwards the pages to this bus, both have a jitter of one heartbeat period of the PE.
+        """
         home = bus if bus.name in self._spec.pes[pe].buses else self._spec.buses[uplink_bus(self._spec, pe)]
         period = Fraction(home.heartbeat_ns * bus.bitrate, _NS_PER_S)
         jitter = Fraction(0) if home is bus else period

@@ -40,7 +40,10 @@ class Adoption:
         self._observed, self._epochs = observed, epochs
 
     def of_plan(self, plan: Plan) -> Reconfiguration | None:
-        """Give the epoch that the PEs run if every available PE runs exactly this plan; None otherwise."""
+        """Give the epoch that the PEs run, if every available PE runs exactly this plan.
+
+        None if not, or if a silent PE may run a later epoch.
+        """
         compiled = self._epochs.compiled(plan.configuration)
         seen = [self._observed.of[pe] for pe in self._health.available()]
         clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)

@@ -18,9 +18,9 @@ the available PEs report this, the fault is on the manager's side; then no PE is
 configuration goes on. The same holds if the only available PE reports it.
 
 A manager that takes over may hear a PE that was available to the previous manager, but has proven nothing to this
-manager yet (`await_again`). That PE is WAITING again. ALIVE names it until the window closes, and nothing that it
-drives is given to another PE meanwhile. The manager does not wait for a PE that has stopped sending. A PE is not held
-down if it was available to the previous manager until the end, and still runs that manager's configuration
+manager yet (`await_again`). That PE is WAITING again. ALIVE names it until the start-up window closes, and nothing that
+the PE drives is given to another PE meanwhile. The manager does not wait for a PE that has stopped sending. A PE is not
+held down if it was available to the previous manager until the takeover, and still runs that manager's configuration
 (`inherited`), since only this manager did not hear it.
 
 A PE that the operator has *barred* stays DOWN, whatever it sends, until the operator lets it in again.
@@ -250,7 +250,10 @@ class Health:
         return changes + self._fail_if_receive_failed(record, last, now_ns)
 
     def _fail_if_receive_failed(self, record: _Record, last_ns: int | None, now_ns: int) -> list[HealthChange]:
-        """Fail a PE that reports for too long that it does not hear the manager, though most other PEs hear it."""
+        """Fail a PE that reports for too long that it does not hear the manager; returns the changes.
+
+        If more than half of the available PEs report this, no PE is failed: the fault may be the manager's.
+        """
         if not record.receive_has_failed(now_ns) or not self.is_available(record.name):
             return []
         available = self.available()
@@ -280,7 +283,10 @@ class Health:
                 self._window_closes_ns = now_ns + window_ns
 
     def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
-        """Make these PEs available now: they were available to the previous manager, and run its configuration."""
+        """Make those of these PEs that are in their hold-down (RETURNING) available now; returns the changes.
+
+        They were available to the previous manager, and run its configuration.
+        """
         return [
             self._join(record, now_ns, StandingEvent.INHERITED, "it was available to the previous manager")
             for record in map(self._records.__getitem__, sorted(pes))
@@ -294,7 +300,10 @@ class Health:
         record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
-        """Give the PEs of `await_again` that have still proven no state; after the window closes, none."""
+        """Give the PEs named by `await_again` of which no state has been proven yet.
+
+        When the start-up window has closed, there are none.
+        """
         return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
 
     def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
@@ -306,7 +315,7 @@ class Health:
     def forgive(self, pe: str) -> bool:
         """Let a PE become available again after the shortest hold-down.
 
-        Tells whether it was barred or in quarantine.
+        Tells whether the PE was barred or in quarantine until now.
         """
         record = self._records[pe]
         kept_out = record.barred or self.is_quarantined(pe)
@@ -346,9 +355,9 @@ class Health:
         return changes
 
     def tick(self, now_ns: int) -> list[HealthChange]:
-        """Find the PEs that are late or silent, or whose hold-down is over, at `now_ns`.
+        """Find the PEs that are late or silent at `now_ns`, or whose hold-down is over; gives the changes of health.
 
-        Gives the changes of their health.
+        When the start-up window closes, every PE that is still WAITING becomes DOWN, too.
         """
         changes: list[HealthChange] = []
         for record in self._records.values():

@@ -1,7 +1,7 @@
 """Reads objects of PEs by SDO (CiA 301, 7.2.4), one at a time: details that EMCY and state frames cannot carry.
 
     idle      nothing is being read
-    opened    the request for an object is out: an answer gives a short value at once, or the length of a long one
+    opened    the request for an object was sent: the answer gives a short value itself, or the length of a long value
     segments  a long value comes segment by segment, each requested, the toggle bit alternating
     left      another SDO client has made a request to that PE (`heard_other`): the PE is left to that client until
               SILENCE_NS after the client's last request. An object that was being read is read anew after that. Other
@@ -97,7 +97,7 @@ class ObjectReader:
     def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int, *, tries: int = 1) -> None:
         """Queue an object for reading; `take` is called once, with its value, or with None if it cannot be read.
 
-        tries: how often the reading is tried at most, as long as no value comes.
+        tries: largest number of tries; another try follows only if the last one gave no value.
         """
         reading = _Reading(node, index, sub_index, take, tries)
         for replaced in [one for one in self._waiting if one.is_of(reading) and one.not_before_ns]:

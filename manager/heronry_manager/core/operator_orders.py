@@ -10,9 +10,9 @@
                      PE that was failed may join again after the shortest hold-down. The manager sends CONTROL, CLEAR to
                      every PE, so that a PE immediately reports a fault that persists. If that frame is lost, a PE
                      reports it a second later, and a standby manager learns of the clearing some beats later
-    script, release  run another configuration, which a script makes of the running one (`held_script`); end such a
-                     script. A script is refused during a reconfiguration, while another script waits, or if its
-                     configuration is not legal
+    script           run another configuration, which a script makes of the running one (`held_script`). A script is
+                     refused during a reconfiguration, while another script waits, or if its configuration is not legal
+    release          end the script that the operator has ordered, whether it runs already or not
     unlock pe:NAME   with a key: this one PE accepts NMT commands and SDO writes for UNLOCK_S seconds. The frame is not
                      repeated: if it is lost, the operator has to give the order again
 
@@ -89,7 +89,10 @@ class OperatorOrders:
         self._turn, self._known, self._planning = turn, known, planning
 
     def accept(self, order: OrderToExecute) -> Outcome:
-        """Carry out an order; refuse one whose name is not in the spec, with a sentence that lists the spec's names."""
+        """Carry out an order.
+
+        An order with a name that is not in the spec is refused; the sentence then lists the names of the spec.
+        """
         try:
             match order:
                 case EnterPhase(phase):

@@ -1,11 +1,11 @@
 """The reports of PEs, once they are decoded and believed: the pages of a state, and EMCYs.
 
-    page 0    the PE lives, and runs this epoch: for `health`, `following` and `deployment`, in this order. If the PE
-              runs what it must not, or an epoch newer than this manager's, a plan is needed
-    page 1    how far the PE is with the epoch that is being prepared; without a key also that the PE lives
-    page 2    with a key: the PE requests a session, which this manager opens if it is active
-    page 3    only `authenticity` uses it
-    EMCY      a fault, or a request for a phase or a priority. Only an active manager takes and acknowledges such an
+    page 0    shows that the PE lives, and which epoch it runs. `health`, `following` and `deployment` get the page, in
+              this order. If the PE runs what it must not, or an epoch newer than this manager's, a plan is needed
+    page 1    shows how far the PE is with the epoch that is being prepared; without a key also that the PE lives
+    page 2    exists with a key: the PE requests a session, which this manager opens if it is active
+    page 3    is used by `authenticity` alone
+    EMCY      reports a fault, or requests a phase or a priority. Only an active manager takes and acknowledges such an
               EMCY; the PE repeats it until then. A notice (`module_notices`) is not acknowledged. An EMCY that reports
               a reset has no effect, since the incarnation of the PE shows the reset
 

@@ -1,7 +1,7 @@
 """The share of each radio's bandwidth that plans may use, from the reports of its gateway.
 
 Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps, and plans use one of them. The
-step of a radio
+step of a radio changes in three ways:
 
     falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are more than
              a tenth below the present step; with a longer wait the queues of the gateway would grow
@@ -55,13 +55,13 @@ class LinkRecord:
     period_ns: int
     step: int = PER_MILLE  # the share that plans use, in thousandths
     gone: bool = False
-    settling: bool = True  # no PE beyond has been available since the start, or since it was gone
+    settling: bool = True  # no PE beyond the radio has been available since the start, or since the radio was gone
     report: LinkReport | None = None
-    low: bool = False  # the last report was below the step
-    rising_since_ns: int | None = None
+    low: bool = False  # the last report was more than a tenth below the step
+    rising_since_ns: int | None = None  # since when all reports have been high enough for a higher step
     lowest: int = PER_MILLE  # lowest usable share reported since `rising_since_ns`
-    falls: int = 0
-    fell_ns: int = 0
+    falls: int = 0  # each within a minute of the fall before
+    fell_ns: int = 0  # time of the last fall
 
     def is_new(self, report: LinkReport) -> bool:
         """Tell whether a report is newer than the last one: neither late nor doubled."""
@@ -85,7 +85,7 @@ class RadioLinks:
         self._gateway_nodes = {one.radio.bus: spec.pes[one.radio.gateway].node_id for one in self.records.values()}
 
     def limits(self) -> Mapping[str, Fraction]:
-        """Give the share of bandwidth that plans may use, for each radio where that is less than 1."""
+        """Give the share of bandwidth that plans may use, by `bus:NAME`, for each radio whose share is less than 1."""
         short = (record for record in self.records.values() if record.step < PER_MILLE)
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
 
@@ -96,7 +96,7 @@ class RadioLinks:
                 record.report = None
 
     def heard(self, frame: Frame, now_ns: int, *, any_pe_beyond: bool) -> list[LinkChange]:
-        """Note a gateway's report on its radio; gives what changes for plans.
+        """Note a gateway's report on its radio; returns the changes that plans must take into account.
 
         any_pe_beyond: some PE beyond the radio is available.
         """

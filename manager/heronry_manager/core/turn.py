@@ -49,7 +49,10 @@ class Turn:
         self.ask(Send(0, Frame(management_id(self.node, command), message.encode())))
 
     def keep(self, record: Record) -> None:
-        """Change the memory by this record, which survives a restart too."""
+        """Add a record to the memory, and request that the driver writes the record to the journal.
+
+        A silent manager does neither.
+        """
         if not self.silent:
             self.memory = self.memory.after(record)
             self.ask(Keep(record))

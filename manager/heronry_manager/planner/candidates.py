@@ -6,8 +6,9 @@ Two passes over the spec, both exact:
 and if its `needs` could hold while every other possible mode runs. The pass finds the largest set of such modes,
 because feedback is legal: two modules that feed each other are possible together.
 
-*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase), an end of a
-wanted DEMUX, or feeds a possible mode of a useful module. No other module can serve (semantics rule 5).
+*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase). If this output is
+a DEMUX, its ends are useful. A module is also useful if it feeds a possible mode of a useful module. No other module
+can serve (semantics rule 5).
 
 Every legal configuration consists of candidates. Sums (resources, traffic) are not checked here: the solver does that.
 """
@@ -86,7 +87,7 @@ def _givers(modules: Mapping[str, Candidate]) -> dict[str, list[tuple[str, str, 
 
 
 def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
-    """Return the modules that have a PE, with the PEs that could carry each mode if nothing else ran there."""
+    """Return the modules that fit on some PE, with the PEs that could carry each mode if nothing else ran there."""
     placeable = {}
     for module in spec.modules.values():
         pes = [pe for pe in left.hosts(module) if module.flash <= spec.pes[pe].flash]
@@ -103,7 +104,7 @@ def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
 
 
 def _possible(placeable: dict[str, Candidate]) -> dict[str, Candidate]:
-    """Remove the modes whose needs cannot hold, until all that are left can hold together."""
+    """Remove the modes whose `needs` cannot hold with the modes that are left; repeat this until no mode is removed."""
     current = placeable
     while True:
         given = _given(current)

@@ -48,7 +48,7 @@ class PlannerLink(Protocol):
         """Return the answers that have arrived, without waiting."""
 
     def cancel(self) -> None:
-        """Forget all requests, which get no answer, and replace the process if it works on one."""
+        """Forget all requests: they get no answer. If the process works on a request, replace the process."""
 
     def fileno(self) -> int:
         """Give the descriptor that is readable when `poll` has something to do."""

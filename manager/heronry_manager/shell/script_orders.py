@@ -32,7 +32,10 @@ class ScriptSaid:
 
 
 def target_of(text: str, spec: Spec, core: ManagerCore) -> FlyTarget:
-    """Apply a script to what a manager runs; if that fails, the result gives the first error as its `problem`."""
+    """Apply a script to the configuration of the manager's last plan.
+
+    If the script cannot be applied, the result gives the first error as its `problem`.
+    """
     if core.plan is None:
         return FlyTarget(None, "no epoch of this manager runs yet")
     return target_in(text, spec, core.now, core.plan.configuration)

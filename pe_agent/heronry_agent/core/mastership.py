@@ -47,7 +47,7 @@ class Mastership:
 
     @property
     def lease_ends_ns(self) -> int:
-        """Time in ns at which the lease ends, unless another LEASE comes."""
+        """Time in ns at which the lease ends, unless another LEASE comes; 0 if no LEASE has come yet."""
         return 0 if self._leased_ns is None else self._leased_ns + self._lease_ns + 1
 
     def hears_lease(self, now_ns: int) -> bool:

@@ -1,6 +1,6 @@
 """The queue of a gateway for a radio: limited, most urgent frame first, and only the newest frame of each kind.
 
-    push      adds a frame. It replaces an older frame of the same kind (a datum of the same source, the previous
+    push      adds a frame. This replaces an older frame of the same kind (a datum of the same source, the previous
               LEASE): over a slow radio an old datum is worse than none. Frames of which none may be lost (slices,
               commands, emergencies) replace only an identical frame
     take      removes the most urgent frame for which its class has bandwidth. There are two classes, data and

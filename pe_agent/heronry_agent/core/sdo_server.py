@@ -424,7 +424,11 @@ class SdoServer:
 
 
 def _fits(transfer: _Download | _BlockDownload, *, is_last: bool) -> bool:
-    """Tell whether the received data are not too long and, with the last segment, not too short."""
+    """Tell whether the data received so far have an allowed length.
+
+    Without an announced length, they must not be longer than the object's room. With an announced length, they must not
+    be longer, and with the last segment they must have exactly this length.
+    """
     length = len(transfer.data)
     if transfer.length is None:
         return length <= transfer.room

@@ -43,13 +43,13 @@ class Orders(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What one step of a module has given; the fields are those of `vocabulary.Stepped`."""
+    """What one step of a module has given: its outputs, writes, reports and requests."""
 
-    outputs: Mapping[str, Value]
-    writes: tuple[Value, ...] = ()
-    reports: tuple[tuple[str, int], ...] = ()
-    phases: tuple[str, ...] = ()
-    priorities: tuple[tuple[str, int], ...] = ()
+    outputs: Mapping[str, Value]  # by variable
+    writes: tuple[Value, ...] = ()  # commands to the module's device
+    reports: tuple[tuple[str, int], ...] = ()  # (element, detail)
+    phases: tuple[str, ...] = ()  # requested phases
+    priorities: tuple[tuple[str, int], ...] = ()  # requests: (function, priority)
 
 
 @dataclass(slots=True)
@@ -158,7 +158,8 @@ class ModuleRunner:
     ) -> Result | Failure:
         """Call the step of a module; returns its result, or how it failed.
 
-        until_ns: time until which `Context.may_drive` returns True. reading: the reading of the module's device.
+        until_ns: time until which `Context.may_drive` returns True. reading: the reading of the module's device; None
+        if there is none. inputs: for each leaf with a fresh datum, the variable and the datum.
         """
         held = self._running.get(module)
         if held is None:

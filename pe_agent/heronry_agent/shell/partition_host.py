@@ -101,7 +101,10 @@ class PartitionHost:
         return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Execute an action of the core on a module or a device; returns the answer, None if it has none yet."""
+        """Execute an action of the core on a module or a device.
+
+        Returns the event that answers the action. None: `take` returns the event later, or the action has no answer.
+        """
         match action:
             case StepModule():
                 self._step(action, now_ns)

@@ -148,10 +148,10 @@ Answer = Loaded | StartRefused | Done | Failed | Garbled
 class _Layout:
     """Names and types of the values in the answer to a step."""
 
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...]  # variables
     types: tuple[str, ...]  # of the outputs, then of the writes: a letter, with a length where the type has one
-    reports: tuple[str, ...]
-    phases: tuple[str, ...]
+    reports: tuple[str, ...]  # elements
+    phases: tuple[str, ...]  # requested phases
     priorities: tuple[str, ...]  # functions
     values: struct.Struct  # what follows the layout: values, a detail for each report, a number for each priority
     is_plain: bool  # every value is one number
@@ -182,7 +182,10 @@ def decode_orders(packet: bytes) -> Iterator[Order]:
 
 
 def encode_answer(answer: Loaded | StartRefused | Done | Failed) -> bytes:
-    """Encode an answer as a packet for the agent; raises Uncarriable if a value cannot be sent."""
+    """Encode an answer as a packet for the agent.
+
+    Raises Uncarriable if a value cannot be sent, or if the packet would be longer than `ANSWER_BYTES`.
+    """
     packet = _stepped(answer) if isinstance(answer, Done) else _other(answer)
     if len(packet) > ANSWER_BYTES:
         raise Uncarriable(f"a step gives {len(packet)} bytes, more than {ANSWER_BYTES}")
@@ -230,7 +233,10 @@ def _flat(values: Iterable[Value]) -> Iterator[Value]:
 
 @lru_cache(_LAYOUTS)
 def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
-    """Encode names and types for the head of STEPPED; returns the bytes, and the layout."""
+    """Encode names and types for the head of STEPPED; returns the bytes, and the layout.
+
+    shape: the values of the first five fields of `_Layout`, in their order.
+    """
     head = b"".join([_list(names, _text) for names in shape])
     if len(head) > _LIST:
         raise Uncarriable(f"a step gives {len(head)} bytes of names, too many for one answer")

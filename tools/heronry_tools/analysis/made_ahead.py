@@ -86,7 +86,10 @@ def contingencies_of(
 
 
 def kept_contingencies(spec: "Spec") -> "Contingencies | None":
-    """Give the plans for every single fault from the cache; None if it has none of this spec, solver and planner."""
+    """Give the plans for every single fault from the user's cache.
+
+    None if the cache has no plans that this planner made for this spec with this solver.
+    """
     return _kept(spec, _kept_in(spec))
 
 
@@ -99,7 +102,10 @@ def can_plan_ahead() -> bool:
 
 
 def questions(spec: "Spec") -> int:
-    """Give the number of plans for every single fault in all phases, without the plans for places."""
+    """Give the number of plans to make: in each phase one for the healthy system, and one for each single fault.
+
+    Plans for places are not counted. (A plan for a place is for the failure of a module on one PE.)
+    """
     scope = _scope(spec)
     return scope.set_count() * len(scope.phases)
 
@@ -171,7 +177,7 @@ def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
 
 
 def _made(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
-    """Make the file and give its plans; if another process makes it, wait for that process and read the file."""
+    """Make the file and give its plans; if another process makes the file, wait for that process, and read the file."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with (file.parent / "lock").open("w") as lock:
         try:
@@ -194,7 +200,7 @@ def _make(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
 
 
 def _scope(spec: "Spec") -> "Scope":
-    """Give the fault sets and phases of the plans that are made ahead."""
+    """Give what is planned ahead: the elements that may fail, the number of faults at once (0 or 1), and the phases."""
     from heronry_dg.situation import elements  # noqa: PLC0415
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
     from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415

@@ -33,7 +33,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="NAME|PATH",
         nargs="?",
         default=DEFAULT_NAME,
-        help="name of the bus, or with a slash the path of its UNIX socket (default: %(default)s)",
+        help="name of the bus, or the path of its UNIX socket: a path has a slash (default: %(default)s)",
     )
     parser.add_argument("-b", "--bitrate", type=_bitrate, default=MAX_BITRATE, help="bit/s (default: %(default)s)")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")

@@ -74,7 +74,7 @@ def add_output(
     if len(forms) > len(TEXT_OR_JSON):
         default = usual or next(iter(forms))
         choice.add_argument(
-            "--format", choices=tuple(forms), help=f"the form (default: by the ending of FILE, else {default})"
+            "--format", choices=tuple(forms), help=f"form of the output (default: by ending of FILE, else {default})"
         )
     if "json" in forms:
         choice.add_argument("--json", dest="format", action="store_const", const="json", help=what)

@@ -27,7 +27,7 @@ class Output:
 
     t_ns: the end of the frame.
     module, node: the module of the output, and the node on which it drove its actuator or ran.
-    value: the command to the actuator; None where there is none.
+    value: the command to the actuator; None if the frame only shows that the module ran.
     """
 
     t_ns: int
@@ -99,7 +99,7 @@ class Witness:
         return self._watched[function].patience_ns
 
     def outages(self, now_ns: int) -> list[Outage]:
-        """List every silence of a function that had been heard before, in order of time."""
+        """List the outages of all functions in order of time: silences longer than `patience_ns` after an output."""
         found = [outage for watched in self._watched.values() for outage in watched.outages]
         for name, watched in self._watched.items():
             if watched.last is not None and not self.served(name, now_ns):

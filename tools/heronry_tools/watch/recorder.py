@@ -34,7 +34,7 @@ class Recorder:
     """Writes one folder."""
 
     def __init__(self, folder: Path, spec: Spec, source: Source, spec_text: bytes, limit_bytes: int) -> None:
-        """Begin a folder, which must be empty or new; raises UserError.
+        """Begin a folder, which must be empty or new; raises UserError if it is neither, or cannot be written.
 
         limit_bytes: largest size of the whole folder; LEAST_BYTES or more.
         """

@@ -54,8 +54,8 @@ class Access:
 
     address: str  # an IP address
     port: int
-    token: str
-    operates: bool = False
+    token: str  # the secret after `#` in the printed address
+    operates: bool = False  # whether pages may give orders (--operate)
 
     @property
     def is_local(self) -> bool:
@@ -113,7 +113,7 @@ def refusal(access: Access, asked: Asked) -> Refusal | None:
     if origin is not None and origin != f"http://{host}":
         return Refusal(403, f"a page from {origin} must not send requests to this server")
     if asked.method not in ("GET", "HEAD", "POST"):
-        return Refusal(405, f"{asked.method} is not understood here")
+        return Refusal(405, f"this server does not accept the method {asked.method}")
     if asked.method == "POST":
         if origin is None:
             return Refusal(403, "a question or an order must have a header Origin")

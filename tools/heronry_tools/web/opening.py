@@ -48,7 +48,10 @@ class Opened:
 
 
 def serve_what(arguments: argparse.Namespace) -> None:
-    """Open what the arguments name, and serve it until a signal comes; raises UserError."""
+    """Open what the arguments name, and serve it until a signal comes.
+
+    Raises UserError if it cannot be opened or served.
+    """
     opened = _opened(arguments)
     if arguments.operate and opened.manager is None:
         raise UserError("--operate: only a manager on this computer takes orders; leave --operate out")

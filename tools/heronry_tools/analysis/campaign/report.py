@@ -1,4 +1,4 @@
-"""A campaign as text and as JSON."""
+"""The report of `heronry campaign`, as text and as JSON."""
 
 import json
 from collections.abc import Iterator, Sequence

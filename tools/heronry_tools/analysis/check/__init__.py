@@ -1,1 +1,1 @@
-"""The families of `heronry check` that need a solver, and the registry of all families."""
+"""The families of rules of `heronry check` that need a solver, and the registry of all families."""

@@ -7,8 +7,9 @@ minutes, so most losses are decided without a plan:
 1. A function that cannot be served even with unlimited resources (`feasible`) is lost in every plan.
 2. A configuration from an earlier plan is reduced to what still works without the element. If the reduced configuration
    is legal and serves all functions that rule 1 leaves, none of these functions is lost, since the best plan is at
-   least as good. There is one exception: if the loss may make room for a function that the healthy system has to leave
-   out, a plan is made. Modules without a purpose in the reduced configuration do no harm, since they could be stopped.
+   least as good as the reduced configuration. There is one exception: if the loss may make room for a function that the
+   healthy system has to leave out, a plan is made. Modules without a purpose in the reduced configuration do no harm,
+   since they could be stopped.
 3. For each remaining element a plan is made. Its configuration serves as an earlier plan in rule 2 from then on, also
    for the next phase and the next spec.
 """
@@ -47,7 +48,10 @@ class PhaseConsequences:
 
 @dataclass(slots=True)
 class Consequences:
-    """Works out consequences; configurations planned for one spec are tried on the next spec, too."""
+    """Computes the consequences of specs, one spec after another (`of`).
+
+    Every planned configuration is kept in `known`. It may make a plan needless for a later loss, phase or spec.
+    """
 
     known: list[Configuration] = field(default_factory=list)
 

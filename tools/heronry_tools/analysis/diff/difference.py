@@ -33,12 +33,12 @@ class Moved:
 class PhaseDifference:
     """What differs between the specs in one phase; each pair has the old value, then the new value."""
 
-    phase: str | None
+    phase: str | None  # the phase of the new spec; None for a spec without phases
     against: str | None  # the phase of the old spec
-    functions: Mapping[str, tuple[str | None, str | None]]  # None: not served, or not there
-    hangs_on: Mapping[str, Moved]
-    buses: Mapping[str, tuple[int, int]]  # bit/s
-    cpu_millis: tuple[int, int]
+    functions: Mapping[str, tuple[str | None, str | None]]  # as `PhaseConsequences.served`; None also: no such function
+    hangs_on: Mapping[str, Moved]  # by function
+    buses: Mapping[str, tuple[int, int]]  # bus -> load in bit/s
+    cpu_millis: tuple[int, int]  # load of all PEs, in thousandths of a core
 
     def is_none(self) -> bool:
         """Tell whether old and new values are all equal."""

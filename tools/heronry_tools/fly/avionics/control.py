@@ -51,7 +51,10 @@ class _Loop(Module):
 
 
 class VerticalSpeedControl(_Loop):
-    """Computes the pitch command: the sum of trimmed angle of attack, commanded path angle and speed feedback."""
+    """Computes the pitch command: the trimmed angle of attack, the commanded path angle and a correction are added.
+
+    The correction is proportional and integral feedback of the error of the vertical speed.
+    """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the pitch command; without a measured airspeed, assume the reference airspeed."""
@@ -85,7 +88,7 @@ class CourseControl(Module):
     """Computes the roll command from the error of the course over ground."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the roll command: at most 25 degrees, and 8 degrees in the flare and its transition."""
+        """Publish the roll command: at most 25 degrees, in the flare transition and the flare at most 8 degrees."""
         command = number(inputs, "course_command")
         north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
         if command is None or north is None or east is None:

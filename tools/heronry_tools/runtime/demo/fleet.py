@@ -59,7 +59,10 @@ def run_folder() -> Path:
 
 
 def _here() -> str:
-    """Name the process namespace of this process: containers may share /tmp, and have process numbers of their own."""
+    """Return 8 hexadecimal digits that stand for this boot of the kernel and the PID namespace of this process.
+
+    The name of a run's folder contains them: containers may share /tmp, and each has process numbers of its own.
+    """
     kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     space = Path("/proc/self/ns/pid").stat().st_ino
     return sha256(f"{kernel} {space}".encode()).hexdigest()[:8]
@@ -79,7 +82,7 @@ def keep_logs(folder: Path) -> Path:
 
 
 class Fleet:
-    """All processes of one run; as a context manager it ends them all."""
+    """All processes of one run; a context manager, which ends all of them when its block is left."""
 
     def __init__(
         self,
@@ -99,7 +102,7 @@ class Fleet:
 
         aloft_s: how long the simulated flight has already lasted when the demo begins, in s.
         called: the name under which the operator's commands find the manager (`manager_name`); None: by its path alone.
-        heartbeat_ns: shortest heartbeat period in `spec`, if it is longer than in the file; None if it is not.
+        heartbeat_ns: shortest heartbeat period in `spec`, if `spec` has longer periods than `spec_file`; None if not.
         device_driver: name of the driver of all devices; None for the driver of the scripted flight.
         environment: environment variables for all processes.
         """
@@ -131,7 +134,7 @@ class Fleet:
         self._end(signal.SIGKILL if kind is not None and issubclass(kind, KeyboardInterrupt) else signal.SIGTERM)
 
     def start_buses(self, choices: Mapping[str, BusChoice]) -> None:
-        """Start the software buses among these choices."""
+        """Start a hub for each channel of the software buses of this run; `choices`: by name of the spec's bus."""
         self._buses = choices
         for choice in choices.values():
             for config in choice.configs() if choice.is_ours else ():
@@ -161,9 +164,10 @@ class Fleet:
         return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
 
     def active_manager(self) -> int:
-        """Give the node-ID of the active manager, from its status.
+        """Give the node-ID of the active manager; on a busy computer the standby manager may have taken over.
 
-        On a busy computer the standby manager may have taken over.
+        If there are two managers, the status of each shows whether it is active. If no status shows this, the result is
+        the lower node-ID.
         """
         if len(self._managers) > 1:
             for node in self._managers:
@@ -188,7 +192,7 @@ class Fleet:
     def order(self, order: Spoken, place: str) -> None:
         """Give an order to the active manager.
 
-        Raises UserError, which begins with `place`, where the manager refuses the order or does not answer.
+        Raises UserError, whose message begins with `place`, if the manager refuses the order or does not answer.
         """
         try:
             answer = call(self.control_socket(self.active_manager()), order)

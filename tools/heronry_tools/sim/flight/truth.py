@@ -41,7 +41,7 @@ class Truth:
         return Situation(gone, {}, self._checks.phase, self._checks.priorities)
 
     def broke(self, module: str, pe: str) -> None:
-        """Set a module that has failed on a PE as down on that PE, or everywhere if it can run on that PE only."""
+        """Note that a module has failed on a PE: the module is down there, or everywhere if it has no other PE."""
         self.failed(self._place(module, pe))
 
     def lacks(self, module: str, pe: str) -> None:
@@ -73,8 +73,8 @@ class Truth:
     def excuse(self, module: str) -> None:
         """Allow false reports about a healthy module and its device: a servo that no module drives may look stuck.
 
-        When this is so for every branch of a DEMUX, the surface that the DEMUX drives stands still. Then every sensor
-        on a PE with an actuator of such a branch may look stuck, too.
+        Once every branch of a DEMUX has been excused, the surface that the DEMUX drives may stand still. Then sensors
+        may look stuck, too, so reports about every sensor on a PE with an actuator of one of the branches are allowed.
         """
         spec, excusable = self._spec, self.excusable
         devices = {spec.modules[module].device}

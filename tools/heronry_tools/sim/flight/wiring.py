@@ -31,14 +31,17 @@ class Wiring:
         self._both = {name: FirstCopies() for name, wires in self.wires.items() if len(wires) > 1}
 
     def tap(self, bus: str, tap: Callable[[Sent], None]) -> None:
-        """Call `tap` for every frame of a bus, unnoticed by the nodes; on a replicated bus only for first copies."""
+        """Call `tap` for every frame of a bus, unnoticed by the nodes.
+
+        On a replicated bus a frame comes twice, once on each channel: `tap` is called for the copy that comes first.
+        """
         (self._both[bus].taps if bus in self._both else self.buses[bus].taps).append(tap)
 
     def watch(self, see: Callable[[Sent], None], channel: Callable[[int, Sent], None]) -> None:
         """Call `see` for every frame on every wire, and `channel` for every frame on a channel of a replicated bus.
 
         The callback `channel` also gets the number of the channel, 0 or 1. Call this method once, before the first
-        `tap`, since first copies are determined from then on.
+        `tap`: it also begins to determine which of the two copies of a frame on a replicated bus comes first.
         """
         for name, wires in self.wires.items():
             for number, wire in enumerate(wires):
@@ -56,7 +59,7 @@ class Wiring:
         }
 
     def channel(self, name: str) -> SimulatedBus:
-        """Return the wire of a channel of a replicated bus, by its name (`can0.1`)."""
+        """Return the wire of a channel of a replicated bus, by the channel's name (`can0.1` or `can0.2`)."""
         bus, _, number = name.rpartition(".")
         return self.wires[bus][int(number) - 1]
 

@@ -16,7 +16,7 @@ _TOLERANCE = 1.25
 
 
 class LoadCheck(Oracle):
-    """Adds up the bits of data frames on each bus, second by second, and compares them with its budget."""
+    """Adds up the bits of data frames on each bus, second by second, and compares them with the bus's budget."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()

@@ -68,7 +68,7 @@ class PublishingCheck(Oracle):
             del self._good[key]
 
     def published(self, sent: Sent) -> None:
-        """Verify the sender of a data frame."""
+        """Verify that the epoch of the sender lets it send this data frame."""
         good = self._good.get((sent.bus, sent.sender))
         if good is None or sent.frame.can_id not in good:
             self._assess(sent)

@@ -94,7 +94,11 @@ class Evaluation:
                 return [(t, one.subject in (element, module_of(element))) for t, element in heard.reports], None
 
     def _last_against(self, one: Expectation) -> int | None:
-        """Return the time of the last frame that contradicts an expectation; None if there is none."""
+        """Return the time of the last frame that contradicts an expectation of silence or of no change.
+
+        Every frame of the subject contradicts silence; every frame of a newer epoch contradicts `epoch unchanged`.
+        None: no frame contradicts the expectation.
+        """
         kind, _, name = one.subject.partition(":")
         heard = self._heard
         match kind:

@@ -11,12 +11,12 @@ class Flown:
     """The result of one flight: verdicts on expectations, violations, the decision trace."""
 
     script: Script
-    where: str
-    seconds: float
-    verdicts: tuple[Verdict, ...]
-    violations: tuple[str, ...]
-    trace: tuple[str, ...]
-    differences: tuple[str, ...] | None = None  # from the golden trace; None if there is none
+    where: str  # in the simulator, or on which bus
+    seconds: float  # how long the script lasts
+    verdicts: tuple[Verdict, ...]  # one for each expectation
+    violations: tuple[str, ...]  # one sentence for each
+    trace: tuple[str, ...]  # the lines of the decision trace
+    differences: tuple[str, ...] | None = None  # from the golden trace; None: not compared with a golden trace
     digest: str = ""  # of all frames, in the simulator
 
     @property

@@ -102,24 +102,25 @@ _EXAMPLES = {
 class Deed:
     """An action of a scenario: if `what` is "fault", `fault` is injected; if not, `what` is done to `target`."""
 
-    line: int
-    at_ns: int
+    line: int  # in the scenario file
+    at_ns: int  # since the script began
     what: str  # kill, restore, phase, priority, fail, clear, script, release, wait, stick, fault
-    target: str  # of `script`: its text
-    text: str
+    target: str  # for the order `script`: the text of the script to apply
+    text: str  # the action as written in the scenario file
     fault: Fault | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """`subject` must be in `state` up to `until_ns`; times are in ns of the script.
+    """`subject` must reach `state` in time, and then stay in `state` until `until_ns`.
 
-    by: the module that must serve the function; None for any
-    from_ns: when the time of the expectation begins
-    within_ns: how long after `from_ns` the state must be reached
+    by: if `subject` is a function, the module that must serve it; None for any
+    from_ns: when the time of the expectation begins, in ns since the script began
+    within_ns: the longest time from `from_ns` until the state is reached, in ns
+    until_ns: when the time of the expectation ends, in ns since the script began
     """
 
-    line: int
+    line: int  # in the scenario file
     subject: str
     state: str
     by: str | None  # the module that must serve the function
@@ -134,19 +135,19 @@ class Script:
     """The content of one scenario file."""
 
     file: Path
-    why: str
+    why: str  # the comment at the top of the file
     spec: Spec
     spec_file: Path
     seed: int
-    without: frozenset[str]
-    contingencies: int | None
+    without: frozenset[str]  # PEs that are absent at the start, as pe:NAME
+    contingencies: int | None  # most faults at once that contingencies on board cover; None: no contingencies
     has_standby: bool
     has_key: bool
-    is_unforeseen: bool
+    is_unforeseen: bool  # nothing is pre-planned
     deeds: tuple[Deed, ...]
     expectations: tuple[Expectation, ...]
-    end_ns: int
-    loss: float = 0.0
+    end_ns: int  # since the script began
+    loss: float = 0.0  # share of the frames that are destroyed, 0 to 0.5
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -160,7 +161,7 @@ class Script:
 
 
 def read_script(file: Path) -> Script:
-    """Read a scenario file; raises UserError with the place and the remedy."""
+    """Read a scenario file; raises UserError, with the place and the remedy, for a line that cannot be read."""
     try:
         text = file.read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -395,9 +396,9 @@ class _Reader:
             self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables)}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
-        """Return an expectation with its end, the time of the next deed or of the end of the script.
+        """Return an expectation that ends (`until_ns`) with the next deed, or with the script if no deed follows.
 
-        Raises UserError if the expectation's time to come true is not over by then.
+        Raises UserError if the state need not be reached before this end.
         """
         until_ns = next((deed.at_ns for deed in self.deeds if deed.at_ns > one.from_ns), end_ns)
         if one.from_ns + one.within_ns >= until_ns:
@@ -439,7 +440,10 @@ class _Reader:
             self._refuse(str(error))
 
     def _checked_priority(self, function: str, priority: str) -> str:
-        """Return the order FUNCTION=N, or FUNCTION= if `priority` is "default"; raises UserError if one is wrong."""
+        """Return the order FUNCTION=N, or FUNCTION= if `priority` is "default".
+
+        Raises UserError if the function or the priority is wrong.
+        """
         assert self.spec is not None
         try:
             checked_function(self.spec, function)

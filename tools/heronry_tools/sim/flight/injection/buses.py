@@ -38,7 +38,10 @@ def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
 
 
 def _share(field: str) -> Inject:
-    """Return an injection that sets one probability (`loss`, `omission` or `doubled`) of a bus to the fault's level."""
+    """Return an injection that sets one probability of a bus to the fault's level, in thousandths.
+
+    field: the probability: `loss`, `omission` or `doubled`.
+    """
 
     def inject(simulation: Simulation, fault: Fault, _: Random) -> End:
         wires, before = simulation.wiring.wires[fault.name], getattr(simulation.wiring.faults, field)
@@ -79,7 +82,10 @@ def _collapse(simulation: Simulation, fault: Fault, _: Random) -> End:
 
 
 def _link(direction: str) -> Inject:
-    """Return an injection that breaks the link of every gateway to a bus, in one direction or in both."""
+    """Return an injection that breaks the link of every gateway to the fault's bus, in one direction or in both.
+
+    direction: the argument of `SimulatedBus.wire` that is set: `cut_off`, `transmit_failed` or `receive_failed`.
+    """
 
     def inject(simulation: Simulation, fault: Fault, _: Random) -> End | None:
         gateways = [pe for pe in simulation.fleet.running.values() if len({bus.name for bus, _ in pe.stations}) > 1]
