@@ -96,10 +96,11 @@ class CommandVerifier:
     """Decides which commands of the managers this node accepts."""
 
     def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
-        """Begin without a place for any manager.
+        """Begin with no accepted command of any manager.
 
-        patience_ns: how long a command waits for its TAG. seek: whether the number of the first command is found by
-        trying possible numbers; for a standby manager, which sends no nonce.
+        patience_ns: how long a command waits for its TAG.
+        seek: whether the number of the first command is found by trying possible numbers. A standby manager needs
+            this, since it sends no nonce.
         """
         self._key, self._patience_ns, self._seek = key, patience_ns, seek
         self._held: dict[tuple[int, int], deque[Held]] = {

@@ -24,16 +24,22 @@ _Datum = tuple[str, int]  # variable, version
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """The expressions of a spec after reading; an expression with a mistake is missing."""
+    """The expressions of a spec after reading; an expression with a mistake is missing.
+
+    shorthands: expression of each entry of `gates`, by name.
+    needs: expression of each mode; None for a mode without `needs`.
+    branches: the modules that are branches of each DEMUX.
+    places: where each leaf of a mode stands in the file, in the order of `gates.leaves`.
+    """
 
     shorthands: Mapping[str, Expression]
     needs: Mapping[ModeName, Expression | None]
-    branches: Mapping[str, tuple[str, ...]]  # DEMUX -> modules
-    places: Mapping[ModeName, tuple[Place, ...]]  # of the leaves of a mode, in the order of `gates.leaves`
+    branches: Mapping[str, tuple[str, ...]]
+    places: Mapping[ModeName, tuple[Place, ...]]
 
 
 def read_gates(draft: Draft, findings: Findings) -> Gates:
-    """Read and check every expression; one with a mistake gives a finding, and is missing from the result."""
+    """Read and check every expression. An expression with a mistake gives a finding, and is missing from the result."""
     reader = ExpressionReader(draft, findings)
     assess = _GateRules(draft, findings)
     for module in draft.modules.values():

@@ -64,7 +64,7 @@ class Case:
     before: Configuration
     after: Configuration
     silent: tuple[str, ...] = ()  # PEs that the manager no longer hears
-    returns: tuple[str, ...] = ()  # PEs that it hears again
+    returns: tuple[str, ...] = ()  # PEs that the manager hears again
 
     @property
     def several(self) -> bool:
@@ -195,7 +195,8 @@ class Bounds:
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
         """Give the frames on the buses while slices go out.
 
-        Three epochs may cause frames in this time: the running epoch, an abandoned epoch, and the new epoch.
+        If several PEs are lost or return, three epochs may cause frames in this time: the running epoch, an abandoned
+        epoch, and the new epoch.
         """
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))

@@ -58,7 +58,7 @@ class Replanning:
     def need(self, change: PlanNeeded) -> None:
         """Abandon the epoch that is being prepared, and request a new plan as soon as possible.
 
-        In a storm of changes what is under way may be finished first.
+        In a storm of changes, the present request or epoch may be finished first.
         """
         if self._claim.state is Mastership.STANDBY:
             return
@@ -77,7 +77,7 @@ class Replanning:
             self.ask()
 
     def _finishes_first(self) -> bool:
-        """Tell whether there is a storm of changes, and what is under way may be finished before the next plan."""
+        """Tell whether a storm of changes is in progress, in which the present request or epoch is finished first."""
         if not self._storms.rages:
             return False
         opened = self._known.deployment.next
@@ -198,7 +198,7 @@ class Replanning:
         return answer if plan is None else PlanReady(answer.request, plan)
 
     def failed(self, answer: PlanFailed) -> None:
-        """Note that the planner could not answer; the request will be repeated if it was not in the background."""
+        """Note that the planner could not answer; a request is repeated unless it was made in the background."""
         if self.planning.failed(answer) and self.planning.in_background:
             if self._known.script.is_asked:
                 self._known.script.refuse(f"there is no plan to compare the script with: {answer.reason}")
@@ -240,7 +240,10 @@ class Replanning:
             self._ask()
 
     def _may_stay(self) -> bool:
-        """Tell whether the running configuration may stay: legal, with all critical functions, on all available PEs."""
+        """Tell whether the running configuration may stay.
+
+        It may if it is legal, serves all critical functions that are wanted, and runs on all available PEs.
+        """
         spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
         plan, now = deployment.plan, situation.now()
         if plan is None or not deployment.all_available_run_it():

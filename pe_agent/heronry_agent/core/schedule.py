@@ -117,7 +117,7 @@ class Schedule:
         self._next_ns = None
 
     def chain(self, producers: Mapping[int, frozenset[int]]) -> None:
-        """Set, for each module, the modules on this PE whose outputs it reads, and for which it waits."""
+        """Set for which modules on this PE each module waits, since it reads their outputs; all by their index."""
         self._producers = producers
         self._next_ns = None
 

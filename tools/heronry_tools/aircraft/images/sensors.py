@@ -113,28 +113,28 @@ class Horizon(SensorDriver):
 
 
 class Barometer(NumberSensor):
-    """Static pressure in hPa, from the barometer of `elevator_and_chute`."""
+    """Static pressure in hPa, from the barometer of the aircraft `elevator_and_chute`."""
 
     device = "barometer"
     variable = "absolute_pressure"
 
 
 class PressureSensor1(NumberSensor):
-    """First static pressure of three, in hPa."""
+    """The first of three static pressures, in hPa."""
 
     device = "pressure_sensor_1"
     variable = "pressure_1"
 
 
 class PressureSensor2(NumberSensor):
-    """Second static pressure of three, in hPa."""
+    """The second of three static pressures, in hPa."""
 
     device = "pressure_sensor_2"
     variable = "pressure_2"
 
 
 class PressureSensor3(NumberSensor):
-    """Third static pressure of three, in hPa."""
+    """The third of three static pressures, in hPa."""
 
     device = "pressure_sensor_3"
     variable = "pressure_3"
@@ -204,7 +204,7 @@ class Console(CommandReceiver):
 
 
 class ChuteReceiver(SensorDriver):
-    """The only command of `elevator_and_chute`: open the parachute; 1 is yes."""
+    """The only command of the aircraft `elevator_and_chute`: open the parachute; 1 is yes."""
 
     device = "receiver"
 

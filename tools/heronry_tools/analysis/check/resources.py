@@ -108,7 +108,10 @@ def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
 
 
 def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
-    """Give the bit/s of LEASE, ALIVE and the longest states on a bus, forwarded states included."""
+    """Give the bit/s of management frames on a bus: of the frames that begin on this bus, and of those forwarded to it.
+
+    The frames are LEASE, ALIVE, and the longest states of PEs.
+    """
     left = survivors(spec, Situation())
     hub = next((pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
     own, passing = Fraction(_MANAGER_FRAMES, bus.heartbeat_ns), Fraction(0)

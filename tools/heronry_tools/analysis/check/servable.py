@@ -49,7 +49,7 @@ def without_limits(spec: Spec) -> Spec:
 class Answer:
     """A configuration that serves all required functions, if one was found.
 
-    configuration: the configuration, or None. With elements down, it may be one that answered an earlier question.
+    configuration: the configuration, or None. With elements down, it may have been found for an earlier question.
     proven: if `configuration` is None, whether it is proven that there is no such configuration.
     """
 
@@ -118,9 +118,10 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration of an earlier answer that still serves these functions with these elements down.
+        """Give a configuration found for an earlier question that serves these functions, with the elements `down` lost.
 
-        least: as in `all_at_once`. Returns None where no earlier answer has one.
+        least: the lowest value with which each function may be served; 0 for a function that is not named. Returns None
+        if no configuration found so far does this.
         """
         lost = lost_elements(self.spec, Situation(down))
         alive = (known for known, used in self._known if used.isdisjoint(lost))

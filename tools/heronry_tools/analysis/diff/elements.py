@@ -156,7 +156,7 @@ def _text(value: object) -> str:
 
 
 def _entry(key: object, value: object) -> str:
-    """Write one entry of `gives`, or of a map by phase, in which the key None stands for the default."""
+    """Write one entry of `gives` or of a map by phase. A key None stands for the default: only its value is written."""
     return _text(value) if key is None else f"{key}: {_text(value)}"
 
 
@@ -168,7 +168,7 @@ def _bytes(count: int) -> str:
 
 
 def expression_text(spec: Spec, needs: Expression) -> str:
-    """Write a gate expression in one line, with versions where an input does not take all."""
+    """Write a gate expression in one line. An input that accepts only some versions is written with these versions."""
     if isinstance(needs, Leaf):
         return f"{needs.demux or needs.variable}{accepted_versions(spec, needs)}"
     inputs = ", ".join(expression_text(spec, one) for one in needs.inputs)

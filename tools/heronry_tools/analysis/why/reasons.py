@@ -67,7 +67,7 @@ class Explanation:
     report: FunctionReport
     best_value: int
     reasons: tuple[Assumption, ...]
-    repairs: tuple[Repair, ...]  # all with a single part; if there are none, one smallest; empty: none helps
+    repairs: tuple[Repair, ...]  # all with one part; if there are none, one smallest repair; empty: none helps
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
@@ -164,7 +164,10 @@ def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator
 def _smallest_hitting(
     cores: Sequence[frozenset[Assumption]], found: Sequence[frozenset[Assumption]]
 ) -> tuple[Assumption, ...] | None:
-    """Find a smallest set that has a member of every irreducible set (`cores`) and contains no known repair."""
+    """Find a smallest set that has a member of every irreducible set (`cores`) and contains no known repair (`found`).
+
+    Returns None if no such set has at most `_MOST_PARTS` members.
+    """
     names = sorted(frozenset[Assumption]().union(*cores), key=lambda one: (MENDABLE.index(one.kind), one.name))
     for size in range(min(_MOST_PARTS, len(names)) + 1):
         for parts in combinations(names, size):

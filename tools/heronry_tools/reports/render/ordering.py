@@ -28,7 +28,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Columns from left to right, each from top to bottom."""
+    """Columns of symbols and way-points: the columns from left to right, the names in each from top to bottom."""
 
     columns: tuple[tuple[str, ...], ...]
     segments: tuple[Segment, ...]
@@ -87,7 +87,10 @@ def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> l
 
 
 def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | None], float]:
-    """Give the heights of symbols and of their cells, as the number of places from the top."""
+    """Give the heights of symbols and of their cells, as the number of places from the top.
+
+    The key of a cell is (symbol, number of the cell); the key of a symbol is (symbol, None).
+    """
     found: dict[tuple[str, int | None], float] = {}
     for column in columns:
         _place(graph, column, found)

@@ -118,9 +118,10 @@ class Managers:
         self.start(-node, standby=standby)
 
     def kill(self, seat: int | None = None, *, torn: Random | None = None) -> None:
-        """Kill the manager of a seat, or the active manager, now.
+        """Kill the manager of a seat now.
 
-        torn: draws what a loss of power leaves of the last records on its disk; None: all records stay.
+        seat: None stands for the active manager; if no manager is active, for the one with the lowest node-ID.
+        torn: draws how much of the last records a loss of power leaves on the disk of the manager; None: all stays.
         """
         victim = self.foremost if seat is None else self.running.get(seat)
         for number, one in list(self.running.items()):

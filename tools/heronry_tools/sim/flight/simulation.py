@@ -72,7 +72,8 @@ class Simulation:
         faults: quality of every bus for the whole flight
         decide_ns: longest duration of a planning run; each takes between half of it and all of it
         skew_ppm: largest error of a clock
-        contingencies: number of faults for which contingencies are on board; None: no contingencies are made
+        contingencies: largest number of faults in a fault set for which a contingency is on board; None: no
+            contingencies are made
         key: the key of managers and PEs; None without authentication
         standby: whether there are two managers, 126 and 127, each being the standby manager while the other is active
         keep_trace: whether `trace` gets every frame

@@ -92,7 +92,7 @@ class Commanded:
     """Puts the configuration of each epoch together from the commands on the managers' bus."""
 
     def __init__(self, spec: Spec, tables: Iterable[PeTable] = ()) -> None:
-        """Begin without epochs; `tables`, those of the PEs, are needed only if a contingency is on board."""
+        """Begin without epochs; `tables`, the tables of the PEs, are needed only if a contingency is on board."""
         self._spec = spec
         self._on_board = {table.node_id: table.preloaded() for table in tables}
         self._modules = list(spec.modules.values())
