@@ -158,7 +158,7 @@ class _GateRules:
         return all(m.modes and all((m.name, mode) in self.readings for mode in m.modes) for m in modules)
 
     def _wiring(self) -> dict[ModeName | _Datum, list[ModeName | _Datum]]:
-        """Give the graph in which an edge leads from a mode to each datum that it gives, and from there to each reader.
+        """Give a graph with edges from each mode to its data, and from each datum to the modes that accept it.
 
         Data with an initial value are left out.
         """

@@ -45,5 +45,8 @@ class ManagerSettings:
 
     @property
     def goes_first(self) -> bool:
-        """Tell whether this manager may begin as soon as it hears no other manager: it has node-ID 126, or no `standby`."""
+        """Tell whether this manager may begin as soon as it hears no other manager.
+
+        It may if it has node-ID 126, or if it is not to stand by (`standby`).
+        """
         return self.node == FIRST_MANAGER or not self.standby

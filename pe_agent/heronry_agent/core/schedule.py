@@ -124,7 +124,7 @@ class Schedule:
     def due(self, now_ns: int) -> Iterator[int]:
         """Yield the modules that are due now: the earliest first, and at the same time in the order of the spec.
 
-        For each of them the caller calls `begin`, or skips its step, before it takes the next one.
+        For each module the caller calls `begin`, or skips the step, before it takes the next module.
         """
         if now_ns < self.next_ns:
             return

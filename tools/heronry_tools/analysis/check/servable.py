@@ -118,7 +118,7 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration found for an earlier question that serves these functions, with the elements `down` lost.
+        """Give a configuration, found for an earlier question, that serves these functions without the elements `down`.
 
         least: the lowest value with which each function may be served; 0 for a function that is not named. Returns None
         if no configuration found so far does this.

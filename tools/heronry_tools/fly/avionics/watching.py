@@ -40,7 +40,10 @@ class AccuracyMonitor(Module):
         self._looks_until_ns = ctx.now_ns + round(WINDOW_S * NS_PER_S)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare a new position with the expected one, and report the receiver if it is wrong; publish nothing."""
+        """Compare a new position with the expected one; report the receiver after `IN_A_ROW` wrong positions in a row.
+
+        Nothing is published.
+        """
         moving, now_ns = velocity(inputs), self.ctx.now_ns
         fix = [number(inputs, f"differential_{axis}") for axis in ("x", "y", "height")]
         if moving is None:

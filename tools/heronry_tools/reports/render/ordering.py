@@ -20,8 +20,8 @@ class Segment:
 
     source: str
     target: str
-    out_cell: int | None
-    in_cell: int | None
+    out_cell: int | None  # cell of the source at which the segment begins; None: it begins at the source itself
+    in_cell: int | None  # cell of the target at which the segment ends; None: it ends at the target itself
     edges: tuple[int, ...]  # numbers of the edges that share this segment
     last: bool  # this segment ends at the target of its only edge
 
@@ -98,7 +98,7 @@ def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | 
 
 
 def _place(graph: Graph, column: list[str], at: dict[tuple[str, int | None], float]) -> None:
-    """Note in `at` the heights of the symbols of one column, and of their cells."""
+    """Note in `at` the heights of the symbols of one column, and of their cells (keys as in `_positions`)."""
     for place, key in enumerate(column):
         at[key, None] = float(place)
         cells = len(graph.nodes[key].cells) if key in graph.nodes else 0

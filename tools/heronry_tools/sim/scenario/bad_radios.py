@@ -41,7 +41,7 @@ def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
 
 
 class BadRadios:
-    """The disturbed buses of one flight; as a context manager it closes its connections to their hubs at the end."""
+    """The disturbed buses of one flight. It is a context manager: at the end the connections to the hubs are closed."""
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:
         """Connect to the hubs of all buses and channels into which `deeds` inject a fault.

@@ -73,7 +73,10 @@ class Node:
     def wire(
         self, *, cut_off: bool | None = None, transmit_failed: bool | None = None, receive_failed: bool | None = None
     ) -> None:
-        """Break or repair all wires of the node, in both directions or in one; the node runs on."""
+        """Break or repair all wires of the node, in both directions or in one; the node runs on.
+
+        Each argument: True sets this failure, False ends it, None changes nothing.
+        """
         for bus, station in self.stations:
             bus.wire(station, cut_off=cut_off, transmit_failed=transmit_failed, receive_failed=receive_failed)
 
