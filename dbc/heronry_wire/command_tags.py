@@ -194,7 +194,7 @@ class CommandVerifier:
         return found._replace(arrived_ns=same[-1].arrived_ns) if same else found
 
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
-        """Give the place that the command must have if its TAG is valid, or the reason why the command is refused."""
+        """Give the term and number that the command must have if its TAG is valid, or the reason for its refusal."""
         last = self.places.get(manager)
         if kind == WELCOME_KIND:
             term, _, _, upper, lower = CONTROL.fields_of(payload)

@@ -184,9 +184,10 @@ class Replanning:
             deployment.prepare(answer.plan, self.planning.causes)
 
     def _weighed(self, answer: PlanReady) -> PlanReady:
-        """Give the configuration of a script in place of a plan that is not better at level 1.
+        """Return the answer to deploy.
 
-        If the plan is better, or there is no script, the plan itself is given.
+        If a script was given and the plan is not better than its configuration at level 1, the answer has this
+        configuration. Otherwise it has the plan itself.
         """
         script, deployment = self._known.script, self._known.deployment
         was_asked = script.is_asked

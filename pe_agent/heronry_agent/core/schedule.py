@@ -60,7 +60,7 @@ class _Grid:
         self.hung_ns = hung_ns(self.rate_mhz)
 
     def release(self, now_ns: int) -> int:
-        """Set the next release to the first one after now; returns how many were skipped."""
+        """Set the next release to the first one after now; returns how many releases were skipped."""
         following = self.index + 1
         index = max(following, (now_ns - self.started_ns) * self.rate_mhz // NS_MHZ)
         while self.started_ns + index * NS_MHZ // self.rate_mhz <= now_ns:
@@ -222,7 +222,7 @@ class Schedule:
             del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """Time in ns at which a module is stepped if no module that it waits for answers before."""
+        """Time in ns at which a module is stepped, unless the modules for which it waits have answered earlier."""
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 

@@ -31,7 +31,7 @@ _UNITS: Final[
 
 @dataclass(frozen=True, slots=True)
 class FieldChange:
-    """One changed field; `old` or `new` is None if that spec does not have the field."""
+    """One changed field; `old` is None if the old spec does not have the field, `new` if the new spec does not."""
 
     field: str
     old: str | None

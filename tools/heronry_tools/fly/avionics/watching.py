@@ -5,7 +5,7 @@
   reports it. The monitor detects an error that grows within the window, but not one that grows more slowly. It reports
   nothing in its first window, since sensors that start at different times do not agree at once.
 - `SurfaceMonitor` compares the position of a surface with its command, at the speed at which the servo can move. It
-  reports the servo that is driven at the time; the version of the command tells which one that is.
+  reports the servo that is driven at the time; the version of the command tells which servo this is.
 - `TrackingHead` points the camera at the aircraft that the camera sees. This control loop runs on the rover alone.
   After a second without an image, the head turns back to the approach.
 """
