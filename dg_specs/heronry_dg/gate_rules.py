@@ -148,7 +148,7 @@ class _GateRules:
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
     def _outputs(self, name: str) -> list[str]:
-        """Modules that can each serve a function with this output, which is the name of a module or of a DEMUX."""
+        """Give the modules that can each serve a function with this output; the output is a module or a DEMUX."""
         demux = self._draft.demuxes.get(name)
         ends = demux.form.to if demux is not None and demux.form is not None else []
         return ends or self.branches.get(name, [name])

@@ -18,12 +18,12 @@ goes on repeating its step until the next epoch is ready to replace it.
 *What runs already.* After a restart or a take-over, PEs go on with the configuration that they run. If the manager
 knows that configuration, it adopts it. If the configuration can stay as it is, the manager requests the optimal plan in
 the background; if not, it requests an immediate plan. If the manager does not know the configuration, it requests a
-plan, which may turn out to be the one that runs.
+plan. The result may be the configuration that runs.
 
 *Advising.* A manager that only advises plans as if it were active, reports what it would do (`advice`), and adopts an
-advised plan when the PEs run it. Beside an active manager it follows what that manager announces and activates, as a
-standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor advised, it reports
-that, and advises nothing.
+advised plan when the PEs run it. While another manager is active, it follows what this manager announces and activates,
+as a standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor advised, it
+reports the unknown epoch, and advises nothing.
 
 `planning` drops answers that are late or doubled, and repeats a request after the planner has failed.
 """
@@ -108,7 +108,7 @@ class Replanning:
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
     def take_over(self, cause: Cause) -> None:
-        """Request the first plan of a term that follows the mastership of another manager, for this cause."""
+        """Request the first plan after a take-over from another manager; `cause` becomes the cause of the request."""
         self.planning.causes.append(cause)
         if not self._known.health.starting():
             self.ask()
@@ -116,7 +116,7 @@ class Replanning:
     # Scripts of the operator
 
     def fly(self, target: Configuration) -> None:
-        """Request the best plan, to be compared with this configuration, which a script orders."""
+        """Request the best plan; it is compared with `target`, the configuration of a script."""
         running = self._known.deployment.running
         assert running is not None, "a script is refused while nothing runs"
         self._known.script.ask(target)
@@ -156,7 +156,7 @@ class Replanning:
         """Deploy a plan from the planner; a manager that only advises reports it as advice.
 
         The plan is dropped if the PEs run it already, or if it was requested in the background and is not better than
-        the running plan. If it may not be deployed after the changes that were gathered in a storm, a new plan is
+        the running plan. If the changes that were gathered in a storm do not allow its deployment, a new plan is
         requested.
         """
         deployment = self._known.deployment
@@ -186,8 +186,8 @@ class Replanning:
     def _weighed(self, answer: PlanReady) -> PlanReady:
         """Return the answer to deploy.
 
-        If a script was given and the plan is not better than its configuration at level 1, the answer has this
-        configuration. Otherwise it has the plan itself.
+        If there is a script, and the plan is not better than the configuration of the script at level 1, the answer has
+        this configuration. Otherwise the answer has the plan itself.
         """
         script, deployment = self._known.script, self._known.deployment
         was_asked = script.is_asked
@@ -215,7 +215,10 @@ class Replanning:
     # What runs
 
     def advance(self) -> None:
-        """Command the next steps of the epochs; when one is completed, drop its causes, and look for a better plan."""
+        """Command the next steps of the epochs.
+
+        When an epoch is completed, drop its causes, and look for a better plan.
+        """
         was_next = self._known.deployment.next
         done = self._known.deployment.advance()
         if was_next is not None and self._known.deployment.next is None:
@@ -225,7 +228,10 @@ class Replanning:
             self._settle()
 
     def look_at_what_runs(self) -> None:
-        """In a manager that advises: compare what the PEs run with the advice, and report new advice if they differ."""
+        """In a manager that advises: find out whether the PEs run the advised configuration, or an overheard one.
+
+        If what they run has just become known, decide whether it may stay (`_weigh`).
+        """
         known = self._known
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):

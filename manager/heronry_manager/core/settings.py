@@ -47,6 +47,6 @@ class ManagerSettings:
     def goes_first(self) -> bool:
         """Tell whether this manager may begin as soon as it hears no other manager.
 
-        It may if it has node-ID 126, or if it is not to stand by (`standby`).
+        It may if it has node-ID 126, or if `standby` is False.
         """
         return self.node == FIRST_MANAGER or not self.standby

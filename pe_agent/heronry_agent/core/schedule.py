@@ -117,7 +117,10 @@ class Schedule:
         self._next_ns = None
 
     def chain(self, producers: Mapping[int, frozenset[int]]) -> None:
-        """Set for which modules on this PE each module waits, since it reads their outputs; all by their index."""
+        """Set the modules for which each module waits: the modules on this PE whose outputs it reads.
+
+        producers: the index of a module that waits -> the indices of the modules for which it waits.
+        """
         self._producers = producers
         self._next_ns = None
 

@@ -102,7 +102,7 @@ def plain_line(event: Mapping[str, Any]) -> Line | None:
 
 
 def _worded(value: Any) -> Any:
-    """Join a list of names with commas, an empty list to "its modules"; give any other value unchanged."""
+    """Join a list of names with commas; an empty list becomes "its modules". Give any other value unchanged."""
     return (", ".join(value) or "its modules") if isinstance(value, list) else value
 
 
@@ -204,8 +204,8 @@ class Story:
     def _standstill(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give the line for a standstill.
 
-        After a loss of a PE, the manager reads the standstills of the PE's computer when the PE is heard again. So the
-        line for a standstill of that computer names the loss.
+        If a PE was lost and is heard again, the line for a standstill of the PE's computer names the loss, since the
+        standstill may be the cause.
         """
         by, for_ms = event["by"], event["for_ns"] // 1_000_000
         is_of_this_computer = by == "the demo" or by.startswith("manager ")

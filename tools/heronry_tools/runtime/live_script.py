@@ -23,7 +23,7 @@ _LOOK_S = 0.1  # with each look the manager reads from the PEs, too
 def fly(path: Path, text: str, spec: Spec) -> Answer:
     """Give a script to the manager on a socket; returns the result as a sentence.
 
-    Raises ControlError if no manager answers, and UserError if the manager is one of another spec.
+    Raises ControlError if no manager answers, and UserError if the manager has another spec.
     """
     flies = dict(call(path, AskStatus()).status or {})
     if flies["spec_digest"] != spec.digest:

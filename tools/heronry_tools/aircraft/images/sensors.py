@@ -94,7 +94,7 @@ class GpsReceiver(TupleSensor):
 
 
 class GpsAltitude(TupleSensor):
-    """The GPS receiver of a spec that uses only its height."""
+    """The GPS receiver in a spec that uses only the height of the receiver."""
 
     device = "gps"
     fields = ((None, 1e-7), (None, 1e-7), ("gps_altitude", 1e-3), (None, 1e-5))

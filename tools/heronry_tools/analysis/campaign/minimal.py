@@ -1,4 +1,4 @@
-"""The minimal sets among some sets: the sets of which no other set is a part."""
+"""The minimal sets among some sets: those sets that contain none of the others."""
 
 from collections.abc import Iterable
 

@@ -108,9 +108,10 @@ def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
 
 
 def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
-    """Give the bit/s of management frames on a bus: of the frames that begin on this bus, and of those forwarded to it.
+    """Give the management traffic of a bus, at most, as two numbers in bit/s.
 
-    The frames are LEASE, ALIVE, and the longest states of PEs.
+    The first number is for LEASE, ALIVE and the states of the PEs on this bus. The second is for states that gateways
+    forward to this bus.
     """
     left = survivors(spec, Situation())
     hub = next((pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
@@ -158,7 +159,7 @@ class _Serving:
             self._each_phase(critical - never)
 
     def _never_fits(self, name: str) -> bool:
-        """Tell whether a function cannot be served even if no other one is wanted; if so, report why."""
+        """Tell whether a function cannot be served even if no other function is wanted; if so, report why."""
         if not self._planning.all_at_once([name]).impossible:
             return False
         wanted = [phase for phase in self._phases if name in self._wanted[phase]]
@@ -172,7 +173,7 @@ class _Serving:
         return True
 
     def _each_phase(self, possible: frozenset[str]) -> None:
-        """Report, for each phase, the critical functions that its best plan gives up."""
+        """Report, for each phase, the critical functions that the best plan of the phase gives up."""
         crowded: dict[str, list[Phase]] = {}
         for phase in self._phases:
             wanted = self._critical[phase] & possible

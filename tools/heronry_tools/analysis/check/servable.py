@@ -79,7 +79,7 @@ class Planning:
         return ResponseTimes(self.spec)
 
     def in_phase(self, phase: Phase) -> "Planning":
-        """Give the `Planning` for a phase of the spec: no input is wired that `only_in` restricts to other phases.
+        """Give the `Planning` for a phase of the spec. It wires no input that `only_in` restricts to other phases.
 
         If the spec has no such input, this object itself is returned.
         """

@@ -121,7 +121,7 @@ def _mode(spec: Spec, mode: Mode) -> Fields:
 
 
 def _flat(element: object) -> Fields:
-    """Give the fields of a model element as texts, as a spec writes them, without its name and its nested elements."""
+    """Give the fields of a model element as a spec writes them; the name and nested elements are left out."""
     found: dict[str, str] = {}
     for field in fields(element):  # type: ignore[arg-type]
         if field.name not in ("name", "modes", "needs", "outputs"):

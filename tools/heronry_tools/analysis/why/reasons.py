@@ -71,7 +71,7 @@ class Explanation:
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
-    """Explain how a function is served in a situation; the plan with everything up is taken to run before the faults.
+    """Explain how a function is served in a situation. Before the faults, the best plan with everything up ran.
 
     Raises UserError if the planner does not decide in time what is possible.
     """
@@ -193,7 +193,7 @@ def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
 
 
 def _least_amount(question: Question, one: Assumption, there_is: int) -> int:
-    """Find the least amount of a capacity that is enough; the amount `there_is` is not enough."""
+    """Find the least sufficient amount of a capacity; the amount `there_is` is not sufficient."""
     too_little, enough = there_is, max(1, 2 * there_is)
     while enough < PLENTY and not _is_possible(_with(question, one, enough)):
         too_little, enough = enough, 2 * enough

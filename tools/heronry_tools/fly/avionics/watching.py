@@ -133,10 +133,10 @@ class TrackingHead(Module):
         self._seen_ns: int | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the demanded direction (0.1 mrad): that of a new image.
+        """Publish the direction to which the head must turn (0.1 mrad): the direction of the aircraft in a new image.
 
-        Before the first image, and from a second after the last one, publish the direction of the approach. In the
-        second after an image, publish nothing.
+        Before the first image, and when the last image is more than a second old, publish the direction of the
+        approach. In the second after an image, publish nothing.
         """
         angles = numbers(inputs, "image_angles", 2)
         if angles is not None:

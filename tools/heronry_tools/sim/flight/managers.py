@@ -33,7 +33,7 @@ _OF_A_STANDBY = (
 
 
 class Managers:
-    """The one or two managers of a flight; `running` has those that run, by the number of their seat."""
+    """The one or two managers of a flight; `running` has the managers that run, by the number of their seat."""
 
     def __init__(
         self,
@@ -68,9 +68,9 @@ class Managers:
 
     @property
     def foremost(self) -> SimulatedManager | None:
-        """Return the active manager, of two the one with the higher term; None if no manager runs.
+        """Return the active manager; if two are active, the one with the higher term.
 
-        If no manager is active, return the running one with the lowest node-ID.
+        If no manager is active, return the running manager with the lowest node-ID. None: no manager runs.
         """
         active_manager = [one for one in self.running.values() if one.core.is_active]
         first = next((self.running[seat] for seat in sorted(self.running, key=abs)), None)

@@ -165,7 +165,10 @@ class Simulation:
     # Faults of devices and channels; those of PEs and managers are in `fleet` and `managers`
 
     def fail_device(self, device: str, how: Failure, offset: float = 0.0) -> None:
-        """Make a device fail as `how` says; modules may or may not detect the failure."""
+        """Make a device fail as `how` says; modules may or may not detect the failure.
+
+        offset: the error of a device with a bias, in the unit of the device
+        """
         self.world.fail(device, how, self.clock.now_ns, offset)
         self.truth.failed(f"device:{device}")
 

@@ -83,7 +83,7 @@ class Epoch:
     def has(self, node: int) -> bool:
         """Tell whether a node takes part in the epoch.
 
-        The answer is yes if a slice was sent to the node, or if it has staged a slice that it had on board.
+        The answer is yes if a slice was sent to the node, or if the node has staged a slice that it had on board.
         """
         return node in self.heads or node in self.staged
 
@@ -158,7 +158,7 @@ class Commanded:
                 epoch.staged.add(node)
 
     def _named(self, number: int) -> list[Epoch]:
-        """Return the epochs with this number, first that of the active manager."""
+        """Return the epochs with this number; the epoch that the active manager prepared comes first."""
         known = (self._prepared.get(number & 0xFF), self._apart.get(number & 0xFF), self.epochs.get(number))
         return [epoch for epoch in known if epoch is not None]
 

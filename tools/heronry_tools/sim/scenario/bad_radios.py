@@ -77,7 +77,7 @@ class BadRadios:
         return min(times, default=None)
 
     def follow(self, elapsed_ns: int) -> None:
-        """Set the disturbance of each bus to that of this time of the script (ns)."""
+        """Disturb each bus as the script demands at its time `elapsed_ns`."""
         for bus, deeds in self._faults.items():
             wanted = disturbance(deeds, elapsed_ns)
             if wanted != self._now[bus]:

@@ -202,7 +202,7 @@ class _Show:
             self._runs_ns = event["t_ns"]
 
     def _begin(self) -> None:
-        """Wait until every function of the first configuration was heard, or for LOADING_S, then begin the script."""
+        """Begin the script when every function of the first configuration was heard, at most LOADING_S after it ran."""
         if self._start_ns is not None or self._runs_ns is None:
             return
         now_ns, functions = time.monotonic_ns(), self._script.spec.functions

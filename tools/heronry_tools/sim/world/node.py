@@ -81,7 +81,7 @@ class Node:
             bus.wire(station, cut_off=cut_off, transmit_failed=transmit_failed, receive_failed=receive_failed)
 
     def pause(self, duration_ns: int) -> None:
-        """Pause the processor from now on; a pause that ends within an earlier one has no effect."""
+        """Pause the processor from now on; no effect if an earlier pause lasts as long, or longer."""
         until_ns = self._clock.now_ns + duration_ns
         if self._paused_until_ns is not None and self._paused_until_ns >= until_ns:
             return
