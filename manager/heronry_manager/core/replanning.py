@@ -228,7 +228,7 @@ class Replanning:
             self._settle()
 
     def look_at_what_runs(self) -> None:
-        """In a manager that advises: find out whether the PEs run the advised configuration, or an overheard one.
+        """In a manager that advises: find out whether the PEs run a configuration that was advised or overheard.
 
         If what they run has just become known, decide whether it may stay (`_weigh`).
         """

@@ -108,7 +108,7 @@ def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
 
 
 def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
-    """Give the management traffic of a bus, at most, as two numbers in bit/s.
+    """Give the largest management traffic of a bus as two numbers in bit/s.
 
     The first number is for LEASE, ALIVE and the states of the PEs on this bus. The second is for states that gateways
     forward to this bus.

@@ -71,8 +71,9 @@ class Explanation:
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
-    """Explain how a function is served in a situation. Before the faults, the best plan with everything up ran.
+    """Explain how a function is served in a situation.
 
+    It is assumed that before the faults the best plan with everything up ran.
     Raises UserError if the planner does not decide in time what is possible.
     """
     healthy = plan(spec, Situation(phase=now.phase))

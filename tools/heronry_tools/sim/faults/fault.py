@@ -289,7 +289,7 @@ LEVELS: Mapping[str, tuple[int, int]] = {
 class Fault:
     """One fault: injected at `at_ms` or later, and over after `lasts_ms`.
 
-    `lasts_ms` is 0 for a fault that does not end, and for an event without a duration, such as a clock jump or an order.
+    `lasts_ms` is 0 for a fault that does not end, and for an event without a duration, such as a clock jump.
     """
 
     at_ms: int

@@ -170,7 +170,7 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Return an expectation with more time: the time times `patience`.
+        """Return an expectation whose time is multiplied by `patience`.
 
         If a process starts when the expectation begins, the expectation gets 3 s more.
         """
@@ -202,7 +202,7 @@ class _Show:
             self._runs_ns = event["t_ns"]
 
     def _begin(self) -> None:
-        """Begin the script when every function of the first configuration was heard, at most LOADING_S after it ran."""
+        """Begin the script when every function of the first configuration was heard, or LOADING_S have passed."""
         if self._start_ns is not None or self._runs_ns is None:
             return
         now_ns, functions = time.monotonic_ns(), self._script.spec.functions
