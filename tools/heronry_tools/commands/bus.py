@@ -110,6 +110,7 @@ def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Con
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
             raise UserError(
-                f"{arguments.plan}: {violation}; with this violation the messages of the plan are not defined: correct it"
+                f"{arguments.plan}: {violation}; with this violation the messages of the plan are not defined: "
+                "correct it"
             )
     return now, configuration
