@@ -144,7 +144,7 @@ class Planning:
         self.in_background = False
 
     def target_refused(self) -> None:
-        """Note that the script is refused: the plan is now treated like one requested in the background."""
+        """Note that the script is refused: the plan is now treated like a plan that was requested in the background."""
         self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
     def forget(self) -> None:

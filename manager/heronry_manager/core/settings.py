@@ -19,7 +19,7 @@ class ManagerSettings:
     on_board: the configurations that PREPARE can name by number, to PEs that hold their part of the contingency file.
     key: key of the fleet; with it every command is tagged, and the manager believes nothing without a tag.
     standby: the manager stands by while another manager is active; without this setting it ends.
-    tells_departures: the driver reports when an ALIVE is on the bus; if False, each ALIVE counts as there immediately.
+    tells_departures: the driver reports when an ALIVE is on the bus; if False, each ALIVE counts as sent immediately.
     reads_objects: the manager reads by SDO the details that PEs store for people (`pe_details`).
     """
 

@@ -125,7 +125,7 @@ class Schedule:
         self._next_ns = None
 
     def due(self, now_ns: int) -> Iterator[int]:
-        """Yield the modules that are due now: the earliest first, and at the same time in the order of the spec.
+        """Yield the modules that are due now: the earliest first; those due at the same time in the order of the spec.
 
         For each module the caller calls `begin`, or skips the step, before it takes the next module.
         """

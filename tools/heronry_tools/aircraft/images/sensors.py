@@ -29,7 +29,7 @@ class SensorDriver(Module):
         self._silence = Lasting(_SILENCE_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a sensor's driver has none)
-        """Publish the converted reading, or nothing if there is no valid one; report a device that has failed."""
+        """Publish the converted reading, or nothing without a valid reading; report a device that has failed."""
         raw = self.ctx.read()
         given = None if raw is None else self.convert(raw)
         if self._silence.is_due(given is None):

@@ -199,7 +199,7 @@ class _Serving:
         self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
 
     def _overloads(self, functions: Collection[str], at: list[Phase]) -> bool:
-        """Report the buses that cannot carry the data which these functions need; tell whether there are any."""
+        """Report the buses that cannot carry the data which these functions need; True if there is such a bus."""
         from heronry_tools.analysis.check.forced_traffic import forced_traffic  # noqa: PLC0415 - loads the planner's candidates
 
         possible = self._planning.candidates_for(functions)

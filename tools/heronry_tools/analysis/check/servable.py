@@ -4,7 +4,7 @@ The exact planner answers both questions. It first gets a cheap problem: only th
 same priority. If all of them can be served together, every best plan of a phase that wants no other critical function
 serves them, too. The whole phase, with its priorities, is planned only if they cannot all be served.
 
-Identifiers, and with them response times, are always those of the whole spec, since these are used on the bus.
+Identifiers, and with them response times, are always taken from the whole spec, as they are used on the bus.
 """
 
 from collections.abc import Collection, Mapping
