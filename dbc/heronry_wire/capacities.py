@@ -8,7 +8,7 @@ Other numbers need no limit in this file:
 
     node-IDs, identifiers      `identifiers` refuses what does not fit
     versions, restarts         the schema of a spec limits them; a version has four bits of the status byte
-    terms, epochs, sequences   after the largest number, terms give an error, and the others begin anew
+    terms, epochs, sequences   after the largest number, terms give an error; epochs and sequences begin anew
     contingencies              a contingency with a number above 4 095 is sent as slices
 """
 

@@ -96,10 +96,11 @@ class CommandVerifier:
     """Decides which commands of the managers this node accepts."""
 
     def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
-        """Begin without a place for any manager.
+        """Begin with no accepted command of any manager.
 
-        patience_ns: how long a command waits for its TAG. seek: whether the number of the first command is found by
-        trying possible numbers; for a standby manager, which sends no nonce.
+        patience_ns: how long a command waits for its TAG.
+        seek: whether the number of the first command is found by trying possible numbers. A standby manager needs
+            this, since it sends no nonce.
         """
         self._key, self._patience_ns, self._seek = key, patience_ns, seek
         self._held: dict[tuple[int, int], deque[Held]] = {
@@ -193,7 +194,7 @@ class CommandVerifier:
         return found._replace(arrived_ns=same[-1].arrived_ns) if same else found
 
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
-        """Give the place that the command must have if its TAG is valid, or the reason why the command is refused."""
+        """Give the term and number that the command must have if its TAG is valid, or the reason for its refusal."""
         last = self.places.get(manager)
         if kind == WELCOME_KIND:
             term, _, _, upper, lower = CONTROL.fields_of(payload)

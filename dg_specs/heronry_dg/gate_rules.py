@@ -24,16 +24,22 @@ _Datum = tuple[str, int]  # variable, version
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """The expressions of a spec after reading; an expression with a mistake is missing."""
+    """The expressions of a spec after reading; an expression with a mistake is missing.
+
+    shorthands: expression of each entry of `gates`, by name.
+    needs: expression of each mode; None for a mode without `needs`.
+    branches: the modules that are branches of each DEMUX.
+    places: where each leaf of a mode stands in the file, in the order of `gates.leaves`.
+    """
 
     shorthands: Mapping[str, Expression]
     needs: Mapping[ModeName, Expression | None]
-    branches: Mapping[str, tuple[str, ...]]  # DEMUX -> modules
-    places: Mapping[ModeName, tuple[Place, ...]]  # of the leaves of a mode, in the order of `gates.leaves`
+    branches: Mapping[str, tuple[str, ...]]
+    places: Mapping[ModeName, tuple[Place, ...]]
 
 
 def read_gates(draft: Draft, findings: Findings) -> Gates:
-    """Read and check every expression; one with a mistake gives a finding, and is missing from the result."""
+    """Read and check every expression. An expression with a mistake gives a finding, and is missing from the result."""
     reader = ExpressionReader(draft, findings)
     assess = _GateRules(draft, findings)
     for module in draft.modules.values():
@@ -142,7 +148,7 @@ class _GateRules:
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
     def _outputs(self, name: str) -> list[str]:
-        """Modules that can each serve a function with this output, which is the name of a module or of a DEMUX."""
+        """Give the modules that can each serve a function with this output; the output is a module or a DEMUX."""
         demux = self._draft.demuxes.get(name)
         ends = demux.form.to if demux is not None and demux.form is not None else []
         return ends or self.branches.get(name, [name])
@@ -152,7 +158,7 @@ class _GateRules:
         return all(m.modes and all((m.name, mode) in self.readings for mode in m.modes) for m in modules)
 
     def _wiring(self) -> dict[ModeName | _Datum, list[ModeName | _Datum]]:
-        """Give the graph in which an edge leads from a mode to each datum that it gives, and from there to each reader.
+        """Give a graph with edges from each mode to its data, and from each datum to the modes that accept it.
 
         Data with an initial value are left out.
         """

@@ -56,7 +56,7 @@ class Device(Protocol):
 
 
 class DeviceDriver(Protocol):
-    """Opens the devices of one PE; the package of the driver offers it under the entry point `heronry.devices`."""
+    """A device driver, which opens the devices of one PE; the agent finds it by the entry point `heronry.devices`."""
 
     def open(self, name: str) -> Device:
         """Return the device that has this name in the spec; called once per device.

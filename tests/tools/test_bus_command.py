@@ -155,7 +155,7 @@ def test_too_much_or_too_late_is_said_and_makes_the_exit_code_1(
     ("arguments", "sentence"),
     [
         (("--bus", "can1"), "big_blue has no bus 'can1'; its buses are can0, radio"),
-        (("--plan", "PLAN"), "with this violation its messages are not defined: correct the plan"),
+        (("--plan", "PLAN"), "with this violation the messages of the plan are not defined: correct it"),
         (("--down", "pe:nowhere"), "no pe is named 'nowhere'"),
     ],
 )

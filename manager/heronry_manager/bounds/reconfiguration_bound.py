@@ -3,8 +3,8 @@
     detect      a silent PE is declared down `misses` periods and a quarter of a period after its last state; the period
                 is the heartbeat period of its uplink. That state may still have been on its way when the PE fell
                 silent. A fault that a module reports is detected when its EMCY has arrived. A PE that returns sends
-                within a period and is held down for ten more (twice as long after each recent loss; the bound assumes
-                none)
+                within a period, and is then held down for ten periods. (Each recent loss doubles the hold-down; the
+                bound assumes no recent loss.)
     decide      given by the caller, since the planner has no deadline; only a table look-up has one
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
     activate    BREAK, if the transition has this step, and GO_ALL: for each of these, one command and its last answer.
@@ -64,7 +64,7 @@ class Case:
     before: Configuration
     after: Configuration
     silent: tuple[str, ...] = ()  # PEs that the manager no longer hears
-    returns: tuple[str, ...] = ()  # PEs that it hears again
+    returns: tuple[str, ...] = ()  # PEs that the manager hears again
 
     @property
     def several(self) -> bool:
@@ -195,7 +195,8 @@ class Bounds:
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
         """Give the frames on the buses while slices go out.
 
-        Three epochs may cause frames in this time: the running epoch, an abandoned epoch, and the new epoch.
+        If several PEs are lost or return, three epochs may cause frames in this time: the running epoch, an abandoned
+        epoch, and the new epoch.
         """
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))
@@ -227,7 +228,10 @@ class Bounds:
         return replace(burst, heads=0, paced=stragglers, broadcasts=burst.broadcasts + 1, answers=burst.answers + 1)
 
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
-        """Give the number of SLICE frames for one PE: one head, and the body unless the PE runs that slice already."""
+        """Give the number of SLICE frames for one PE: one head, and the bodies unless the PE runs that slice already.
+
+        If several PEs are lost or return, this is the number for the longer of the two slices.
+        """
         node = self._spec.pes[pe].node_id
         length = len(after.slices[node])
         if case.several:

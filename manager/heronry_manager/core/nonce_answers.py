@@ -1,10 +1,10 @@
 """Which nonces of a PE a manager answers: those that a holder of the key has made, and each for a short time.
 
-A nonce without its own tag (`Key.is_plausible`) is not answered, so a forged page 2 does not use up the answers to true
-ones. A nonce that was recorded on the bus has a right tag. Therefore a nonce is answered at most once in a period, and
-not any more once twice T_lease have passed since it was first heard: no PE uses a nonce for so long. As many as
-`_AT_ONCE` nonces of one PE are answered in a period, so a few recorded nonces do not prevent the answer to the true
-one.
+A nonce has a tag of its own (`Key.is_plausible`). A nonce without a right tag is not answered, so a forged page 2 does
+not use up the answers. A nonce that was recorded on the bus has a right tag. Therefore a nonce is not answered again
+within half a period, and not at all when twice T_lease have passed since it was first heard: no PE uses a nonce for so
+long. Up to `_AT_ONCE` nonces of one PE are answered in a period, so a few recorded nonces do not prevent the answer to
+the nonce that the PE uses.
 
 The PE repeats a page 2 that was lost. A late or doubled page 2 costs one answer at most.
 """

@@ -56,7 +56,11 @@ class Planning:
         in_background: bool = False,
         target: Configuration | None = None,
     ) -> None:
-        """Request a plan for this situation, to be compared with the target of a script if there is one."""
+        """Request a plan for this situation.
+
+        running: the placement that runs now; None if none is known.
+        target: the configuration of the operator's script, with which the plan is compared; None if there is no script.
+        """
         self.causes += self.gathered
         self.gathered.clear()
         if not in_background:
@@ -128,7 +132,7 @@ class Planning:
         self.ask(now, running, in_background=True)
 
     def ask_for(self, target: Configuration, now: Situation, running: Placement) -> None:
-        """Request the best plan for this situation, to be compared with the configuration that a script orders."""
+        """Request the best plan for this situation; it is compared with `target`, the configuration of a script."""
         self.causes = [Cause(_SCRIPT, self._turn.now_ns, self._turn.now_ns)]
         self.ask(now, running, in_background=True, target=target)
 
@@ -140,7 +144,7 @@ class Planning:
         self.in_background = False
 
     def target_refused(self) -> None:
-        """Note that the script is refused: the plan is now treated like one requested in the background."""
+        """Note that the script is refused: the plan is now treated like a plan that was requested in the background."""
         self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
     def forget(self) -> None:

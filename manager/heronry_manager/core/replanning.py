@@ -18,12 +18,12 @@ goes on repeating its step until the next epoch is ready to replace it.
 *What runs already.* After a restart or a take-over, PEs go on with the configuration that they run. If the manager
 knows that configuration, it adopts it. If the configuration can stay as it is, the manager requests the optimal plan in
 the background; if not, it requests an immediate plan. If the manager does not know the configuration, it requests a
-plan, which may turn out to be the one that runs.
+plan. The result may be the configuration that runs.
 
 *Advising.* A manager that only advises plans as if it were active, reports what it would do (`advice`), and adopts an
-advised plan when the PEs run it. Beside an active manager it follows what that manager announces and activates, as a
-standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor advised, it reports
-that, and advises nothing.
+advised plan when the PEs run it. While another manager is active, it follows what this manager announces and activates,
+as a standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor advised, it
+reports the unknown epoch, and advises nothing.
 
 `planning` drops answers that are late or doubled, and repeats a request after the planner has failed.
 """
@@ -58,7 +58,7 @@ class Replanning:
     def need(self, change: PlanNeeded) -> None:
         """Abandon the epoch that is being prepared, and request a new plan as soon as possible.
 
-        In a storm of changes what is under way may be finished first.
+        In a storm of changes, the present request or epoch may be finished first.
         """
         if self._claim.state is Mastership.STANDBY:
             return
@@ -77,7 +77,7 @@ class Replanning:
             self.ask()
 
     def _finishes_first(self) -> bool:
-        """Tell whether there is a storm of changes, and what is under way may be finished before the next plan."""
+        """Tell whether a storm of changes is in progress, in which the present request or epoch is finished first."""
         if not self._storms.rages:
             return False
         opened = self._known.deployment.next
@@ -108,7 +108,7 @@ class Replanning:
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
     def take_over(self, cause: Cause) -> None:
-        """Request the first plan of a term that follows the mastership of another manager, for this cause."""
+        """Request the first plan after a take-over from another manager; `cause` becomes the cause of the request."""
         self.planning.causes.append(cause)
         if not self._known.health.starting():
             self.ask()
@@ -116,7 +116,7 @@ class Replanning:
     # Scripts of the operator
 
     def fly(self, target: Configuration) -> None:
-        """Request the best plan, to be compared with this configuration, which a script orders."""
+        """Request the best plan; it is compared with `target`, the configuration of a script."""
         running = self._known.deployment.running
         assert running is not None, "a script is refused while nothing runs"
         self._known.script.ask(target)
@@ -156,7 +156,7 @@ class Replanning:
         """Deploy a plan from the planner; a manager that only advises reports it as advice.
 
         The plan is dropped if the PEs run it already, or if it was requested in the background and is not better than
-        the running plan. If it may not be deployed after the changes that were gathered in a storm, a new plan is
+        the running plan. If the changes that were gathered in a storm do not allow its deployment, a new plan is
         requested.
         """
         deployment = self._known.deployment
@@ -184,9 +184,10 @@ class Replanning:
             deployment.prepare(answer.plan, self.planning.causes)
 
     def _weighed(self, answer: PlanReady) -> PlanReady:
-        """Give the configuration of a script in place of a plan that is not better at level 1.
+        """Return the answer to deploy.
 
-        If the plan is better, or there is no script, the plan itself is given.
+        If there is a script, and the plan is not better than the configuration of the script at level 1, the answer has
+        this configuration. Otherwise the answer has the plan itself.
         """
         script, deployment = self._known.script, self._known.deployment
         was_asked = script.is_asked
@@ -198,7 +199,7 @@ class Replanning:
         return answer if plan is None else PlanReady(answer.request, plan)
 
     def failed(self, answer: PlanFailed) -> None:
-        """Note that the planner could not answer; the request will be repeated if it was not in the background."""
+        """Note that the planner could not answer; a request is repeated unless it was made in the background."""
         if self.planning.failed(answer) and self.planning.in_background:
             if self._known.script.is_asked:
                 self._known.script.refuse(f"there is no plan to compare the script with: {answer.reason}")
@@ -214,7 +215,10 @@ class Replanning:
     # What runs
 
     def advance(self) -> None:
-        """Command the next steps of the epochs; when one is completed, drop its causes, and look for a better plan."""
+        """Command the next steps of the epochs.
+
+        When an epoch is completed, drop its causes, and look for a better plan.
+        """
         was_next = self._known.deployment.next
         done = self._known.deployment.advance()
         if was_next is not None and self._known.deployment.next is None:
@@ -224,7 +228,10 @@ class Replanning:
             self._settle()
 
     def look_at_what_runs(self) -> None:
-        """In a manager that advises: compare what the PEs run with the advice, and report new advice if they differ."""
+        """In a manager that advises: find out whether the PEs run a configuration that was advised or overheard.
+
+        If what they run has just become known, decide whether it may stay (`_weigh`).
+        """
         known = self._known
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
@@ -240,7 +247,10 @@ class Replanning:
             self._ask()
 
     def _may_stay(self) -> bool:
-        """Tell whether the running configuration may stay: legal, with all critical functions, on all available PEs."""
+        """Tell whether the running configuration may stay.
+
+        It may if it is legal, serves all critical functions that are wanted, and runs on all available PEs.
+        """
         spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
         plan, now = deployment.plan, situation.now()
         if plan is None or not deployment.all_available_run_it():

@@ -15,11 +15,11 @@ class ManagerSettings:
 
     node: 126 or 127.
     window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds.
-    advise: the manager never sends anything on the bus, and reports what it would do instead.
+    advise: the manager sends nothing on the bus, and only reports what it would do.
     on_board: the configurations that PREPARE can name by number, to PEs that hold their part of the contingency file.
     key: key of the fleet; with it every command is tagged, and the manager believes nothing without a tag.
-    standby: the manager stands by while another one is active, instead of ending.
-    tells_departures: the driver reports when an ALIVE is on the bus; if False, each ALIVE counts as there immediately.
+    standby: the manager stands by while another manager is active; without this setting it ends.
+    tells_departures: the driver reports when an ALIVE is on the bus; if False, each ALIVE counts as sent immediately.
     reads_objects: the manager reads by SDO the details that PEs store for people (`pe_details`).
     """
 
@@ -45,5 +45,8 @@ class ManagerSettings:
 
     @property
     def goes_first(self) -> bool:
-        """Tell whether this manager may begin as soon as it hears no other: it has node-ID 126, or no `standby`."""
+        """Tell whether this manager may begin as soon as it hears no other manager.
+
+        It may if it has node-ID 126, or if `standby` is False.
+        """
         return self.node == FIRST_MANAGER or not self.standby

@@ -70,7 +70,7 @@ class Succession:
     # Beginning and ending
 
     def begin_term(self) -> None:
-        """Begin a term, if one is left: this manager is active from now on."""
+        """Begin a term: this manager is active from now on. If all terms have been used, no term begins."""
         if self._claim.begin_term():
             self._known.deployment.begin(self._turn.term)
             self._known.exclusion.begun(self._turn.now_ns, self._known.health.available())

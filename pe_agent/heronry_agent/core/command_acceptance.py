@@ -174,8 +174,8 @@ class CommandAcceptance:
     def _prepare(self, command: Prepare) -> None:
         """Begin to collect the slice of a new epoch.
 
-        A slice that is on board is staged at once. Then data frames are held back for a moment, so that the answers of
-        all PEs, and ACTIVATE, pass the bus quickly.
+        A slice that is on board is staged at once. In this case data frames are held back for a moment, so that the
+        answers of all PEs, and ACTIVATE, pass the bus quickly.
         """
         before = self.staging.staged
         self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)

@@ -194,7 +194,10 @@ class Faults:
         return bool(heard)
 
     def clear(self, kind: int, index: int) -> list[Frame]:
-        """Clear the faults of an element; returns the EMCY that ends their report, none if there were no faults."""
+        """Clear the faults of an element.
+
+        Returns the EMCY that ends the report of the faults; no frame if there was no fault.
+        """
         self._drop([key for key in self._pending if key[1:] == (kind, index)])
         self._quiet_until_ns = {key: ns for key, ns in self._quiet_until_ns.items() if key[1:] != (kind, index)}
         told = self._told.pop((kind, index), None)

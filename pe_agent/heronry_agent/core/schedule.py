@@ -60,7 +60,7 @@ class _Grid:
         self.hung_ns = hung_ns(self.rate_mhz)
 
     def release(self, now_ns: int) -> int:
-        """Set the next release to the first one after now; returns how many were skipped."""
+        """Set the next release to the first one after now; returns how many releases were skipped."""
         following = self.index + 1
         index = max(following, (now_ns - self.started_ns) * self.rate_mhz // NS_MHZ)
         while self.started_ns + index * NS_MHZ // self.rate_mhz <= now_ns:
@@ -117,14 +117,17 @@ class Schedule:
         self._next_ns = None
 
     def chain(self, producers: Mapping[int, frozenset[int]]) -> None:
-        """Set, for each module, the modules on this PE whose outputs it reads, and for which it waits."""
+        """Set the modules for which each module waits: the modules on this PE whose outputs it reads.
+
+        producers: the index of a module that waits -> the indices of the modules for which it waits.
+        """
         self._producers = producers
         self._next_ns = None
 
     def due(self, now_ns: int) -> Iterator[int]:
-        """Yield the modules that are due now: the earliest first, and at the same time in the order of the spec.
+        """Yield the modules that are due now: the earliest first; those due at the same time in the order of the spec.
 
-        For each of them the caller calls `begin`, or skips its step, before it takes the next one.
+        For each module the caller calls `begin`, or skips the step, before it takes the next module.
         """
         if now_ns < self.next_ns:
             return
@@ -222,7 +225,7 @@ class Schedule:
             del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """Time in ns at which a module is stepped if no module that it waits for answers before."""
+        """Time in ns at which a module is stepped, unless the modules for which it waits have answered earlier."""
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 

@@ -39,7 +39,10 @@ class Monitor(Module):
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Report the element if `is_wrong` has been True for `patience_ns`; returns the health of the element."""
+        """Report the element if `is_wrong` has been True for `patience_ns`.
+
+        Returns the health of the element as the value of `output`: 0 healthy, 1 reported as failed.
+        """
         if self._wrong.is_due(self.is_wrong(inputs)):
             self._health = 1
             self.ctx.report_failed(self.element)

@@ -46,7 +46,7 @@ def add_parsers(subparsers: Any) -> None:
         "--limit",
         metavar="ELEMENT=PERCENT",
         action="append",
-        help="percentage of its capacity that a PE or bus still has; may be repeated",
+        help="a PE or bus that has only this percentage of its capacity left, as pe:nav=50%%; may be repeated",
     )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument(
@@ -110,6 +110,7 @@ def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Con
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
             raise UserError(
-                f"{arguments.plan}: {violation}; with this violation its messages are not defined: correct the plan"
+                f"{arguments.plan}: {violation}; with this violation the messages of the plan are not defined: "
+                "correct it"
             )
     return now, configuration

@@ -57,7 +57,7 @@ def add_parsers(subparsers: Any) -> None:
         dest="seconds",
         metavar="SECONDS",
         type=_seconds,
-        help=f"seconds to run (default {DEFAULT_SECONDS:.0f}); then up to 15 s until a reconfiguration is complete",
+        help=f"seconds to run (default {DEFAULT_SECONDS:.0f}), and up to 15 s more until a reconfiguration is complete",
     )
     parser.add_argument(
         "--from",

@@ -28,7 +28,7 @@ def add_manager_argument(parser: argparse.ArgumentParser) -> None:
 def manager_socket(arguments: argparse.Namespace) -> Path:
     """Give the socket of the manager to call.
 
-    Raises ControlError if the named manager does not run, or if none is named and there is not exactly one.
+    Raises ControlError if the named manager does not run. Without a name, raises it unless exactly one manager runs.
     """
     from heronry_manager.shell.control_client import find_socket  # noqa: PLC0415 - keeps other commands quick
 

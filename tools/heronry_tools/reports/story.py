@@ -102,7 +102,7 @@ def plain_line(event: Mapping[str, Any]) -> Line | None:
 
 
 def _worded(value: Any) -> Any:
-    """Join a list of names with commas; give any other value unchanged."""
+    """Join a list of names with commas; an empty list becomes "its modules". Give any other value unchanged."""
     return (", ".join(value) or "its modules") if isinstance(value, list) else value
 
 
@@ -187,7 +187,7 @@ class Story:
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
     def _needs_a_line(self, event: Mapping[str, Any]) -> bool:
-        """Tell whether a standstill needs a line of its own, and if so, remember it.
+        """Tell whether a standstill needs a line of its own; remember the standstill if so.
 
         A busy computer stands still many times in a row. So a standstill gets a line only in these cases:
 
@@ -204,8 +204,8 @@ class Story:
     def _standstill(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give the line for a standstill.
 
-        After a loss of a PE, the manager reads the standstills of the PE's computer when the PE is heard again. So the
-        line for a standstill of that computer names the loss.
+        If a PE was lost and is heard again, the line for a standstill of the PE's computer names the loss, since the
+        standstill may be the cause.
         """
         by, for_ms = event["by"], event["for_ns"] // 1_000_000
         is_of_this_computer = by == "the demo" or by.startswith("manager ")
@@ -290,7 +290,10 @@ class Story:
             yield from self._roster()
 
     def _control_paths(self, paths: Mapping[str, str]) -> Iterator[Line]:
-        """Give a line for each loop through a plant that opens or closes; the first time, for each open loop."""
+        """Give a line for each control loop that opens or closes; at the first call, for each open loop.
+
+        paths: state of the control loop through each plant, by the name of the plant
+        """
         for plant, state in paths.items():
             was = self._paths.get(plant, "on_path")
             if state == "on_path" and was != "on_path":

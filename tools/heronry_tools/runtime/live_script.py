@@ -1,8 +1,8 @@
 """Gives a reconfiguration script (`heronry_pcs`) to a running manager, and waits for the result.
 
-The manager answers as soon as it has understood the script. Then it requests the best plan, and compares the
-configuration that the script makes with this plan. It deploys the configuration, or refuses the script. The status of
-the manager shows the progress.
+The manager answers as soon as it has understood the script. Then it requests the best plan, and compares this plan with
+the configuration of the script. It deploys the configuration, or refuses the script. The status of the manager shows
+the progress.
 """
 
 import time
@@ -23,7 +23,7 @@ _LOOK_S = 0.1  # with each look the manager reads from the PEs, too
 def fly(path: Path, text: str, spec: Spec) -> Answer:
     """Give a script to the manager on a socket; returns the result as a sentence.
 
-    Raises ControlError if no manager answers, and UserError if the manager is one of another spec.
+    Raises ControlError if no manager answers, and UserError if the manager has another spec.
     """
     flies = dict(call(path, AskStatus()).status or {})
     if flies["spec_digest"] != spec.digest:

@@ -36,7 +36,7 @@ def placement_rules(numbers: Numbering) -> PlacementRules:
 
 
 def _others(numbers: Numbering, groups: Iterable[Iterable[str]]) -> list[int]:
-    """Return for each module the set of the other modules in its groups."""
+    """Return, by module number, the set of the other modules in the groups of the module: bit n stands for module n."""
     others = [0] * len(numbers.modules)
     for group in groups:
         members = [numbers.module_number[name] for name in group]

@@ -29,7 +29,7 @@ class SensorDriver(Module):
         self._silence = Lasting(_SILENCE_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a sensor's driver has none)
-        """Publish the converted reading, or nothing if there is no valid one; report a device that has failed."""
+        """Publish the converted reading, or nothing without a valid reading; report a device that has failed."""
         raw = self.ctx.read()
         given = None if raw is None else self.convert(raw)
         if self._silence.is_due(given is None):
@@ -94,7 +94,7 @@ class GpsReceiver(TupleSensor):
 
 
 class GpsAltitude(TupleSensor):
-    """The GPS receiver of a spec that uses only its height."""
+    """The GPS receiver in a spec that uses only the height of the receiver."""
 
     device = "gps"
     fields = ((None, 1e-7), (None, 1e-7), ("gps_altitude", 1e-3), (None, 1e-5))
@@ -113,28 +113,28 @@ class Horizon(SensorDriver):
 
 
 class Barometer(NumberSensor):
-    """Static pressure in hPa, from the barometer of `elevator_and_chute`."""
+    """Static pressure in hPa, from the barometer of the aircraft `elevator_and_chute`."""
 
     device = "barometer"
     variable = "absolute_pressure"
 
 
 class PressureSensor1(NumberSensor):
-    """First static pressure of three, in hPa."""
+    """The first of three static pressures, in hPa."""
 
     device = "pressure_sensor_1"
     variable = "pressure_1"
 
 
 class PressureSensor2(NumberSensor):
-    """Second static pressure of three, in hPa."""
+    """The second of three static pressures, in hPa."""
 
     device = "pressure_sensor_2"
     variable = "pressure_2"
 
 
 class PressureSensor3(NumberSensor):
-    """Third static pressure of three, in hPa."""
+    """The third of three static pressures, in hPa."""
 
     device = "pressure_sensor_3"
     variable = "pressure_3"
@@ -204,7 +204,7 @@ class Console(CommandReceiver):
 
 
 class ChuteReceiver(SensorDriver):
-    """The only command of `elevator_and_chute`: open the parachute; 1 is yes."""
+    """The only command of the aircraft `elevator_and_chute`: open the parachute; 1 is yes."""
 
     device = "receiver"
 

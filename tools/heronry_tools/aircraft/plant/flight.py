@@ -154,7 +154,7 @@ def moment(time_ns: int) -> Moment:
 
 
 def wing_pressure_hpa(time_ns: int) -> float:
-    """Give the pressure in the wings at a time (ns after take-off), while no module has moved the valve yet."""
+    """Give the pressure in the wings (hPa) at a time (ns after take-off), if no module has moved the valve so far."""
     return _WING_PRESSURE_HPA.at(max(time_ns, 0) / NS_PER_S)
 
 

@@ -29,9 +29,9 @@ class PlantOfDevices(Protocol):
         """Give the actuators on other PEs whose echoes a plant with these sensors needs."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail: dead (silent), stuck at its present reading, wrong by `offset`, or loose.
+        """Make a device fail: dead (silent), stuck at its present reading, with a bias, or loose.
 
-        A loose servo does not hold its surface.
+        offset: the bias, in the unit of the device. A loose servo does not hold its surface.
         """
 
     def heal(self, device: str) -> None:

@@ -1,10 +1,10 @@
-"""The minimal sets among some sets: the sets that contain no other one of these sets."""
+"""The minimal sets among some sets: those sets that contain none of the others."""
 
 from collections.abc import Iterable
 
 
 def minimal(sets: Iterable[frozenset[str]]) -> list[frozenset[str]]:
-    """Give those of the sets that contain no other one of them, smaller sets first; equal sizes keep their order."""
+    """Give each set that contains none of the others. Smaller sets come first; sets of equal size keep their order."""
     found: list[frozenset[str]] = []
     for one in sorted(dict.fromkeys(sets), key=len):
         if not any(known < one for known in found):

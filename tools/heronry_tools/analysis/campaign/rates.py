@@ -64,9 +64,11 @@ def rate_of(spec: Spec, element: str) -> Fraction | None:
 
 
 def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]], scope: Scope) -> Likelihood | None:
-    """Bound the probability that a function is lost within one hour; None if each set has an element without a rate.
+    """Give bounds of the probability that a function is lost within one hour.
 
-    fault_sets: the smallest sets of the scope that lose the function.
+    fault_sets: the minimal fault sets of the scope after which the function is lost.
+
+    Returns None if each of these sets has an element without a rate.
     """
     rates = {element: rate for element in scope.elements if (rate := rate_of(spec, element)) is not None}
     sets = list(fault_sets)

@@ -50,7 +50,10 @@ def _is_here(image: str, folder: Path) -> bool:
 
 
 def _problems(folder: Path, images: Sequence[str]) -> Mapping[str, str | None]:
-    """Load images; gives for each the reason why it cannot be loaded, or None."""
+    """Load images in a process of its own; gives, by image, the reason why it cannot be loaded, or None.
+
+    If an image ends or hangs the process, the images after it are missing from the result.
+    """
     command = [sys.executable, "-m", __name__, str(folder), *images]
     try:
         ran = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=LIMIT_S, check=False)

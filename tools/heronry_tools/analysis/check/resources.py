@@ -108,7 +108,11 @@ def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
 
 
 def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
-    """Give the bit/s of LEASE, ALIVE and the longest states on a bus, forwarded states included."""
+    """Give the largest management traffic of a bus as two numbers in bit/s.
+
+    The first number is for LEASE, ALIVE and the states of the PEs on this bus. The second is for states that gateways
+    forward to this bus.
+    """
     left = survivors(spec, Situation())
     hub = next((pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
     own, passing = Fraction(_MANAGER_FRAMES, bus.heartbeat_ns), Fraction(0)
@@ -155,7 +159,7 @@ class _Serving:
             self._each_phase(critical - never)
 
     def _never_fits(self, name: str) -> bool:
-        """Tell whether a function cannot be served even if no other one is wanted; if so, report why."""
+        """Tell whether a function cannot be served even if no other function is wanted; if so, report why."""
         if not self._planning.all_at_once([name]).impossible:
             return False
         wanted = [phase for phase in self._phases if name in self._wanted[phase]]
@@ -169,7 +173,7 @@ class _Serving:
         return True
 
     def _each_phase(self, possible: frozenset[str]) -> None:
-        """Report, for each phase, the critical functions that its best plan gives up."""
+        """Report, for each phase, the critical functions that the best plan of the phase gives up."""
         crowded: dict[str, list[Phase]] = {}
         for phase in self._phases:
             wanted = self._critical[phase] & possible
@@ -195,7 +199,7 @@ class _Serving:
         self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
 
     def _overloads(self, functions: Collection[str], at: list[Phase]) -> bool:
-        """Report the buses that cannot carry the data which these functions need; tell whether there are any."""
+        """Report the buses that cannot carry the data which these functions need; True if there is such a bus."""
         from heronry_tools.analysis.check.forced_traffic import forced_traffic  # noqa: PLC0415 - loads the planner's candidates
 
         possible = self._planning.candidates_for(functions)

@@ -4,7 +4,7 @@ The exact planner answers both questions. It first gets a cheap problem: only th
 same priority. If all of them can be served together, every best plan of a phase that wants no other critical function
 serves them, too. The whole phase, with its priorities, is planned only if they cannot all be served.
 
-Identifiers, and with them response times, are always those of the whole spec, since these are used on the bus.
+Identifiers, and with them response times, are always taken from the whole spec, as they are used on the bus.
 """
 
 from collections.abc import Collection, Mapping
@@ -49,7 +49,7 @@ def without_limits(spec: Spec) -> Spec:
 class Answer:
     """A configuration that serves all required functions, if one was found.
 
-    configuration: the configuration, or None. With elements down, it may be one that answered an earlier question.
+    configuration: the configuration, or None. With elements down, it may have been found for an earlier question.
     proven: if `configuration` is None, whether it is proven that there is no such configuration.
     """
 
@@ -79,7 +79,7 @@ class Planning:
         return ResponseTimes(self.spec)
 
     def in_phase(self, phase: Phase) -> "Planning":
-        """Give the `Planning` for a phase of the spec: no input is wired that `only_in` restricts to other phases.
+        """Give the `Planning` for a phase of the spec. It wires no input that `only_in` restricts to other phases.
 
         If the spec has no such input, this object itself is returned.
         """
@@ -118,9 +118,10 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration of an earlier answer that still serves these functions with these elements down.
+        """Give a configuration, found for an earlier question, that serves these functions without the elements `down`.
 
-        least: as in `all_at_once`. Returns None where no earlier answer has one.
+        least: the lowest value with which each function may be served; 0 for a function that is not named. Returns None
+        if no configuration found so far does this.
         """
         lost = lost_elements(self.spec, Situation(down))
         alive = (known for known, used in self._known if used.isdisjoint(lost))

@@ -31,7 +31,7 @@ _UNITS: Final[
 
 @dataclass(frozen=True, slots=True)
 class FieldChange:
-    """One changed field; `old` or `new` is None if that spec does not have the field."""
+    """One changed field; `old` is None if the old spec does not have the field, `new` if the new spec does not."""
 
     field: str
     old: str | None
@@ -121,7 +121,7 @@ def _mode(spec: Spec, mode: Mode) -> Fields:
 
 
 def _flat(element: object) -> Fields:
-    """Give the fields of a model element as texts, as a spec writes them, without its name and its nested elements."""
+    """Give the fields of a model element as a spec writes them; the name and nested elements are left out."""
     found: dict[str, str] = {}
     for field in fields(element):  # type: ignore[arg-type]
         if field.name not in ("name", "modes", "needs", "outputs"):
@@ -156,7 +156,7 @@ def _text(value: object) -> str:
 
 
 def _entry(key: object, value: object) -> str:
-    """Write one entry of `gives`, or of a map by phase, in which the key None stands for the default."""
+    """Write one entry of `gives` or of a map by phase. A key None stands for the default: only its value is written."""
     return _text(value) if key is None else f"{key}: {_text(value)}"
 
 
@@ -168,7 +168,7 @@ def _bytes(count: int) -> str:
 
 
 def expression_text(spec: Spec, needs: Expression) -> str:
-    """Write a gate expression in one line, with versions where an input does not take all."""
+    """Write a gate expression in one line. An input that accepts only some versions is written with these versions."""
     if isinstance(needs, Leaf):
         return f"{needs.demux or needs.variable}{accepted_versions(spec, needs)}"
     inputs = ", ".join(expression_text(spec, one) for one in needs.inputs)

@@ -67,12 +67,13 @@ class Explanation:
     report: FunctionReport
     best_value: int
     reasons: tuple[Assumption, ...]
-    repairs: tuple[Repair, ...]  # all with a single part; if there are none, one smallest; empty: none helps
+    repairs: tuple[Repair, ...]  # all with one part; if there are none, one smallest repair; empty: none helps
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
-    """Explain how a function is served in a situation; the plan with everything up is taken to run before the faults.
+    """Explain how a function is served in a situation.
 
+    It is assumed that before the faults the best plan with everything up ran.
     Raises UserError if the planner does not decide in time what is possible.
     """
     healthy = plan(spec, Situation(phase=now.phase))
@@ -164,7 +165,10 @@ def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator
 def _smallest_hitting(
     cores: Sequence[frozenset[Assumption]], found: Sequence[frozenset[Assumption]]
 ) -> tuple[Assumption, ...] | None:
-    """Find a smallest set that has a member of every irreducible set (`cores`) and contains no known repair."""
+    """Find a smallest set that has a member of every irreducible set (`cores`) and contains no known repair (`found`).
+
+    Returns None if no such set has at most `_MOST_PARTS` members.
+    """
     names = sorted(frozenset[Assumption]().union(*cores), key=lambda one: (MENDABLE.index(one.kind), one.name))
     for size in range(min(_MOST_PARTS, len(names)) + 1):
         for parts in combinations(names, size):
@@ -190,7 +194,7 @@ def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
 
 
 def _least_amount(question: Question, one: Assumption, there_is: int) -> int:
-    """Find the least amount of a capacity that is enough; the amount `there_is` is not enough."""
+    """Find the least sufficient amount of a capacity; the amount `there_is` is not sufficient."""
     too_little, enough = there_is, max(1, 2 * there_is)
     while enough < PLENTY and not _is_possible(_with(question, one, enough)):
         too_little, enough = enough, 2 * enough

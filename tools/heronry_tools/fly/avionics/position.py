@@ -119,9 +119,9 @@ class TrackedPosition(Module):
     def _begun(
         self, inputs: Inputs, fix: tuple[float, float, float] | None, moving: tuple[float, float, float]
     ) -> TrackingFilter | None:
-        """Return a filter that begins at the receiver's position, or without a receiver on an image's line of sight.
+        """Return a filter that begins at the receiver's position; without it, on the line of sight of an image.
 
-        Return None if there is neither, or if the filter still waits for the receiver.
+        Return None if there is neither a position nor an image, or if the filter still waits for the receiver.
         """
         now_ns, angles = self.ctx.now_ns, numbers(inputs, "image_angles", 2)
         if fix is not None:

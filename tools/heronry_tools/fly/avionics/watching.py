@@ -5,7 +5,7 @@
   reports it. The monitor detects an error that grows within the window, but not one that grows more slowly. It reports
   nothing in its first window, since sensors that start at different times do not agree at once.
 - `SurfaceMonitor` compares the position of a surface with its command, at the speed at which the servo can move. It
-  reports the servo that is driven at the time; the version of the command tells which one that is.
+  reports the servo that is driven at the time; the version of the command tells which servo this is.
 - `TrackingHead` points the camera at the aircraft that the camera sees. This control loop runs on the rover alone.
   After a second without an image, the head turns back to the approach.
 """
@@ -40,7 +40,10 @@ class AccuracyMonitor(Module):
         self._looks_until_ns = ctx.now_ns + round(WINDOW_S * NS_PER_S)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare a new position with the expected one, and report the receiver if it is wrong; publish nothing."""
+        """Compare a new position with the expected one; report the receiver after `IN_A_ROW` wrong positions in a row.
+
+        Nothing is published.
+        """
         moving, now_ns = velocity(inputs), self.ctx.now_ns
         fix = [number(inputs, f"differential_{axis}") for axis in ("x", "y", "height")]
         if moving is None:
@@ -130,10 +133,10 @@ class TrackingHead(Module):
         self._seen_ns: int | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the demanded direction (0.1 mrad): that of a new image.
+        """Publish the direction to which the head must turn (0.1 mrad): the direction of the aircraft in a new image.
 
-        Before the first image, and from a second after the last one, publish the direction of the approach. In the
-        second after an image, publish nothing.
+        Before the first image, and when the last image is more than a second old, publish the direction of the
+        approach. In the second after an image, publish nothing.
         """
         angles = numbers(inputs, "image_angles", 2)
         if angles is not None:

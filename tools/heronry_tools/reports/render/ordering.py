@@ -20,15 +20,15 @@ class Segment:
 
     source: str
     target: str
-    out_cell: int | None
-    in_cell: int | None
+    out_cell: int | None  # cell of the source at which the segment begins; None: it begins at the source itself
+    in_cell: int | None  # cell of the target at which the segment ends; None: it ends at the target itself
     edges: tuple[int, ...]  # numbers of the edges that share this segment
     last: bool  # this segment ends at the target of its only edge
 
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Columns from left to right, each from top to bottom."""
+    """Columns of symbols and way-points: the columns from left to right, the names in each from top to bottom."""
 
     columns: tuple[tuple[str, ...], ...]
     segments: tuple[Segment, ...]
@@ -87,7 +87,10 @@ def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> l
 
 
 def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | None], float]:
-    """Give the heights of symbols and of their cells, as the number of places from the top."""
+    """Give the heights of symbols and of their cells, as the number of places from the top.
+
+    The key of a cell is (symbol, number of the cell); the key of a symbol is (symbol, None).
+    """
     found: dict[tuple[str, int | None], float] = {}
     for column in columns:
         _place(graph, column, found)
@@ -95,7 +98,7 @@ def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | 
 
 
 def _place(graph: Graph, column: list[str], at: dict[tuple[str, int | None], float]) -> None:
-    """Note in `at` the heights of the symbols of one column, and of their cells."""
+    """Note in `at` the heights of the symbols of one column, and of their cells (keys as in `_positions`)."""
     for place, key in enumerate(column):
         at[key, None] = float(place)
         cells = len(graph.nodes[key].cells) if key in graph.nodes else 0

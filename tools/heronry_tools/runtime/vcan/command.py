@@ -1,4 +1,4 @@
-"""The command that the user wants to run: it is found, and described, before anything is started."""
+"""Finds and describes the command that the user wants to run, before anything is started."""
 
 import os
 import shutil

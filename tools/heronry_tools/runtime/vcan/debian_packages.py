@@ -3,10 +3,10 @@
 `unpacked("user-mode-linux")` returns the folder that holds the package's files as they would lie under ``/``. A package
 is fetched once per distribution release and processor and then stays, so every later call needs one `stat`.
 
-A package's folder is either absent or complete. The package is unpacked under a fixed staging name, and the folder is
-renamed in one step. A lock file, which the kernel releases when its holder dies, lets only one process at a time do so.
-So a process sees a whole package or none, two callers that start together fetch a package once, and the next fetch
-removes the remains of a fetch that was killed.
+A package's folder is either absent or complete. The package is unpacked into a staging folder of fixed name, which is
+then renamed in one step. A lock file lets only one process at a time fetch a package; the kernel releases the lock when
+that process dies. So a process sees a whole package or none, and two callers that start together fetch a package once.
+The next fetch removes the remains of a fetch that was killed.
 
 The system's own package lists are tried first. If these lists are missing or too old (a fresh container), new lists are
 fetched into the staging folder and used from there. The system's own state is never changed.

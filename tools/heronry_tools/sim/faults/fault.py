@@ -287,7 +287,10 @@ LEVELS: Mapping[str, tuple[int, int]] = {
 
 @dataclass(frozen=True, slots=True, order=True)
 class Fault:
-    """One fault: injected at `at_ms` or later, and lasting `lasts_ms` (0: it does not end, or takes no time)."""
+    """One fault: injected at `at_ms` or later, and over after `lasts_ms`.
+
+    `lasts_ms` is 0 for a fault that does not end, and for an event without a duration, such as a clock jump.
+    """
 
     at_ms: int
     kind: str

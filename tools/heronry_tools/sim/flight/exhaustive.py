@@ -69,7 +69,8 @@ _FRAME_FAULT = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<
 class Setup:
     """How the aircraft is flown.
 
-    foreseen: number of faults for which contingencies are on board; None: no contingencies are made
+    foreseen: largest number of faults in a fault set for which a contingency is on board; None: no contingencies are
+        made
     keyed: whether managers and PEs have a key
     standby: whether there are two managers
     """

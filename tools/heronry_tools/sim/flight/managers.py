@@ -33,7 +33,7 @@ _OF_A_STANDBY = (
 
 
 class Managers:
-    """The one or two managers of a flight; `running` has those that run, by the number of their seat."""
+    """The one or two managers of a flight; `running` has the managers that run, by the number of their seat."""
 
     def __init__(
         self,
@@ -68,9 +68,9 @@ class Managers:
 
     @property
     def foremost(self) -> SimulatedManager | None:
-        """Return the active manager, of two the one with the higher term; None if no manager runs.
+        """Return the active manager; if two are active, the one with the higher term.
 
-        If no manager is active, return the running one with the lowest node-ID.
+        If no manager is active, return the running manager with the lowest node-ID. None: no manager runs.
         """
         active_manager = [one for one in self.running.values() if one.core.is_active]
         first = next((self.running[seat] for seat in sorted(self.running, key=abs)), None)
@@ -118,9 +118,10 @@ class Managers:
         self.start(-node, standby=standby)
 
     def kill(self, seat: int | None = None, *, torn: Random | None = None) -> None:
-        """Kill the manager of a seat, or the active manager, now.
+        """Kill the manager of a seat now.
 
-        torn: draws what a loss of power leaves of the last records on its disk; None: all records stay.
+        seat: None stands for the active manager; if no manager is active, for the one with the lowest node-ID.
+        torn: draws how much of the last records a loss of power leaves on the disk of the manager; None: all stays.
         """
         victim = self.foremost if seat is None else self.running.get(seat)
         for number, one in list(self.running.items()):

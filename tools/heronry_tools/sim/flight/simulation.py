@@ -72,7 +72,8 @@ class Simulation:
         faults: quality of every bus for the whole flight
         decide_ns: longest duration of a planning run; each takes between half of it and all of it
         skew_ppm: largest error of a clock
-        contingencies: number of faults for which contingencies are on board; None: no contingencies are made
+        contingencies: largest number of faults in a fault set for which a contingency is on board; None: no
+            contingencies are made
         key: the key of managers and PEs; None without authentication
         standby: whether there are two managers, 126 and 127, each being the standby manager while the other is active
         keep_trace: whether `trace` gets every frame
@@ -164,7 +165,10 @@ class Simulation:
     # Faults of devices and channels; those of PEs and managers are in `fleet` and `managers`
 
     def fail_device(self, device: str, how: Failure, offset: float = 0.0) -> None:
-        """Make a device fail as `how` says; modules may or may not detect the failure."""
+        """Make a device fail as `how` says; modules may or may not detect the failure.
+
+        offset: the error of a device with a bias, in the unit of the device
+        """
         self.world.fail(device, how, self.clock.now_ns, offset)
         self.truth.failed(f"device:{device}")
 

@@ -83,7 +83,7 @@ class Epoch:
     def has(self, node: int) -> bool:
         """Tell whether a node takes part in the epoch.
 
-        The answer is yes if a slice was sent to the node, or if it has staged a slice that it had on board.
+        The answer is yes if a slice was sent to the node, or if the node has staged a slice that it had on board.
         """
         return node in self.heads or node in self.staged
 
@@ -92,7 +92,7 @@ class Commanded:
     """Puts the configuration of each epoch together from the commands on the managers' bus."""
 
     def __init__(self, spec: Spec, tables: Iterable[PeTable] = ()) -> None:
-        """Begin without epochs; `tables`, those of the PEs, are needed only if a contingency is on board."""
+        """Begin without epochs; `tables`, the tables of the PEs, are needed only if a contingency is on board."""
         self._spec = spec
         self._on_board = {table.node_id: table.preloaded() for table in tables}
         self._modules = list(spec.modules.values())
@@ -158,7 +158,7 @@ class Commanded:
                 epoch.staged.add(node)
 
     def _named(self, number: int) -> list[Epoch]:
-        """Return the epochs with this number, first that of the active manager."""
+        """Return the epochs with this number; the epoch that the active manager prepared comes first."""
         known = (self._prepared.get(number & 0xFF), self._apart.get(number & 0xFF), self.epochs.get(number))
         return [epoch for epoch in known if epoch is not None]
 

@@ -31,7 +31,10 @@ class EpochCheck(Oracle):
     """Verifies the epochs and digests in state frames."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
-        """Begin without states; `has_digests` is False in flights with a key, whose state frames have a tag instead."""
+        """Begin with no state frame seen.
+
+        has_digests: False in flights with a key: there, state frames have a tag in the place of the digest.
+        """
         self._has_digests = has_digests
         super().__init__()
         self._owners = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}

@@ -37,7 +37,7 @@ class Places:
         return place if place in self._all and message.code not in _BY_OTHERS else element
 
     def acknowledged(self, node: int, a: int, index: int) -> str | None:
-        """Return the element that counts as failed when a manager acknowledges a report; None for a suspicion.
+        """Return the element or place that counts as failed when a manager acknowledges a report; None for a suspicion.
 
         node: node-ID of the PE that has reported. a, index: kind and index of the element, as in the command.
         """
@@ -55,7 +55,7 @@ class Places:
         return element if others else place
 
     def told(self, a: int, index: int) -> str | None:
-        """Return the element that a CLEAR or HOLDS names."""
+        """Return the element or place that a CLEAR or HOLDS names; `a` and `index` are fields of the command."""
         element, pe = self._element(a & 0xFF, index), self._pe_of_node.get(a >> 8)
         return element if pe is None or element is None else f"{element}@{pe}"
 

@@ -41,7 +41,7 @@ def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
 
 
 class BadRadios:
-    """The disturbed buses of one flight; as a context manager it closes its connections to their hubs at the end."""
+    """The disturbed buses of one flight. It is a context manager: at the end the connections to the hubs are closed."""
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:
         """Connect to the hubs of all buses and channels into which `deeds` inject a fault.
@@ -77,7 +77,7 @@ class BadRadios:
         return min(times, default=None)
 
     def follow(self, elapsed_ns: int) -> None:
-        """Set the disturbance of each bus to that of this time of the script (ns)."""
+        """Disturb each bus as the script demands at its time `elapsed_ns`."""
         for bus, deeds in self._faults.items():
             wanted = disturbance(deeds, elapsed_ns)
             if wanted != self._now[bus]:

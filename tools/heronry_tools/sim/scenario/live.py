@@ -56,7 +56,10 @@ _LONGEST_WAIT_S = 0.1
 def check(script: Script) -> None:
     """Raise UserError for a script without expectations, or with deeds that cannot be done to processes."""
     if not script.expectations:
-        raise UserError(f"{script.file}: no 'expect' in this file; add for example '{EXAMPLE}', or omit -i and -c")
+        raise UserError(
+            f"{script.file}: no 'expect' in this file, so nothing would be checked; add for example '{EXAMPLE}', "
+            "or leave -i and -c out: in the simulator the oracles check the flight"
+        )
     for deed in script.deeds:
         if not (can_be_done(deed) or _is_of_a_radio(script, deed)):
             raise UserError(
@@ -167,7 +170,10 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Return an expectation with `patience` times its time, and 3 s more if a process starts at its beginning."""
+        """Return an expectation whose time is multiplied by `patience`.
+
+        If a process starts when the expectation begins, the expectation gets 3 s more.
+        """
         if not one.within_ns:
             return one
         starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0
@@ -196,7 +202,7 @@ class _Show:
             self._runs_ns = event["t_ns"]
 
     def _begin(self) -> None:
-        """Wait until every function of the first configuration was heard, or for LOADING_S, then begin the script."""
+        """Begin the script when every function of the first configuration was heard, or LOADING_S have passed."""
         if self._start_ns is not None or self._runs_ns is None:
             return
         now_ns, functions = time.monotonic_ns(), self._script.spec.functions

@@ -73,12 +73,15 @@ class Node:
     def wire(
         self, *, cut_off: bool | None = None, transmit_failed: bool | None = None, receive_failed: bool | None = None
     ) -> None:
-        """Break or repair all wires of the node, in both directions or in one; the node runs on."""
+        """Break or repair all wires of the node, in both directions or in one; the node runs on.
+
+        Each argument: True sets this failure, False ends it, None changes nothing.
+        """
         for bus, station in self.stations:
             bus.wire(station, cut_off=cut_off, transmit_failed=transmit_failed, receive_failed=receive_failed)
 
     def pause(self, duration_ns: int) -> None:
-        """Pause the processor from now on; a pause that ends within an earlier one has no effect."""
+        """Pause the processor from now on; no effect if an earlier pause lasts as long, or longer."""
         until_ns = self._clock.now_ns + duration_ns
         if self._paused_until_ns is not None and self._paused_until_ns >= until_ns:
             return

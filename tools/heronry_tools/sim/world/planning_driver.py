@@ -1,8 +1,8 @@
 """The driver of a simulated manager's planning policy: its planners, and the virtual time that they take.
 
-The policy is the one that flies (`heronry_manager.core.planning_policy`), with the planners in `Planners`. An immediate
-answer takes a fixed time; the processes of planner and pre-planner take a drawn time. An answer that is under way
-arrives even if the manager is paused or dies meanwhile.
+The policy is the same code as in flight (`heronry_manager.core.planning_policy`), with the planners in `Planners`. An
+immediate answer takes a fixed time; the processes of planner and pre-planner take a drawn time. An answer that is under
+way arrives even if the manager is paused or dies meanwhile.
 """
 
 from collections.abc import Callable

@@ -164,7 +164,7 @@ class SdoTalk:
         return data
 
     def _block(self, first: bytes, size: int) -> Talk[list[bytes]]:
-        """Receive the segments of a block, and return them; `first` is the first one."""
+        """Receive the segments of a block, at most `size`, and return them; `first` is the first segment."""
         parts: list[bytes] = []
         answer = first
         while True:

@@ -28,7 +28,7 @@ class Transfers(Topic):
     """Makes mistakes in SDO transfers, and verifies that each one is answered with the right abort code."""
 
     def mistakes(self) -> Talk[None]:
-        """Demand that a message out of place is refused, and ends the transfer that was under way.
+        """Demand that the server refuses a message out of place, and that such a message ends the transfer under way.
 
         Also demand that the server aborts a transfer that the client does not continue.
         """
