@@ -173,7 +173,11 @@ def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelRep
 
 
 def _reported(level: str, key: int) -> int:
-    """Convert an integer of `Objective.key` to the value in a report: costs positive, bits per second rounded down."""
+    """Convert an integer of `Objective.key` to the value of this level in a report.
+
+    Costs are negative in a key and positive in a report. Thousandths of bits per second become bits per second,
+    rounded down.
+    """
     quantity = -key if level in _COSTS else key
     return quantity // 1000 if level == "bus_bits_per_s" else quantity
 
@@ -231,7 +235,11 @@ def read_plan(text: str, spec: Spec) -> Plan:
 
 
 def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[LevelReport, ...]:
-    """Read the levels of a plan, with their bounds; raises PlanError where a value is not that of its objective."""
+    """Read the levels of a plan, with their bounds.
+
+    known: the levels as computed from the plan's objective. Raises PlanError if the plan's levels have other values, or
+    if its field `optimal` does not agree with the bounds.
+    """
     claimed: list[object] = _field(document, "levels", list, "the plan")
     levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:

@@ -179,7 +179,10 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Return the jitter, in bit times, that a message brings from the bus before if it is the only data there."""
+        """Return the jitter, in bit times, that a message has from the previous bus of its route.
+
+        The message is taken to be the only data on that bus.
+        """
         if hop.after is None:
             return Fraction(0)
         alone = self._times.responses([replace(hop, bus=hop.after, after=None)])
@@ -211,7 +214,10 @@ def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[f
 
 
 def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
-    """Shrink a set that makes a message late: leave out sources, the least urgent first, as long as it stays late."""
+    """Return a smaller set of hops that makes the same message late.
+
+    Sources are left out one after another, the least urgent first, if the message is still late without them.
+    """
     kept = late.causes
     urgency = {hop: times.identifiers[hop.producer, hop.variable] for hop in kept}
     sources = dict.fromkeys((hop.producer, hop.variable) for hop in sorted(kept, key=lambda hop: -urgency[hop]))
@@ -224,7 +230,10 @@ def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
 
 
 def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
-    """Yield the moments in a window just after which one more instance of a message takes bus time."""
+    """Yield each moment just after which one more instance of a message with this period takes bus time.
+
+    The moments are in bit times after the begin of a window, and before `window`, its end.
+    """
     end = period - 1
     while end < window:
         yield end
@@ -232,5 +241,8 @@ def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
 
 
 def _demand(message: Message, end: Fraction) -> int:
-    """Return how many bits of a more urgent message are to be sent before the moment `end`, over all its instances."""
+    """Return how many bits all instances of a more urgent message need that may be released up to `end`.
+
+    end: a moment, in bit times after the begin of a window.
+    """
     return ceil((end + 1) / message.period) * message.bits

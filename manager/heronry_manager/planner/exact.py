@@ -89,7 +89,7 @@ class Search:
 
     best: the best legal configuration found so far.
     objective: its value.
-    bounds: upper bounds on the value.
+    bounds: an upper bound for each integer of `objective.key()`.
     """
 
     def __init__(
@@ -179,7 +179,10 @@ class Search:
                 return
 
     def _choose_and_pack(self, group: list[Level]) -> None:
-        """Find an upper bound for a group of levels by choosing modules without places; then try to place these."""
+        """Find an upper bound for a group of levels by choosing modules, but no PEs for them.
+
+        Then try to find PEs for the chosen modules.
+        """
         choosing = Choosing(self._possible, group, self._key)
         bound = choosing.bound()
         if bound is not None:

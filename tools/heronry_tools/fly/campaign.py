@@ -108,7 +108,7 @@ def figures(found: dict[str, Any]) -> str:
 def latency_line(found_s: Sequence[float]) -> str:
     """Return a line on the latency from sensor to servo.
 
-    found_s: its median and its 99 % quantile, in s.
+    found_s: the median and the 99 % quantile of the latency, in s.
     """
     middle, most = (1000.0 * value for value in found_s)
     return f"from sensor to servo: median {middle:.1f} ms, 99 % within {most:.1f} ms"

@@ -37,7 +37,8 @@ def standby_of(path: Path) -> Path:
 def read_in_thread(open_feed: OpenFeed, live: Live, manager: Path | None) -> None:
     """Start a thread that reads the feed and hands all events to `live`, in the running event loop.
 
-    manager: the socket of the manager, if its standby manager is to be followed after it.
+    manager: the socket of the manager. If the feed has lost its manager, a feed of the standby manager takes its place.
+    None: the feed is kept, and no standby manager is followed.
     """
     loop = asyncio.get_running_loop()
     threading.Thread(target=_read, args=(open_feed, live, manager, loop), daemon=True, name="feed").start()

@@ -127,7 +127,10 @@ class Repair:
         return [(other, at > number) for other, at in served]
 
     def _uses(self, goal: Goal, pes: int) -> bool:
-        """Tell whether the output of a function, or a module that feeds it, runs on one of these PEs."""
+        """Tell whether the output of a function, or a module that feeds the output, runs on one of these PEs.
+
+        pes: a set of PEs, as the bits of an integer.
+        """
         draft, seen = self.draft, 0
         frontier = [module for module in goal.outputs if draft.mode[module] >= 0]
         while frontier:

@@ -68,7 +68,10 @@ class Scenery:
         return Scene(pes, hosts, cpu, bus_room, self._without(gone & self._possible))
 
     def _hosts(self, now: Situation) -> list[int]:
-        """Return, for each mode, the PEs that could carry it, without the places that are down."""
+        """Return, for each mode, the set of PEs that could run the mode, as the bits of an integer.
+
+        A PE is left out of the set if the place of the module on that PE is down.
+        """
         hosts, pes = self._tables.sizes.hosts, len(self._cpu)
         lost = [number for kind, number in map(self._elements.__getitem__, now.down) if kind == "place"]
         if lost:

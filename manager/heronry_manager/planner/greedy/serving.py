@@ -205,7 +205,9 @@ class Server:
     # Gates
 
     def hold(self, node: Node, consumer: int, *, may_start: bool) -> bool:
-        """Wire the fewest inputs with which a gate holds; tell whether it holds. After False the caller must undo.
+        """Wire the fewest inputs with which a gate holds; tell whether the gate holds.
+
+        If False is returned, the caller must undo what was changed in the draft.
 
         may_start: producers that do not run may be started.
         """

@@ -22,7 +22,10 @@ _Versions = tuple[int, int]  # best and worst version that serves
 
 @dataclass(slots=True)
 class ForcedTraffic:
-    """The lowest rate at which each variable must be published on each bus, in millihertz."""
+    """The lowest rates at which variables must be published.
+
+    rates: by bus, then by variable: the rate in millihertz.
+    """
 
     spec: Spec
     rates: dict[str, dict[str, int]] = field(default_factory=dict)

@@ -99,7 +99,10 @@ def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[
 
 
 def _tightened(graph: Graph, edges: list[Edge], start: Mapping[str, int], last: int) -> dict[str, int]:
-    """Move symbols, in several sweeps, to where their edges are shortest; the edges still lead to the right."""
+    """Move symbols, in several sweeps, so that edges become shorter; all edges still lead to the right.
+
+    start: the column of each symbol before; the new columns are returned. last: the column of the actuators.
+    """
     ranks = dict(start)
     into: dict[str, list[str]] = {key: [] for key in graph.nodes}
     out_of: dict[str, list[str]] = {key: [] for key in graph.nodes}

@@ -1,8 +1,8 @@
 """The demo's loop: events of the manager, frames of the buses, actions of the script, in one select loop.
 
 The demo's clock starts when the first configuration runs. It is the monotonic clock of this machine, as in the
-manager's events and the timestamps of the buses. However the demo ends (time up, Ctrl-C, a process that died), the
-`with` that holds the fleet ends all processes.
+manager's events and the timestamps of the buses. The demo ends when its time is up, with Ctrl-C, or when a process has
+died; in each case the `with` that holds the fleet ends all processes.
 
 The user reads about served functions from the witness, that is from frames, and about plans from the manager.
 """
@@ -212,10 +212,10 @@ class Show:
                 pass
 
     def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
-        """Give an event of the manager, corrected by what only the demo knows.
+        """Give an event of the manager; mark the loss of a PE that the demo has not killed.
 
-        If a PE is lost although the demo has not killed it, its process runs; `_pass_on` then adds how long that
-        process has waited for a processor.
+        The process of such a PE runs. The mark is the field `waited`; `_pass_on` puts in how long the process has
+        waited for a processor.
         """
         if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
             return one | {"waited": None}
@@ -228,13 +228,20 @@ class Show:
         self._tell(one)
 
     def _waited(self, pes: Sequence[str]) -> dict[str, Any]:
-        """Give the longest wait for a processor that may have made these PEs silent, in the form that events have."""
+        """Give the longest time for which a process has waited for a processor, as the fields of an event.
+
+        The processes of these PEs, of the managers and of the buses count: a wait of each may have made a PE silent.
+        Fields: `who` waited, for how long (`for_ns`), within how much time (`of_ns`).
+        """
         now_ns, processes = time.monotonic_ns(), self._fleet.processes()
         longest = max((self._waits.longest(now_ns, pe, processes) for pe in pes), key=lambda wait: wait.for_ns)
         return {"who": longest.who, "for_ns": longest.for_ns, "of_ns": longest.of_ns}
 
     def _begin(self, now_ns: int) -> None:
-        """Start the demo's clock with its first configuration, and the process that plans."""
+        """Start the demo's clock, since the first configuration runs; later configurations change nothing.
+
+        Start also the process that makes plans for the next demo, if there is one.
+        """
         if self._start_ns is not None:
             return
         self._start_ns = now_ns

@@ -93,7 +93,7 @@ class Checks:
             oracle.driven(driven)
 
     def looked(self, stepped: Driven) -> None:
-        """Report to the oracles a step, with its inputs, of a module that drives no output."""
+        """Report to the oracles that a module which drives no output has computed a step, with these inputs."""
         for oracle in self._of_looks:
             oracle.looked(stepped)
 
@@ -266,7 +266,7 @@ class Checks:
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
 
     def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
-        """Return what forged frames alone have denied in a flight with a key.
+        """Return a violation for each service that only forged frames can have denied, in a flight with a key.
 
         faults: everything that was injected
         has_others: whether anything else was done to the aircraft; if so, nothing is verified

@@ -135,7 +135,10 @@ class SimulatedPe(Node):
         self._wake()
 
     def give(self, answer: Event) -> None:
-        """Give the core an event, for example the late answer to a request; after a pause of the processor."""
+        """Give the core an event, for example the late answer to a request.
+
+        During a pause of the processor, the event is kept until the pause is over.
+        """
         if not self.is_awake:
             self._answers.append(answer)
         else:
