@@ -47,12 +47,12 @@ class Port:
     bus: str
     bitrate: int  # bit/s
     heartbeat_ns: int
-    misses: int
+    misses: int  # heartbeat periods without a sign after which a channel of the bus is lost
     wireless: bool
     channels: int
     nodes: tuple[int, ...]  # node-IDs of the PEs that are reached through this port, directly or over gateways
     data_per_mille: int = 700  # share of data in the bit rate (`max_load` - `reserve`); management has the rest
-    link_id: int | None = None  # identifier of this PE's reports, if the bus is a radio away from the manager
+    link_id: int | None = None  # identifier of the reports on this bus; None: this PE is not the gateway to a radio
 
 
 @dataclass(frozen=True, slots=True)

@@ -163,7 +163,7 @@ class FlyTarget:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseTarget:
-    """The operator ends the script that is held or asked for."""
+    """The operator ends the script that is held, or that was ordered and is not held yet."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,7 +107,10 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model the condition that a message leaves in time; tell whether `published` violates it."""
+        """Add to the model the condition that a message leaves in time; tell whether `published` violates the condition.
+
+        Return False also if the model has the condition already, or if there are too many moments for a condition.
+        """
         if hop in self._stated:
             return False
         self._stated.add(hop)
@@ -143,9 +146,10 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition that a message crosses two buses in time beside more urgent messages.
+        """Return the condition, in ns, that a message leaves on two buses in time, in spite of more urgent messages.
 
-        Its numbers are nanoseconds.
+        before, first: the hop on the first bus, and the moment at which the message leaves there. hop, then: the same on
+        the second bus.
         """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}

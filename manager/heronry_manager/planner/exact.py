@@ -9,7 +9,7 @@ run, and then finds places for them (`choosing`). If the result is below the bou
 modules and places together.
 
 The planner is deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work,
-`effort`. When it runs out, the planner returns the best configuration found so far, and the plan says for each level
+`effort`. When this limit is reached, the planner returns the best configuration found so far, and the plan says for each level
 whether it is proven, or how good it could be. There is always a plan: at worst the greedy one.
 """
 
@@ -50,9 +50,10 @@ class Planner:
     def plan(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
         """Find the best legal configuration for a situation.
 
-        running: the running configuration, for the fewest changes (level 4); None: none is known, and changes are free.
-        effort: limit of the search, in the solver's deterministic time. It limits the work, not the time, so that a
-        plan is the same on every machine.
+        running: the running configuration, for the fewest changes (level 4); None: it is not known, so changes do not
+        count.
+        effort: limit of the search, in the solver's own count of its work (`deterministic_time`). The work is limited
+        and not the time, so that a plan is the same on every machine.
         """
         search = self.solved(now, running, effort=effort)
         return plan_with_bounds(self.spec, now, search.best, search.objective, search.bounds())

@@ -11,7 +11,7 @@ another frame under the same identifier shows that the module runs:
 
     byte 0  node-ID   1  ULONG   2  index of its mode                 3  message code   4..7  index of the module
 
-Both frames have 8 bytes, since a DBC gives a frame one length.
+Both frames have 8 bytes, since a DBC file gives one length for each identifier.
 
 A value that the variable's type cannot carry raises WireError; the caller then counts the module as failed.
 """

@@ -30,7 +30,11 @@ class Repair:
     """Makes one draft for one situation from the configuration that ran before."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, before: Before) -> None:
-        """Start with no module; `before`: where each module ran, or where a packing places it."""
+        """Start with no module.
+
+        before: mode and PE in which each module ran. If modules are to be placed anew, the mode and PE that `packings`
+        proposes.
+        """
         self.draft = Draft(tables, scene)
         self._server = Server(tables, wanted, scene, self.draft, before)
         self._tables, self._wanted, self._scene = tables, wanted, scene

@@ -53,7 +53,7 @@ class Server:
     def serve(self, goal: Goal) -> bool:
         """Serve a function as it was served before, or else in its best possible mode.
 
-        Tell whether it is served now.
+        Tell whether the function is served now.
         """
         self.short = 0
         if self.is_served(goal):
@@ -260,7 +260,7 @@ class Server:
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
         """Wire a leaf to `module` in `mode`; if needed, start the module or put it into that mode.
 
-        Tell whether it is wired.
+        Tell whether the leaf is wired.
         """
         draft = self.draft
         mark, now = draft.mark(), draft.mode[module]

@@ -44,7 +44,9 @@ def ranked(graph: Graph) -> Ranks:
 
 
 def _feedback(graph: Graph) -> frozenset[int]:
-    """Find the edges to leave out, all of them out of variables with an initial value, so that no cycle is left.
+    """Return the edges to leave out, as indices of `graph.edges`, so that no cycle is left.
+
+    All these edges lead out of variables with an initial value.
 
     Only necessary edges are left out: any one of them, put back alone, would close a cycle.
     """

@@ -322,7 +322,10 @@ class Show:
         return True
 
     def _tell_outages(self, outages: Sequence[Outage], now_ns: int) -> None:
-        """Report outages that have begun, or ended: one by one, or many in one event."""
+        """Report outages that have begun, or outages that have ended: one event for each.
+
+        Many outages are reported in one more event, which sums them up.
+        """
         gathered = len(outages) > _MOST_ALONE
         for one in outages:
             self._emit("outage", function=one.function, from_ns=one.from_ns, to_ns=one.to_ns, gathered=gathered)

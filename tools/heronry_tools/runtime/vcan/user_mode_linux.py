@@ -104,7 +104,7 @@ def _modules(kernel: Path) -> list[str]:
 
 
 def _build_xstate(library: Path) -> None:
-    """Compile xstate.c (its head says what it is for); this takes milliseconds, so the result is not kept."""
+    """Compile xstate.c to `library`; this takes milliseconds, so the library is not kept for later runs."""
     tcc = debian_packages.unpacked("tcc")
     runtime = tcc / "usr" / "lib" / f"{platform.machine()}-linux-gnu" / "tcc"
     source = Path(__file__).with_name("xstate.c")

@@ -259,7 +259,7 @@ class Checks:
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Return violations for data that were sent since `is_well` but are not planned.
+        """Return violations for data that were sent after the call of `is_well`, although no plan has them sent.
 
         truth: the real situation.
         """
@@ -276,9 +276,10 @@ class Checks:
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
-        """Return a violation for each function that was silent though only managers have failed.
+        """Return a violation for each function that has stopped because managers failed, and must not stop.
 
-        targets: all targets into which faults were injected. span_ns: begin and end of the time that is verified.
+        targets: all targets into which faults were injected; if one is not a manager, nothing is verified.
+        span_ns: begin and end of the time that is verified.
         """
         return stopped_by_silence(self._spec, targets, self.witness, span_ns, self._known.left_out)
 
