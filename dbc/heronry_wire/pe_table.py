@@ -47,7 +47,7 @@ class Port:
     bus: str
     bitrate: int  # bit/s
     heartbeat_ns: int
-    misses: int  # heartbeat periods without a sign after which a channel of the bus is lost
+    misses: int  # heartbeat periods of silence after which a channel or a radio counts as lost
     wireless: bool
     channels: int
     nodes: tuple[int, ...]  # node-IDs of the PEs that are reached through this port, directly or over gateways

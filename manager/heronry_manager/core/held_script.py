@@ -70,7 +70,7 @@ class HeldScript:
         self._turn.emit("script_refused", reason=reason)
 
     def end(self, reason: str) -> None:
-        """End the script that this manager holds, or the previous one held, and report the reason in an event."""
+        """End the script that this manager holds or its predecessor held, and report the reason in an event."""
         self.target, self._last = None, ("ended", reason)
         self._turn.emit("script_ended", reason=reason)
 

@@ -107,7 +107,7 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model the condition that a message leaves in time; tell whether `published` violates the condition.
+        """Add to the model the condition that a message leaves in time; tell whether `published` violates this.
 
         Return False also if the model has the condition already, or if there are too many moments for a condition.
         """
@@ -148,8 +148,8 @@ class Deadlines:
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
         """Return the condition, in ns, that a message leaves on two buses in time, in spite of more urgent messages.
 
-        before, first: the hop on the first bus, and the moment at which the message leaves there. hop, then: the same on
-        the second bus.
+        before, first: the hop on the first bus, and the moment at which the message leaves there. hop, then: the same
+        on the second bus.
         """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
@@ -162,7 +162,7 @@ class Deadlines:
     def _moments(self, hop: Hop, jitter: Fraction) -> list[_Moment] | None:
         """List the moments at which a message could leave in time, the earliest first; None: there are too many.
 
-        jitter: the time that the message may have taken to reach this bus, in its bit times.
+        jitter: the longest time that the message takes to reach this bus, in bit times of this bus.
         """
         own = self._times.message(hop)
         window = own.deadline - own.bits - jitter

@@ -9,8 +9,8 @@ run, and then finds places for them (`choosing`). If the result is below the bou
 modules and places together.
 
 The planner is deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work,
-`effort`. When this limit is reached, the planner returns the best configuration found so far, and the plan says for each level
-whether it is proven, or how good it could be. There is always a plan: at worst the greedy one.
+`effort`. When this limit is reached, the planner returns the best configuration found so far. The plan then says for
+each level whether its value is proven, or how good the value could be. There is always a plan: at worst the greedy one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -168,7 +168,10 @@ class Search:
             self._search(group, set_up)
 
     def _search(self, group: list[Level], set_up: Callable[[float], CpSolver]) -> None:
-        """Search with each solver of `set_up` until a solution meets its deadlines, or the effort is used up."""
+        """Search for a group of levels until a solution meets its deadlines, or the effort is used up.
+
+        set_up: makes the solver of each attempt; gets the effort that the attempt may use.
+        """
         while self._effort > 0 and not self._is_at_bound(group):
             solver = set_up(self._effort / 2)  # half of what is left: later levels need their share
             self._hint(self._values)

@@ -96,7 +96,7 @@ class FollowedManager:
     def __init__(self, path: Path, *, hears_bus: bool = True) -> None:
         """Connect to the socket `path` of the manager; `hears_bus`: also open the manager's bus, if possible.
 
-        Raises ControlError if the manager does not listen or sends no status. Raises UserError if its spec cannot be read.
+        Raises ControlError if the manager does not listen or sends no status, UserError if its spec cannot be read.
         """
         self._path = path
         self.trouble: str | None = None

@@ -296,7 +296,7 @@ class Show:
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
-        """Kill the active manager, and take events from the standby manager, from its take-over on."""
+        """Kill the active manager; its standby manager gives the events as soon as it has taken over."""
         victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
         self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]
@@ -351,7 +351,7 @@ class Show:
         return [name for name in planned if not self._witness.served(name, now_ns)]
 
     def _driving(self, function: str) -> list[str]:
-        """Give the PEs on which modules of the plan drive a function that the plan serves."""
+        """Give the PEs on which the plan runs output modules of a function."""
         modules = self._plan["modules"]
         return [modules[name]["pe"] for name in self._spec.functions[function].outputs if name in modules]
 

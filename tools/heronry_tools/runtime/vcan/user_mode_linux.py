@@ -104,7 +104,10 @@ def _modules(kernel: Path) -> list[str]:
 
 
 def _build_xstate(library: Path) -> None:
-    """Compile xstate.c to `library`; this takes milliseconds, so the library is not kept for later runs."""
+    """Compile xstate.c, which lets the kernel run on processors with more registers than it was built for.
+
+    Compiling takes milliseconds, so `library` is built in every run.
+    """
     tcc = debian_packages.unpacked("tcc")
     runtime = tcc / "usr" / "lib" / f"{platform.machine()}-linux-gnu" / "tcc"
     source = Path(__file__).with_name("xstate.c")

@@ -259,7 +259,7 @@ class Checks:
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Return violations for data that were sent after the call of `is_well`, although no plan has them sent.
+        """Return a violation for each datum that was sent more often since `is_well` than the configuration plans.
 
         truth: the real situation.
         """
