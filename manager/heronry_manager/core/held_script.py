@@ -102,9 +102,10 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Compare the ordered configuration with `known`, the plan for this situation.
+        """Compare the ordered configuration with `known`, the best plan for this situation; then the held one, if any.
 
-        Gives a plan of the ordered configuration if that is to be deployed; None: `known` is to be deployed.
+        Returns a plan of the first of these two configurations that is not worse than `known` at level 1. None: there
+        is none, so `known` is to be deployed. A configuration that is worse is refused, or no longer held.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

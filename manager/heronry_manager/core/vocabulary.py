@@ -22,7 +22,7 @@ from heronry_wire.standstill import StoodStill
 class RequestPlan:
     """The core requests a plan; the driver answers with PlanReady or PlanFailed, which repeat the number.
 
-    running: the running configuration; None: none is known.
+    running: the running configuration; None: it is not known.
     in_background: the optimal plan is wanted, however long it takes; otherwise a legal plan is wanted immediately.
     target: the configuration that a script of the operator makes (`held_script`); the plan is compared with it, and no
         contingency answers. None: there is no script.

@@ -131,7 +131,7 @@ class Deadlines:
         return literal
 
     def _ways(self, hop: Hop) -> list[Way] | None:
-        """Return the ways in which a message can be in time, each a list of conditions; None: there are too many."""
+        """Return the ways in which a message can be in time, each a list of conditions; None: too many moments."""
         moments = self._moments(hop, self._least_jitter(hop))
         if moments is None:
             return None

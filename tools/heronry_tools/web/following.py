@@ -75,7 +75,7 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
 
 
 def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:
-    """Open a feed as soon as its manager listens; `waits` is called with the reason while that is not possible."""
+    """Open a feed as soon as its manager listens; until then `waits` is called with the reason."""
     while True:
         try:
             return open_feed()

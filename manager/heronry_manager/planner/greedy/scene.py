@@ -24,7 +24,7 @@ class Scene:
     """What faults leave of a spec: the PEs, capacities and modes that can be used in one situation."""
 
     pes: int  # set of PEs that are up and can be commanded
-    hosts: list[int]  # by mode: set of PEs that could carry it, up or not, without places that are down
+    hosts: list[int]  # by mode: set of PEs that could run it, even if the PE is down; without places that are down
     cpu: list[int]  # by PE, thousandths
     bus_room: list[int]  # by bus: thousandths of a bit/s for data
     possible: int  # set of modes

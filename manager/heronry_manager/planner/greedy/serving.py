@@ -110,7 +110,11 @@ class Server:
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
-        """Yield the PEs to try for a mode: the module's old PE, then the others by free room, then a cleared one."""
+        """Yield the PEs to try for a mode: the module's old PE, then the other PEs with room, the emptiest first.
+
+        If no other PE has room, yield a PE from which other modules could be moved away (`_clear`). With `tight`, the
+        old PE has no precedence, and the fullest PE comes first.
+        """
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
         hosts = self._scene.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):

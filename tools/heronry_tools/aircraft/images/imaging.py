@@ -45,7 +45,7 @@ class Imaging(Module):
         self._head = [0] * HEAD_WORDS
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the next word; between two pictures, nothing while the count of the camera is missing."""
+        """Publish the next word of the picture; without a count of the camera, no new picture is begun."""
         if self._next == 0:
             frame = whole(inputs, "frame_count")
             if frame is None:

@@ -24,7 +24,7 @@ from heronry_tools.analysis.check import dependability_rules, image_rules, resou
 
 
 def _slow(module: str) -> Check:
-    """Give the check of a slow family; its file is imported only when the check is called."""
+    """Give the check of a slow family; the file of the check is imported only when the check is called."""
 
     def check(subject: Subject, findings: Findings) -> None:
         import_module(f"heronry_tools.analysis.check.{module}").check(subject, findings)

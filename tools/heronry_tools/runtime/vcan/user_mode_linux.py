@@ -224,7 +224,7 @@ def _adopt_orphans() -> None:
 
 
 def _kill_group(process: "subprocess.Popen[bytes]") -> None:
-    """Kill all processes of the guest, which are processes of the host; no error if it has ended by itself."""
+    """Kill all processes of the guest, which are processes of the host; no error if the guest has ended."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
