@@ -223,7 +223,10 @@ class Search:
         return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
-        """Keep an upper bound that the solver has proven for the merged sum of a group of levels."""
+        """Keep the upper bound of each level of a group that follows from a bound of the whole group.
+
+        bound: upper bound that the solver has proven for the sum into which the levels of the group are merged.
+        """
         for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
             self._bounds[level.position] = min(most, self._bounds[level.position])
 

@@ -73,7 +73,7 @@ class Publisher:
         return frame
 
     def heard(self, frame: Frame) -> tuple[str, float] | None:
-        """Decode another PE's output echo into (device, value); None if it shows no device of the PE that sent it."""
+        """Decode another PE's output echo into (device, value); None if the frame is no echo of a device of its sender."""
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.data_type != DataType.FLOAT:
             return None

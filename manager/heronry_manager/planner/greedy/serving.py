@@ -200,7 +200,7 @@ class Server:
     def _feed_again(self, leaf: int, producer: int) -> bool:
         """Wire a leaf to a producer again, if the reading module still runs in the leaf's mode.
 
-        Tell whether it is wired.
+        Tell whether the leaf is wired.
         """
         draft, tables = self.draft, self._tables
         consumer = tables.leaves.module[leaf]
@@ -245,7 +245,7 @@ class Server:
         return held
 
     def feed(self, leaf: int, consumer: int, *, may_start: bool) -> bool:
-        """Wire a leaf to a running producer, or to one that is started for it; tell whether it is wired."""
+        """Wire a leaf to a running producer, or start a producer for the leaf; tell whether the leaf is wired."""
         before, mode_of, givers = self._before, self.draft.mode, self._tables.orders.dearest[leaf]
         if not self.adopting:
             for mode, module in givers:

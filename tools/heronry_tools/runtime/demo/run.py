@@ -86,7 +86,9 @@ class Show:
         self.saw_failure = False  # a module has failed
 
     def run(self, actions: Sequence[DemoAction | PhaseAction] | None, seconds: float, record: IO[str] | None) -> int:
-        """Run these actions, or those of `default_actions`, for `seconds`.
+        """Run the demo for `seconds`.
+
+        actions: what is done to the aircraft; None: `default_actions`. record: where events are written; None: nowhere.
 
         Returns 0 if at the end every function of the plan is heard on the bus.
         """
