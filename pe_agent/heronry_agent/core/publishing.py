@@ -73,7 +73,10 @@ class Publisher:
         return frame
 
     def heard(self, frame: Frame) -> tuple[str, float] | None:
-        """Decode another PE's output echo into (device, value); None if the frame is no echo of a device of its sender."""
+        """Decode another PE's output echo into (device, value).
+
+        None: the frame is no echo, or its sender does not have the device.
+        """
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.data_type != DataType.FLOAT:
             return None

@@ -34,7 +34,7 @@ def add_parsers(subparsers: Any) -> None:
         "-o", "--output", dest="folder", metavar="FOLDER", type=Path, required=True, help="a new folder"
     )
     parser.add_argument(
-        "--limit", metavar="SIZE", type=size, default=10**9, help="largest size of the folder, as 500M (default 1G)"
+        "--limit", metavar="SIZE", type=size, default=10**9, help="largest size of the folder, e.g. 500M (default 1G)"
     )
     parser.add_argument(
         "--for", dest="seconds", metavar="SECONDS", type=float, help="end after this time (default: at Ctrl-C)"
@@ -44,7 +44,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def size(text: str) -> int:
-    """Read a size in bytes, as 500M; raises ArgumentTypeError."""
+    """Read a size, such as 500M, and return it in bytes; raises ArgumentTypeError."""
     match = _SIZE.fullmatch(text.strip())
     if match is None:
         raise argparse.ArgumentTypeError(f"{text} is not a size; write for example 500M or 2G")

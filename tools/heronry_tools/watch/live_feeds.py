@@ -146,7 +146,9 @@ class FollowedManager:
             except OSError:
                 chunk = b""
             if not chunk:
-                raise ControlError(f"the manager on {self._path} gives no status: restart it with this version")
+                raise ControlError(
+                    f"the manager on {self._path} gives no status: restart the manager with this version"
+                )
             self._rest += chunk
         line, _, self._rest = self._rest.partition(b"\n")
         first: dict[str, Any] = json.loads(line)
@@ -230,5 +232,7 @@ def _spec_of(first: Mapping[str, Any]) -> Spec:
     """
     spec, digest = load_spec(first["file"]), first["status"]["spec_digest"]
     if spec.digest != digest:
-        raise UserError(f"{first['file']} has changed since the manager was started: restart it, or undo the change")
+        raise UserError(
+            f"{first['file']} has changed since the manager was started: undo the change, or restart the manager"
+        )
     return spec

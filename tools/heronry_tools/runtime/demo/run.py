@@ -88,7 +88,7 @@ class Show:
     def run(self, actions: Sequence[DemoAction | PhaseAction] | None, seconds: float, record: IO[str] | None) -> int:
         """Run the demo for `seconds`.
 
-        actions: what is done to the aircraft; None: `default_actions`. record: where events are written; None: nowhere.
+        actions: what is done to the aircraft; None: `default_actions`. record: gets all frames as a candump log.
 
         Returns 0 if at the end every function of the plan is heard on the bus.
         """

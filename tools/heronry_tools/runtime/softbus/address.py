@@ -69,7 +69,7 @@ def _clear(path: Path) -> None:
     except FileNotFoundError:
         return
     if not stat.S_ISSOCK(mode):
-        raise HubError(f"{path}: there is a file already, and not a socket; choose another path")
+        raise HubError(f"{path}: there is a file already, which is not a socket; choose another path")
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
         probe.setblocking(False)
         try:

@@ -150,8 +150,8 @@ def _roomy_folder(*, hidden_in_guest: bool) -> str:
         if roomy and not facts.f_flag & os.ST_NOEXEC and os.access(folder, os.W_OK | os.X_OK):
             return folder
     raise CannotRunError(
-        "a user-mode Linux needs a folder with 1 GiB free that is not mounted noexec: set TMPDIR to one, "
-        "without spaces or colons in its name"
+        "a user-mode Linux needs a folder with 1 GiB free that is not mounted noexec: set TMPDIR to such "
+        "a folder, whose path has no spaces or colons"
     )
 
 
