@@ -196,7 +196,7 @@ def _check(table: PeTable) -> None:
 
 
 def _faults(table: PeTable) -> Iterator[str]:
-    """Find contradictions between the fields of a table whose types are right; each is a sentence."""
+    """Yield a sentence for each contradiction between the fields of a table; the types of all fields are right."""
     if table.node_id not in PE_NODES:
         yield f"node_id {table.node_id} is not a PE's; PEs have {PE_NODES[0]} to {PE_NODES[-1]}"
     if not 0 <= table.uplink < len(table.ports):

@@ -132,8 +132,8 @@ def make_plan(
 ) -> Plan:
     """Make a plan; its report is computed when it is first read.
 
-    bounds: the best possible value of each level. None: the values of the plan itself are its bounds if it is optimal;
-    otherwise the bounds are not known. reasons: why functions are not served, where the planner knows more than
+    bounds: the best possible value of each level. None: an optimal plan gets its own values as bounds, and the bounds
+    of another plan are not known. reasons: why functions are not served, where the planner knows more than
     `why_not`. Every name in the configuration must exist in the spec.
     """
     in_order = Configuration(
@@ -153,7 +153,7 @@ def make_plan(
 def plan_with_bounds(
     spec: Spec, now: Situation, configuration: Configuration, objective: Objective, bounds: Sequence[int]
 ) -> Plan:
-    """Make a plan from the result of a search; it is optimal where every level equals its bound."""
+    """Make a plan from the result of a search; the plan is optimal if each level equals its bound."""
     optimal = tuple(bounds) == objective.key()
     return make_plan(spec, now, configuration, objective, optimal=optimal, bounds=bounds)
 

@@ -239,7 +239,10 @@ def _gates(case: _Case) -> Iterator[Violation]:
 def _gate(
     expression: Expression, path: str, wired: Collection[str], rule_if_unwired: str
 ) -> Iterator[tuple[str, str, str]]:
-    """Check that an expression holds; gives a (rule, path, sentence) for each mistake."""
+    """Check that an expression holds; gives a (rule, path, sentence) for each mistake.
+
+    wired: paths of the leaves that are wired. rule_if_unwired: the rule that a leaf breaks if it is not wired.
+    """
     if isinstance(expression, Leaf):
         if path not in wired:
             yield rule_if_unwired, path, f"{expression.variable} is needed and not wired"

@@ -99,7 +99,7 @@ class Beat:
         self._tell(*self._known.situation.priorities.told(index))
 
     def look(self) -> None:
-        """Check which facts hold now: a fact that has ended is announced as a new one when it holds again."""
+        """Check which facts hold now, so that a fact that ends and holds again is announced as a new fact."""
         self._announcer.look()
 
     def _named(self) -> frozenset[int]:

@@ -4,7 +4,7 @@ A script turns the running configuration into another one, the *target*. The cor
 operator's order contains the target alone. There are two targets at most:
 
     asked   the target is legal now. The core has requested the best plan of the situation, and will compare the target
-            with it
+            with this plan
     held    the target was not worse at level 1 than that plan. It runs as an epoch, like any plan, and stays: the core
             requests no better plan in the background, and contingencies do not apply (`RequestPlan.target`)
 
@@ -75,7 +75,7 @@ class HeldScript:
         self._turn.emit("script_ended", reason=reason)
 
     def release(self) -> bool:
-        """End the script that the operator has ordered, held or not yet; tells whether there was one."""
+        """End the script that the operator has ordered, whether it is held or only asked; tells if there was one."""
         was_asked, was_held = self.is_asked, self.target is not None
         if was_asked:
             self.refuse("the operator released it")
@@ -102,10 +102,10 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Compare the ordered configuration with `known`, the best plan for this situation; then the held one, if any.
+        """Compare the ordered configuration, and then the held one, with `known`, the best plan for this situation.
 
-        Returns a plan of the first of these two configurations that is not worse than `known` at level 1. None: there
-        is none, so `known` is to be deployed. A configuration that is worse is refused, or no longer held.
+        A configuration that is worse than `known` at level 1 is refused, or no longer held. Returns a plan of the first
+        configuration that is not worse. None: there is no such configuration, so `known` is to be deployed.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

@@ -13,7 +13,7 @@ on each change, in the order in which the changes came:
     any other                    as `known_situation` says
 
 A PE that does not execute its commands is failed, with the cause in words. No change comes twice, since `health` and
-`known_situation` change state once.
+`known_situation` report a change only when their own state changes.
 """
 
 from collections.abc import Iterable

@@ -152,9 +152,9 @@ class UnlockPe:
 
 @dataclass(frozen=True, slots=True)
 class FlyTarget:
-    """The operator orders the configuration that a script makes of the running one.
+    """The operator orders the configuration into which a script turns the running configuration.
 
-    target: that configuration; None: the script gives none, because of `problem`.
+    target: the ordered configuration; None: the script leads to no configuration, because of `problem`.
     """
 
     target: Configuration | None

@@ -62,8 +62,8 @@ class _Moment:
     """A moment at which a message could leave, if all more urgent bits were sent before.
 
     end: the moment, in bit times of the bus.
-    always: bits that are sent before in any case.
-    demand: for each other message, the bits that are sent before if it is published.
+    always: bits that are sent before `end` in any case.
+    demand: for each other message, the bits that are sent before `end` if that message is published.
     """
 
     end: int
@@ -196,7 +196,7 @@ class Deadlines:
     def _forbid(self, late: Late) -> frozenset[Hop]:
         """Exclude from the model a set of hops that makes a message late.
 
-        Raises PlannerDefectError if that was done before.
+        Raises PlannerDefectError if this set was excluded before.
         """
         messages = shrunk(self._times, late)
         if messages in self._forbidden:
@@ -236,7 +236,7 @@ def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
 def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
     """Yield each moment just after which one more instance of a message with this period takes bus time.
 
-    The moments are in bit times after the begin of a window, and before `window`, its end.
+    Moments are in bit times after the beginning of a window. `window`: the end of the window.
     """
     end = period - 1
     while end < window:
@@ -245,8 +245,8 @@ def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
 
 
 def _demand(message: Message, end: Fraction) -> int:
-    """Return how many bits all instances of a more urgent message need that may be released up to `end`.
+    """Return the length in bits of all instances of a more urgent message that may be released up to `end`.
 
-    end: a moment, in bit times after the begin of a window.
+    end: a moment, in bit times after the beginning of a window.
     """
     return ceil((end + 1) / message.period) * message.bits

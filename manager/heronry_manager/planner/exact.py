@@ -138,7 +138,10 @@ class Search:
         self.run(sum(group[0].kind is Kind.SERVING for group in self._groups))
 
     def bounds(self) -> tuple[int, ...]:
-        """Return an upper bound for each integer of the key, given that the integers before it do not become worse."""
+        """Return an upper bound for each integer of `objective.key()`.
+
+        A bound holds for all configurations in which no earlier integer of the key is worse.
+        """
         levels = {level.position: level for group in self._groups for level in group}
         return tuple(
             self._bounds[position] + levels[position].offset if position in levels else value

@@ -371,7 +371,7 @@ class RunningModules:
         return f", with {', '.join(names[:_MOST_NAMES])}{more}," if names else ""
 
     def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
-        """Return, for each module, the modules on this PE whose outputs it reads."""
+        """Return, by module, the other modules on this PE from which that module reads; left out if there are none."""
         here = {self._index.modules[module.module].name: module.module for module in wanted.modules}
         chains = {}
         for module in wanted.modules:

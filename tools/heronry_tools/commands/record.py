@@ -1,4 +1,4 @@
-"""`heronry record`: a flight recorder, which writes frames, events, spec and versions into rotating files."""
+"""`heronry record`: a flight recorder, which writes the frames and events of a flight into rotating files."""
 
 import argparse
 import re
@@ -52,7 +52,7 @@ def size(text: str) -> int:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Record until a signal or the end of the time; returns 0."""
+    """Record until a signal comes, or until the time of --for is over; returns 0."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.console.spec_argument import spec_path  # noqa: PLC0415
     from heronry_tools.watch.recorder import LEAST_BYTES, Recorder  # noqa: PLC0415

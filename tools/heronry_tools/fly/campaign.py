@@ -66,7 +66,7 @@ def summary(landings: Sequence[Landing]) -> dict[str, Any]:
 
 
 def quantiles(ordered: Sequence[float], high: float) -> list[float] | None:
-    """Return the median and the quantile `high` (0 to 1) of rising numbers; None if there are none."""
+    """Return the median and the quantile `high` (0 to 1) of rising numbers; None if there are no numbers."""
     if not ordered:
         return None
     return [round(median(ordered), 4), round(ordered[min(int(high * len(ordered)), len(ordered) - 1)], 4)]

@@ -54,7 +54,7 @@ class FlightPlant(Protocol):
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
         """Advance to `now_ns` and command an actuator.
 
-        Return the command that it accepted, None if it accepted none.
+        Return the command that the actuator accepted; None: it accepted no command.
         """
 
     def make_safe(self, device: str, now_ns: int) -> None:

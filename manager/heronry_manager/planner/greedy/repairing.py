@@ -5,7 +5,7 @@
 3. *Make room* for a function that found none: put producers into cheaper modes that their readers accept; stop
    functions that matter less, and put others into worse modes, one by one until the function fits. Then serve the
    stopped functions again, as far as possible. All of this is undone unless it improves levels 1 and 2.
-4. *Improve*: put functions into better modes while that fits.
+4. *Improve*: put functions into better modes, as far as there is room.
 
 Inputs (level 3) come last, once every function is served as well as possible (`supplying`).
 """

@@ -1,8 +1,8 @@
 """The scene: the part of a spec that a situation leaves, in the integers of `Tables`.
 
-A scene has the facts of `heronry_dg.situation.survivors` and `planner.candidates`, found in less than a tenth of the
-time: only the consequences of the down elements are worked out. The buses form a forest, so between two PEs that the
-manager can command there is always the same route: routes never depend on faults.
+A scene has the facts of `heronry_dg.situation.survivors` and `planner.candidates`. It takes less than a tenth of their
+time, since only the consequences of the down elements are worked out. The buses form a forest, so between two PEs that
+the manager can command there is always the same route: routes never depend on faults.
 
 A mode is *possible* under three conditions. Its module works. The module has a PE that is up and could carry the mode.
 The needs of the mode could hold if every other possible mode ran.
@@ -114,7 +114,11 @@ class Scenery:
         return cpu, bus_room
 
     def _homeless(self, hosts: list[int], pes: int, cpu: list[int], *, limited: bool) -> int:
-        """Return the modes that no PE could carry."""
+        """Return the set of modes that no PE could run.
+
+        hosts: by mode, the PEs that could run the mode with everything up. pes: the PEs that are up. cpu: the CPU of
+        each PE, which counts only if it is `limited`.
+        """
         tables, homeless = self._tables, 0
         for mode, carriers in enumerate(hosts):
             left = carriers & pes

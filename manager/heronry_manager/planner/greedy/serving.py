@@ -7,8 +7,8 @@ module, other modules are moved away from one PE, as long as they fit elsewhere 
 
 If a function of this file returns False, it has left the draft unchanged; only `hold` may leave changes. A module whose
 inputs are being wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it
-is. Counts of tries limit the work (`fuel` for a function, a budget for all), so that a plan takes no longer on a full
-aircraft, and is the same on every machine.
+is. Counts of tries limit the work (`fuel` for a function, a budget for all), so that a plan takes limited time even
+on a full aircraft, and is the same on every machine.
 
 *Adopting* serves in the same way, but starts only modules that ran before, in their old modes and places.
 """

@@ -67,7 +67,7 @@ def forced_traffic(possible: Candidates) -> ForcedTraffic:
 def _publish(
     possible: Candidates, found: ForcedTraffic, variable: str, givers: set[tuple[str, str]], readers: frozenset[str]
 ) -> None:
-    """Add a variable on each bus that lies on every route from one of its givers to one of its readers."""
+    """Add a variable to `found`, on each bus that lies on every route from one of its givers to one of its readers."""
     ways = [
         frozenset(possible.left.route(here, there) or ())
         for here in {pe for module, _ in givers for pe in possible.modules[module].pes()}

@@ -2,8 +2,8 @@
 
 A feedback edge leads out of a variable with an initial value and would close a cycle. It is left out of the ranking,
 and drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far
-right as possible. Each ranking is improved by moving single symbols, and the one with the shorter edges is taken. All
-steps follow the order of the graph, so that the same graph gives the same picture.
+right as possible. Each ranking is improved by moving single symbols, and the ranking with the shorter edges is taken.
+All steps follow the order of the graph, so that the same graph gives the same picture.
 """
 
 from collections.abc import Collection, Mapping

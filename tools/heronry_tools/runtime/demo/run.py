@@ -4,7 +4,7 @@ The demo's clock starts when the first configuration runs. It is the monotonic c
 manager's events and the timestamps of the buses. The demo ends when its time is up, with Ctrl-C, or when a process has
 died; in each case the `with` that holds the fleet ends all processes.
 
-The user reads about served functions from the witness, that is from frames, and about plans from the manager.
+Reports on served functions come from the witness, that is from frames. Reports on plans come from the manager.
 """
 
 import select
@@ -90,7 +90,8 @@ class Show:
 
         actions: what is done to the aircraft; None: `default_actions`. record: gets all frames as a candump log.
 
-        Returns 0 if at the end every function of the plan is heard on the bus.
+        Returns 1 if at the end a function of the plan is not heard, if a deployment is not complete, or if two branches
+        of one DEMUX have been driven in turn (`Witness.rivals`); else 0.
         """
         self._has_default_actions = actions is None
         self._actions, self._seconds = list(actions or ()), seconds
@@ -152,9 +153,9 @@ class Show:
             self._emit("stood_still", by="the demo", for_ns=late.for_ns, times=self._standstills.long_times)
 
     def _over(self) -> bool:
-        """Tell whether the demo may end: the time is up, and nothing is awaited any more.
+        """Tell whether the demo may end.
 
-        What is still awaited (`_awaited`) gets GRACE_S more.
+        The demo ends when its time is up and nothing is awaited (`_awaited`), but GRACE_S after its time at the latest.
         """
         if self._start_ns is None or self._show_s() < self._seconds:
             return False

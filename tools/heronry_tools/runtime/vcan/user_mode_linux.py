@@ -2,10 +2,10 @@
 
 This file boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out while it
 is written, and returns the exit code that the guest left. The guest has no privilege: it can change only those files of
-the host that its caller can change.
+the host that the user of this program can change.
 
 Three things can go wrong: the guest's kernel stops early (no result file: its last output is shown), the command runs
-too long (ExpiredError), or a signal stops this program (an exception from its handler). In each case the guest's
+too long (ExpiredError), or a signal stops this program (its handler raises an exception). In each case the guest's
 process group is killed. If this program itself is killed, a shell that it started for this case kills the group, and
 the host's kernel kills the guest's first process. All files of a run are in one temporary folder; the guest's memory is
 a file without a name, which disappears with the guest.

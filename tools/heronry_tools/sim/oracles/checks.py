@@ -242,7 +242,7 @@ class Checks:
         return sorted([*found, *self._known.blame.unfounded(truth), *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
-        """Return the rules for the end of a flight (`end_state`) that are violated now."""
+        """Return a violation for each rule for the end of a flight (`end_state`) that does not hold now."""
         known = self._known
         seen = Seen(
             known.epochs.last,

@@ -72,7 +72,7 @@ class SimulatedPe(Node):
         """Join each of `buses`, which are given by name with their channels, and start the PE.
 
         drive: is called with every step of a module that drives an output
-        look: is called with some steps of other modules
+        look: is called with a part of the steps of all other modules
         move: is called when the PE allows a device to move
         broken: by module, or by NAME@PE: how the module fails in its steps, or ASKS and the phase that it requests
         broke: is called with the name of a module that has raised an error or given a value outside its type's range
