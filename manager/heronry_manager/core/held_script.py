@@ -102,7 +102,7 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Compare the ordered configuration, and then the held one, with `known`, the best plan for this situation.
+        """Compare the ordered configuration, and then the held one, with `known`, the plan for this situation.
 
         A configuration that is worse than `known` at level 1 is refused, or no longer held. Returns a plan of the first
         configuration that is not worse. None: there is no such configuration, so `known` is to be deployed.

@@ -107,9 +107,9 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model the condition that a message leaves in time; tell whether `published` violates this.
+        """Add to the model that a message leaves in time; tell whether `published` violates this condition.
 
-        Return False also if the model has the condition already, or if there are too many moments for a condition.
+        Return False also if the model has this condition already, or if it would have too many moments.
         """
         if hop in self._stated:
             return False
@@ -218,7 +218,7 @@ def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[f
 
 
 def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
-    """Return a smaller set of hops that makes the same message late.
+    """Return a small subset of `late.causes` that makes the same message late.
 
     Sources are left out one after another, the least urgent first, if the message is still late without them.
     """

@@ -1,6 +1,6 @@
 """Reads a live feed in a thread, for the event loop that owns the state of the pages.
 
-    waiting ──a manager listens──► reading ──this manager has gone──► waiting for it, or for its standby manager
+    waiting ──a manager listens──► reading ──this manager has gone──► waiting for this or its standby manager
 
 Pages show how long nothing has come from the system. Only what comes from outside counts for that: an event of the
 manager, or a frame. Observations that a feed makes by the clock (`heard`, `bus_seen`) do not count. If a manager is

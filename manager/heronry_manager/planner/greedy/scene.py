@@ -24,7 +24,7 @@ class Scene:
     """What faults leave of a spec: the PEs, capacities and modes that can be used in one situation."""
 
     pes: int  # set of PEs that are up and can be commanded
-    hosts: list[int]  # by mode: set of PEs that could run it, even if the PE is down; without places that are down
+    hosts: list[int]  # by mode: set of PEs, up or down, that could run it; without places that are down
     cpu: list[int]  # by PE, thousandths
     bus_room: list[int]  # by bus: thousandths of a bit/s for data
     possible: int  # set of modes
@@ -116,8 +116,8 @@ class Scenery:
     def _homeless(self, hosts: list[int], pes: int, cpu: list[int], *, limited: bool) -> int:
         """Return the set of modes that no PE could run.
 
-        hosts: by mode, the PEs that could run the mode with everything up. pes: the PEs that are up. cpu: the CPU of
-        each PE, which counts only if it is `limited`.
+        hosts: by mode, the set of PEs that could run the mode if they are up. pes: the set of PEs that are up. cpu: by
+        PE, the usable CPU in thousandths; limited: False: `cpu` is not limited, and need not be checked.
         """
         tables, homeless = self._tables, 0
         for mode, carriers in enumerate(hosts):

@@ -233,7 +233,7 @@ class Show:
     def _waited(self, pes: Sequence[str]) -> dict[str, Any]:
         """Give the longest time for which a process has waited for a processor, as the fields of an event.
 
-        The processes of these PEs, of the managers and of the buses count: a wait of each may have made a PE silent.
+        The processes of these PEs, of the managers and of the buses count: a wait of any of them may have made a PE silent.
         Fields: `who` waited, for how long (`for_ns`), within how much time (`of_ns`).
         """
         now_ns, processes = time.monotonic_ns(), self._fleet.processes()
@@ -299,7 +299,7 @@ class Show:
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
-        """Kill the active manager; its standby manager gives the events as soon as it has taken over."""
+        """Kill the active manager; from its take-over on, the standby manager gives the events."""
         victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
         self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]

@@ -7,7 +7,7 @@ dropped and counted, as in an overrun of a controller.
 A port has four states, in this order:
 
     unknown          the hello of the client, which brings the receive socket, has not come
-    without frames   the client has not set its filters for the first time; no frame passes unfiltered
+    without frames   the client has not set its filters yet, so it gets no frame
     joined           the client gets the frames that its filters accept
     gone             a call on a socket of the port has failed: the port waits for the hub to remove it
 """

@@ -276,7 +276,7 @@ class Checks:
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
-        """Return a violation for each function that has stopped because managers failed, and must not stop.
+        """Return a violation for each function that stopped because managers failed, although it must not stop then.
 
         targets: all targets into which faults were injected; if one is not a manager, nothing is verified.
         span_ns: begin and end of the time that is verified.
