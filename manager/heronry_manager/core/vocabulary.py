@@ -1,4 +1,4 @@
-"""The events and actions of the manager's core, beside frames and time (`heronry_wire.sansio`).
+"""The events and actions of the manager's core, in addition to frames and time (`heronry_wire.sansio`).
 
 Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number. By this number the core recognises
 and drops an answer to an older request.

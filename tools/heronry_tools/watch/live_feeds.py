@@ -200,7 +200,7 @@ class ListenedBuses:
     def __init__(
         self, spec: Spec, choices: Sequence[BusChoice], *, key: Key | None = None, tables: tuple[PeTable, ...] = ()
     ) -> None:
-        """Open the buses; raises LinkError. `tables` are those of the PEs, with the contingencies on board."""
+        """Open the buses; raises LinkError. `tables`: the tables of the PEs, with the contingencies on board."""
         self.spec = spec
         self.spec_file: Path | None = None
         self.trouble: str | None = None

@@ -233,7 +233,7 @@ class Show:
     def _waited(self, pes: Sequence[str]) -> dict[str, Any]:
         """Give the longest time for which a process has waited for a processor, as the fields of an event.
 
-        The processes of these PEs, of the managers and of the buses count: a wait of any of them may have made a PE silent.
+        The processes of these PEs, of the managers and of the buses count: each of them may have made a PE silent.
         Fields: `who` waited, for how long (`for_ns`), within how much time (`of_ns`).
         """
         now_ns, processes = time.monotonic_ns(), self._fleet.processes()

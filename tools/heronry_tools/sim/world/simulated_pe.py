@@ -1,8 +1,8 @@
 """The driver of a simulated PE: its core, its stations, its modules, and its timer on the virtual clock.
 
-Core and modules are those that fly. A PE has its own clock (`LocalClock`): the processors of an aircraft are not
-switched on at the same moment, so the heartbeat periods of two PEs begin at different times. The effect of a fault may
-depend on this difference. `module_steps` models the time of steps, `pe_outbox` the sending of frames.
+The core and the modules are the code that flies. A PE has its own clock (`LocalClock`): the processors of an aircraft
+are not switched on at the same moment, so the heartbeat periods of two PEs begin at different times. The effect of a
+fault may depend on this difference. `module_steps` models the time of steps, `pe_outbox` the sending of frames.
 
 The core's invariants are checked after every call that did more than send a frame, release a module or command a
 device, and at every sixteenth deadline.
