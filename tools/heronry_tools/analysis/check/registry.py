@@ -52,6 +52,6 @@ RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, 
 
 
 def checks_of(*, fast: bool) -> dict[str, Check]:
-    """Give the checks by the prefix of their codes; with `fast`, only checks without a solver and without foreign code."""
+    """Give the checks by the prefix of their codes; with `fast`, only checks without solver and foreign code."""
     slow = {family.prefix for family in FAMILIES if not family.fast}
     return {prefix: check for prefix, check in CHECKS.items() if not (fast and prefix in slow)}
