@@ -261,7 +261,10 @@ def _claimed_level(fields: object, place: str) -> LevelReport:
 
 
 def read_situation(text: str, spec: Spec) -> Situation:
-    """Read the situation of a plan file; what the file lacks is taken from a healthy system in the first phase."""
+    """Read the situation of a plan file; raises PlanError.
+
+    What the file lacks is taken from a healthy system in the first phase.
+    """
     document = _document(text)
     phase = document.get("phase")
     if phase is not None and not isinstance(phase, str):

@@ -162,7 +162,7 @@ class Deadlines:
     def _moments(self, hop: Hop, jitter: Fraction) -> list[_Moment] | None:
         """List the moments at which a message could leave in time, the earliest first; None: there are too many.
 
-        jitter: the longest time that the message takes to reach this bus, in bit times of this bus.
+        jitter: how late after its release the message may come to this bus, in bit times of this bus.
         """
         own = self._times.message(hop)
         window = own.deadline - own.bits - jitter
@@ -183,9 +183,9 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Return the jitter, in bit times, that a message has from the previous bus of its route.
+        """Return a lower bound, in bit times, of the jitter that a message has from the previous bus of its route.
 
-        The message is taken to be the only data on that bus.
+        For this bound, the message is taken to be the only data on that bus.
         """
         if hop.after is None:
             return Fraction(0)

@@ -147,7 +147,10 @@ class Reconfiguration:
         return Moves(start=start)
 
     def validate(self) -> None:
-        """Check that no module is in two states, such as running and failed; raises InvariantError."""
+        """Check that the states of all modules agree with each other and with the activation step.
+
+        For example, no module may be both running and failed. Raises InvariantError.
+        """
         live, held, failed, wanted = self.live, self.held, self.failed | self.resting, self._wanted
         require(live.items() <= wanted.items(), "modules {} run, but only {} are wanted", live, wanted)
         require(
