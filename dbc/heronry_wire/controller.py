@@ -41,7 +41,10 @@ _STATES = (  # bits of byte 1 of a controller problem, the worst first
 
 @dataclass(frozen=True, slots=True)
 class ControllerReport:
-    """Content of one error frame; `state` is None where the frame names none."""
+    """Content of one error frame.
+
+    state: the state of the controller; None: the frame names no state. kinds: the errors, as words for the log.
+    """
 
     state: ControllerState | None
     kinds: tuple[str, ...]

@@ -39,11 +39,11 @@ class Unpacker:
         raise PackingError("the bytes end within a number, or a number has more than 70 bits")
 
     def numbers(self) -> list[int]:
-        """Decode a number n, and the n numbers that follow it; raises PackingError."""
+        """Decode a number n, and return the n numbers that follow it; raises PackingError."""
         return [self.number() for _ in range(self.number())]
 
     def text(self) -> bytes:
-        """Decode a number n, and the n bytes that follow it; raises PackingError."""
+        """Decode a number n, and return the n bytes that follow it; raises PackingError."""
         length = self.number()
         found = self._data[self._at : self._at + length]
         if len(found) < length:

@@ -47,12 +47,12 @@ class Port:
     bus: str
     bitrate: int  # bit/s
     heartbeat_ns: int
-    misses: int
+    misses: int  # heartbeat periods of silence after which a channel or a radio counts as lost
     wireless: bool
     channels: int
     nodes: tuple[int, ...]  # node-IDs of the PEs that are reached through this port, directly or over gateways
     data_per_mille: int = 700  # share of data in the bit rate (`max_load` - `reserve`); management has the rest
-    link_id: int | None = None  # identifier of this PE's reports, if the bus is a radio away from the manager
+    link_id: int | None = None  # identifier of the reports on this bus; None: this PE is not the gateway to a radio
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ def _check(table: PeTable) -> None:
 
 
 def _faults(table: PeTable) -> Iterator[str]:
-    """Find contradictions between the fields of a table whose types are right; each is a sentence."""
+    """Yield a sentence for each contradiction between the fields of a table; the types of all fields are right."""
     if table.node_id not in PE_NODES:
         yield f"node_id {table.node_id} is not a PE's; PEs have {PE_NODES[0]} to {PE_NODES[-1]}"
     if not 0 <= table.uplink < len(table.ports):

@@ -132,8 +132,8 @@ def make_plan(
 ) -> Plan:
     """Make a plan; its report is computed when it is first read.
 
-    bounds: the best possible value of each level. None: the values of the plan itself are its bounds if it is optimal;
-    otherwise the bounds are not known. reasons: why functions are not served, where the planner knows more than
+    bounds: the best possible value of each level. None: an optimal plan gets its own values as bounds, and the bounds
+    of another plan are not known. reasons: why functions are not served, where the planner knows more than
     `why_not`. Every name in the configuration must exist in the spec.
     """
     in_order = Configuration(
@@ -153,7 +153,7 @@ def make_plan(
 def plan_with_bounds(
     spec: Spec, now: Situation, configuration: Configuration, objective: Objective, bounds: Sequence[int]
 ) -> Plan:
-    """Make a plan from the result of a search; it is optimal where every level equals its bound."""
+    """Make a plan from the result of a search; the plan is optimal if each level equals its bound."""
     optimal = tuple(bounds) == objective.key()
     return make_plan(spec, now, configuration, objective, optimal=optimal, bounds=bounds)
 
@@ -173,7 +173,11 @@ def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelRep
 
 
 def _reported(level: str, key: int) -> int:
-    """Convert an integer of `Objective.key` to the value in a report: costs positive, bits per second rounded down."""
+    """Convert an integer of `Objective.key` to the value of this level in a report.
+
+    Costs are negative in a key and positive in a report. Thousandths of bits per second become bits per second,
+    rounded down.
+    """
     quantity = -key if level in _COSTS else key
     return quantity // 1000 if level == "bus_bits_per_s" else quantity
 
@@ -231,7 +235,11 @@ def read_plan(text: str, spec: Spec) -> Plan:
 
 
 def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[LevelReport, ...]:
-    """Read the levels of a plan, with their bounds; raises PlanError where a value is not that of its objective."""
+    """Read the levels of a plan, with their bounds.
+
+    known: the levels as computed from the plan's objective. Raises PlanError if the plan's levels have other values, or
+    if its field `optimal` does not agree with the bounds.
+    """
     claimed: list[object] = _field(document, "levels", list, "the plan")
     levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
@@ -253,7 +261,10 @@ def _claimed_level(fields: object, place: str) -> LevelReport:
 
 
 def read_situation(text: str, spec: Spec) -> Situation:
-    """Read the situation of a plan file; what the file lacks is taken from a healthy system in the first phase."""
+    """Read the situation of a plan file; raises PlanError.
+
+    What the file lacks is taken from a healthy system in the first phase.
+    """
     document = _document(text)
     phase = document.get("phase")
     if phase is not None and not isinstance(phase, str):

@@ -140,7 +140,7 @@ def _whole(value: object, factor: int, most: int, unit: str) -> int:
     if rest:
         next_one = Fraction(whole + 1, factor)
         hint = f"write {float(next_one):.10g}, the next possible value above" if factor <= _FINEST_SHOWN else "round it"
-        raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, and {value} is", hint)
+        raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, but {value} is finer", hint)
     return whole
 
 

@@ -154,7 +154,7 @@ def _place(case: _Case) -> Iterator[Violation]:
 def _host(case: _Case, module: Module, pe: str) -> Iterator[Violation]:
     where = f"module {module.name}"
     if module.runs_on is not None and pe not in module.runs_on:
-        yield Violation("1.runs_on", where, f"the module may run on {', '.join(module.runs_on)} and is placed on {pe}")
+        yield Violation("1.runs_on", where, f"the module may run only on {', '.join(module.runs_on)}, but is on {pe}")
     missing = module.requires - case.spec.pes[pe].features
     if missing:
         yield Violation(
@@ -239,7 +239,10 @@ def _gates(case: _Case) -> Iterator[Violation]:
 def _gate(
     expression: Expression, path: str, wired: Collection[str], rule_if_unwired: str
 ) -> Iterator[tuple[str, str, str]]:
-    """Check that an expression holds; gives a (rule, path, sentence) for each mistake."""
+    """Check that an expression holds; gives a (rule, path, sentence) for each mistake.
+
+    wired: paths of the leaves that are wired. rule_if_unwired: the rule that a leaf breaks if it is not wired.
+    """
     if isinstance(expression, Leaf):
         if path not in wired:
             yield rule_if_unwired, path, f"{expression.variable} is needed and not wired"
@@ -275,12 +278,12 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
         running = [branch for branch in demux.branches if branch in case.known.modules]
         if len(running) > 1:
             yield Violation(
-                "4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one of them may"
+                "4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, but only one of them may run"
             )
         ended = [end for end in demux.to if end in case.known.modules]
         if len(ended) > 1 and len(running) < 2:  # if two branches run, two ends may run as a consequence
             yield Violation(
-                "4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one of these ends may"
+                "4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, but only one of these ends may run"
             )
         for branch in running:
             paths = [path for path, leaf in case.mode(branch).leaves() if leaf.demux == demux.name]

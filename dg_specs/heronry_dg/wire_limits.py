@@ -96,7 +96,7 @@ def _of_the_pes(spec: Spec) -> Iterator[Excess]:
 
 
 class _SliceBounds:
-    """The longest slice that a PE may get, in bytes; never less than any legal configuration needs."""
+    """Upper bounds of the length of a PE's slice, in bytes: no slice of a legal configuration is longer."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec

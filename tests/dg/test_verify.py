@@ -351,6 +351,6 @@ def test_two_ends_of_a_demux_do_not_run_at_once() -> None:
     stray = {**path, "limited_servo_3": Running("tail_c", "only")}
     violations = verify(spec, situation(spec), Configuration(stray))
     assert [violation.rule for violation in violations] == ["3.leaf", "4.ends"]
-    assert violations[1].sentence == "limited_servo_1 and limited_servo_3 run, and only one of these ends may"
+    assert violations[1].sentence == "limited_servo_1 and limited_servo_3 run, but only one of these ends may run"
     idle = {name: running for name, running in path.items() if name != "limited_servo_1"}
     assert {v.rule for v in verify(spec, situation(spec), Configuration(idle))} == {"5.idle"}

@@ -99,7 +99,7 @@ class Beat:
         self._tell(*self._known.situation.priorities.told(index))
 
     def look(self) -> None:
-        """Check which facts hold now: a fact that has ended is announced as a new one when it holds again."""
+        """Check which facts hold now, so that a fact that ends and holds again is announced as a new fact."""
         self._announcer.look()
 
     def _named(self) -> frozenset[int]:
@@ -112,9 +112,11 @@ class Beat:
         self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, operation, a, b))
 
     def _tell_accepted(self, told: int) -> None:
-        """Tell a standby manager which requests were executed for the phase or priority `told`.
+        """Tell a standby manager which requests were executed for the phase or priority that was just announced.
 
-        `told` was just announced. A standby manager may have missed the answers to these requests.
+        A standby manager may have missed the answers to these requests.
+
+        told: what was announced: the kind of element in bits 0 to 7, its index in the bits above.
         """
         kind, index = told & 0xFF, told >> 8
         if kind == ElementKind.PHASE:

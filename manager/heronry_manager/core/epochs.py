@@ -75,7 +75,7 @@ class Epochs:
         return self._compiler.configuration(configuration)
 
     def decoded(self, runs: Runs) -> Configuration:
-        """Decode the configuration of an epoch that is remembered over a restart, or was overheard."""
+        """Decode the configuration of an epoch that the journal has, or that another manager has announced."""
         return self._code.decode(bytes.fromhex(runs.row))
 
     # Making an epoch
@@ -143,7 +143,7 @@ class Epochs:
         return self._known.get(number)
 
     def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
-        """Yield the tokens that each epoch newer than this one places on the PEs."""
+        """Yield for each epoch newer than this one: by PE, the tokens that the epoch places there."""
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:

@@ -40,7 +40,8 @@ class HeldOutputs:
     def reported(self, pe: str, page: StatePage0) -> None:
         """Note from page 0 whether a PE holds outputs back.
 
-        An event reports when the PE has held them back for longer than T_lease, and when that is over.
+        An event reports that the PE has held outputs back for longer than T_lease; another event, that they are free
+        again.
         """
         now_ns, held = self._turn.now_ns, self._held.get(pe)
         if PeFlags.OUTPUT_HELD not in page.flags:

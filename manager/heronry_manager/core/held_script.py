@@ -4,7 +4,7 @@ A script turns the running configuration into another one, the *target*. The cor
 operator's order contains the target alone. There are two targets at most:
 
     asked   the target is legal now. The core has requested the best plan of the situation, and will compare the target
-            with it
+            with this plan
     held    the target was not worse at level 1 than that plan. It runs as an epoch, like any plan, and stays: the core
             requests no better plan in the background, and contingencies do not apply (`RequestPlan.target`)
 
@@ -70,12 +70,12 @@ class HeldScript:
         self._turn.emit("script_refused", reason=reason)
 
     def end(self, reason: str) -> None:
-        """End the script that this manager holds, or the previous one held, and report the reason in an event."""
+        """End the script that this manager holds or its predecessor held, and report the reason in an event."""
         self.target, self._last = None, ("ended", reason)
         self._turn.emit("script_ended", reason=reason)
 
     def release(self) -> bool:
-        """End the script that the operator has ordered, held or not yet; tells whether there was one."""
+        """End the script that the operator has ordered, whether it is held or only asked; tells if there was one."""
         was_asked, was_held = self.is_asked, self.target is not None
         if was_asked:
             self.refuse("the operator released it")
@@ -102,9 +102,10 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Compare the ordered configuration with `known`, the plan for this situation.
+        """Compare the ordered configuration, and then the held one, with `known`, the plan for this situation.
 
-        Gives a plan of the ordered configuration if that is to be deployed; None: `known` is to be deployed.
+        A configuration that is worse than `known` at level 1 is refused, or no longer held. Returns a plan of the first
+        configuration that is not worse. None: there is no such configuration, so `known` is to be deployed.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

@@ -3,8 +3,8 @@
     state of a PE          `pe_reports`; with a key only if it is believed
     EMCY of a PE           `pe_reports`; with a key once a page 0 has proven it. A report on a channel of a replicated
                            bus needs no proof, since it changes no plan
-    command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need none, since a proven
-                           ACTIVATE or LEASE names their digest
+    command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need no TAG, since a
+                           proven ACTIVATE or LEASE names their digest
     report of a gateway    `known_situation`; nothing proves it (`authenticity`)
     SDO answer of a PE     `pe_details`, if the manager reads objects; nothing proves it, and nothing is decided by it
     SDO request to a PE    from another SDO client; `pe_details`, which then reads nothing from that PE for a while

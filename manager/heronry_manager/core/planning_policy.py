@@ -25,8 +25,8 @@ immediate planner the exact planner answers everything: simulated flights may le
 return of each PE that is down, and the next mission phase. The policy gives them one after the other to the
 *pre-planner*, another process, which runs with a lower priority than all others. Faults of devices and modules, and
 pairs of faults, are left to the contingencies; a question that a contingency answers is not pre-planned. A pre-planned
-plan is kept under all that it depends on (`Question`), so it is never used in another situation. Plans for another
-configuration are forgotten when the next one settles.
+plan is kept by its `Question`, which has all that the plan depends on; so it is never used in another situation. Plans
+for another configuration are forgotten when the next one settles.
 
     idle       the pre-planner has answered every `PrePlan`: the next question goes out immediately, if one is left
     planning   a `PrePlan` is out; the state ends with PrePlannerAnswered of its number

@@ -8,11 +8,12 @@ on each change, in the order in which the changes came:
                                  drive outputs, epochs no longer wait for it, and a plan without it is needed
     absent, joined               a plan is needed
     answered, heard again        only an event. A PE that has answered is still available; a PE that is heard again is
-                                 not available yet. `pe_details` reads whether its computer stood still
+                                 not available yet. `pe_details` reads whether the computer of the PE
+                                 stood still
     any other                    as `known_situation` says
 
 A PE that does not execute its commands is failed, with the cause in words. No change comes twice, since `health` and
-`known_situation` change state once.
+`known_situation` report a change only when their own state changes.
 """
 
 from collections.abc import Iterable
@@ -70,7 +71,7 @@ class Reactions:
     def discount_losses(self) -> None:
         """Discount the losses of PEs, since this manager itself heard nothing.
 
-        The quarantines that these losses have caused end.
+        If one of these losses has put a PE into quarantine, the quarantine ends.
         """
         health = self._known.health
         for pe in health.discount_losses():

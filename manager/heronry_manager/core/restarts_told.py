@@ -1,6 +1,6 @@
 """Reports of a PE that it has restarted a module: one event for each restart, though the PE repeats its EMCY.
 
-    unheard    no EMCY on this module came, or it had another count
+    unheard    no EMCY on this module has come, or the last one had another count
     heard      the PE has sent this count for this module, and repeats it within T_lease of its bus: no further event
 
 A PE repeats the EMCY in each heartbeat period. So there is one event, even if an EMCY is lost, late or doubled. If an

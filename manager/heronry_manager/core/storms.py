@@ -48,7 +48,8 @@ class Storms:
     def may_finish(self, now: Situation, wanted: Configuration, running: Configuration | None) -> bool:
         """Tell whether `wanted` may still be deployed, although the situation has become `now`.
 
-        This is so if `wanted` is still legal, and serves no less at level 1 than `running`, if that is still legal.
+        For this, `wanted` must be legal in `now`. If `running` is legal in `now`, too, `wanted` must also serve at
+        least as much as `running` at level 1.
         """
         if verify(self._spec, now, wanted):
             return False

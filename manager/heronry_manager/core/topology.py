@@ -12,13 +12,13 @@ from heronry_wire.identifiers import GATEWAY_IDS
 class Radio:
     """A wireless bus that a gateway reports on.
 
-    link_id: number of the radio in the gateway's reports.
+    link_id: CAN identifier of the gateway's reports on this bus.
     gateway: the PE between this bus and the manager.
     beyond: the PEs that the manager can reach only over this bus.
     """
 
     bus: str
-    link_id: int  # of the gateway's reports
+    link_id: int
     gateway: str
     beyond: frozenset[str]
 

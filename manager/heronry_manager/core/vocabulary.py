@@ -1,4 +1,4 @@
-"""The events and actions of the manager's core, beside frames and time (`heronry_wire.sansio`).
+"""The events and actions of the manager's core, in addition to frames and time (`heronry_wire.sansio`).
 
 Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number. By this number the core recognises
 and drops an answer to an older request.
@@ -22,7 +22,7 @@ from heronry_wire.standstill import StoodStill
 class RequestPlan:
     """The core requests a plan; the driver answers with PlanReady or PlanFailed, which repeat the number.
 
-    running: the running configuration; None: none is known.
+    running: the running configuration; None: it is not known.
     in_background: the optimal plan is wanted, however long it takes; otherwise a legal plan is wanted immediately.
     target: the configuration that a script of the operator makes (`held_script`); the plan is compared with it, and no
         contingency answers. None: there is no script.
@@ -152,9 +152,9 @@ class UnlockPe:
 
 @dataclass(frozen=True, slots=True)
 class FlyTarget:
-    """The operator orders the configuration that a script makes of the running one.
+    """The operator orders the configuration into which a script turns the running configuration.
 
-    target: that configuration; None: the script gives none, because of `problem`.
+    target: the ordered configuration; None: the script leads to no configuration, because of `problem`.
     """
 
     target: Configuration | None
@@ -163,7 +163,7 @@ class FlyTarget:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseTarget:
-    """The operator ends the script that is held or asked for."""
+    """The operator ends the script that is held, or that was ordered and is not held yet."""
 
 
 @dataclass(frozen=True, slots=True)

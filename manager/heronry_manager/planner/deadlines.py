@@ -62,8 +62,8 @@ class _Moment:
     """A moment at which a message could leave, if all more urgent bits were sent before.
 
     end: the moment, in bit times of the bus.
-    always: bits that are sent before in any case.
-    demand: for each other message, the bits that are sent before if it is published.
+    always: bits that are sent before `end` in any case.
+    demand: for each other message, the bits that are sent before `end` if that message is published.
     """
 
     end: int
@@ -107,7 +107,10 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model the condition that a message leaves in time; tell whether `published` violates it."""
+        """Add to the model that a message leaves in time; tell whether `published` violates this condition.
+
+        Return False also if the model has this condition already, or if it would have too many moments.
+        """
         if hop in self._stated:
             return False
         self._stated.add(hop)
@@ -128,7 +131,7 @@ class Deadlines:
         return literal
 
     def _ways(self, hop: Hop) -> list[Way] | None:
-        """Return the ways in which a message can be in time, each a list of conditions; None: there are too many."""
+        """Return the ways in which a message can be in time, each a list of conditions; None: too many moments."""
         moments = self._moments(hop, self._least_jitter(hop))
         if moments is None:
             return None
@@ -143,9 +146,10 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition that a message crosses two buses in time beside more urgent messages.
+        """Return the condition, in ns, that a message leaves on two buses in time, in spite of more urgent messages.
 
-        Its numbers are nanoseconds.
+        before, first: the hop on the first bus, and the moment at which the message leaves there. hop, then: the same
+        on the second bus.
         """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
@@ -158,7 +162,7 @@ class Deadlines:
     def _moments(self, hop: Hop, jitter: Fraction) -> list[_Moment] | None:
         """List the moments at which a message could leave in time, the earliest first; None: there are too many.
 
-        jitter: the time that the message may have taken to reach this bus, in its bit times.
+        jitter: how late after its release the message may come to this bus, in bit times of this bus.
         """
         own = self._times.message(hop)
         window = own.deadline - own.bits - jitter
@@ -179,7 +183,10 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Return the jitter, in bit times, that a message brings from the bus before if it is the only data there."""
+        """Return a lower bound, in bit times, of the jitter that a message has from the previous bus of its route.
+
+        For this bound, the message is taken to be the only data on that bus.
+        """
         if hop.after is None:
             return Fraction(0)
         alone = self._times.responses([replace(hop, bus=hop.after, after=None)])
@@ -189,7 +196,7 @@ class Deadlines:
     def _forbid(self, late: Late) -> frozenset[Hop]:
         """Exclude from the model a set of hops that makes a message late.
 
-        Raises PlannerDefectError if that was done before.
+        Raises PlannerDefectError if this set was excluded before.
         """
         messages = shrunk(self._times, late)
         if messages in self._forbidden:
@@ -211,7 +218,10 @@ def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[f
 
 
 def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
-    """Shrink a set that makes a message late: leave out sources, the least urgent first, as long as it stays late."""
+    """Return a small subset of `late.causes` that makes the same message late.
+
+    Sources are left out one after another, the least urgent first, if the message is still late without them.
+    """
     kept = late.causes
     urgency = {hop: times.identifiers[hop.producer, hop.variable] for hop in kept}
     sources = dict.fromkeys((hop.producer, hop.variable) for hop in sorted(kept, key=lambda hop: -urgency[hop]))
@@ -224,7 +234,10 @@ def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
 
 
 def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
-    """Yield the moments in a window just after which one more instance of a message takes bus time."""
+    """Yield each moment just after which one more instance of a message with this period takes bus time.
+
+    Moments are in bit times after the beginning of a window. `window`: the end of the window.
+    """
     end = period - 1
     while end < window:
         yield end
@@ -232,5 +245,8 @@ def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
 
 
 def _demand(message: Message, end: Fraction) -> int:
-    """Return how many bits of a more urgent message are to be sent before the moment `end`, over all its instances."""
+    """Return the length in bits of all instances of a more urgent message that may be released up to `end`.
+
+    end: a moment, in bit times after the beginning of a window.
+    """
     return ceil((end + 1) / message.period) * message.bits

@@ -9,8 +9,8 @@ run, and then finds places for them (`choosing`). If the result is below the bou
 modules and places together.
 
 The planner is deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work,
-`effort`. When it runs out, the planner returns the best configuration found so far, and the plan says for each level
-whether it is proven, or how good it could be. There is always a plan: at worst the greedy one.
+`effort`. When this limit is reached, the planner returns the best configuration found so far. The plan then says for
+each level whether its value is proven, or how good the value could be. There is always a plan: at worst the greedy one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -50,9 +50,10 @@ class Planner:
     def plan(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
         """Find the best legal configuration for a situation.
 
-        running: the running configuration, for the fewest changes (level 4); None: none is known, and changes are free.
-        effort: limit of the search, in the solver's deterministic time. It limits the work, not the time, so that a
-        plan is the same on every machine.
+        running: the running configuration, for the fewest changes (level 4); None: it is not known, so changes do not
+        count.
+        effort: limit of the search, in the solver's own count of its work (`deterministic_time`). The work is limited
+        and not the time, so that a plan is the same on every machine.
         """
         search = self.solved(now, running, effort=effort)
         return plan_with_bounds(self.spec, now, search.best, search.objective, search.bounds())
@@ -89,7 +90,7 @@ class Search:
 
     best: the best legal configuration found so far.
     objective: its value.
-    bounds: upper bounds on the value.
+    bounds: an upper bound for each integer of `objective.key()`.
     """
 
     def __init__(
@@ -137,7 +138,10 @@ class Search:
         self.run(sum(group[0].kind is Kind.SERVING for group in self._groups))
 
     def bounds(self) -> tuple[int, ...]:
-        """Return an upper bound for each integer of the key, given that the integers before it do not become worse."""
+        """Return an upper bound for each integer of `objective.key()`.
+
+        A bound holds for all configurations in which no earlier integer of the key is worse.
+        """
         levels = {level.position: level for group in self._groups for level in group}
         return tuple(
             self._bounds[position] + levels[position].offset if position in levels else value
@@ -167,7 +171,10 @@ class Search:
             self._search(group, set_up)
 
     def _search(self, group: list[Level], set_up: Callable[[float], CpSolver]) -> None:
-        """Search with each solver of `set_up` until a solution meets its deadlines, or the effort is used up."""
+        """Search for a group of levels until a solution meets its deadlines, or the effort is used up.
+
+        set_up: makes the solver of each attempt; gets the effort that the attempt may use.
+        """
         while self._effort > 0 and not self._is_at_bound(group):
             solver = set_up(self._effort / 2)  # half of what is left: later levels need their share
             self._hint(self._values)
@@ -179,7 +186,10 @@ class Search:
                 return
 
     def _choose_and_pack(self, group: list[Level]) -> None:
-        """Find an upper bound for a group of levels by choosing modules without places; then try to place these."""
+        """Find an upper bound for a group of levels by choosing modules, but no PEs for them.
+
+        Then try to find PEs for the chosen modules.
+        """
         choosing = Choosing(self._possible, group, self._key)
         bound = choosing.bound()
         if bound is not None:
@@ -216,7 +226,10 @@ class Search:
         return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
-        """Keep an upper bound that the solver has proven for the merged sum of a group of levels."""
+        """Keep the upper bound of each level of a group that follows from a bound of the whole group.
+
+        bound: upper bound that the solver has proven for the sum into which the levels of the group are merged.
+        """
         for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
             self._bounds[level.position] = min(most, self._bounds[level.position])
 

@@ -1,8 +1,8 @@
-"""Why a function is not served although it could run: because it never fits, or because others came first.
+"""Why a function is not served although it could run: there is never room for it, or others are more important.
 
-`heronry_dg.why_not` finds causes that follow from faults alone. If there is none, this file solves a smaller problem:
-can the function be served if it is the only wanted one? Deadlines are analysed with the identifiers of the whole spec,
-since those are used on the bus.
+`heronry_dg.why_not` finds causes that follow from faults alone. If there is no such cause, this file solves a smaller
+problem: can the function be served if no other function is wanted? Deadlines are analysed with the identifiers of the
+whole spec, since these identifiers are used on the bus.
 """
 
 from dataclasses import replace

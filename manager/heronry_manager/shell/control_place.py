@@ -28,7 +28,10 @@ def default_socket(spec_name: str) -> Path:
 
 
 def listening_folder(path: Path) -> Path:
-    """Make the folder of a socket if needed, and give it; raises ControlError if another user owns or can write it."""
+    """Make the folder of a socket if needed, and return it.
+
+    Raises ControlError if another user owns the folder or can write to it.
+    """
     try:
         return owned_folder(path.parent)
     except RuntimeFolderError as error:
@@ -36,7 +39,10 @@ def listening_folder(path: Path) -> Path:
 
 
 def found_sockets() -> list[Path]:
-    """List the sockets of managers in this user's folder; raises ControlError if another user owns or can write it."""
+    """List the sockets of managers in this user's folder.
+
+    Raises ControlError if another user owns the folder or can write to it.
+    """
     try:
         return sorted(trusted_folder(runtime_folder()).glob("*.sock"), key=lambda path: path.stem)
     except RuntimeFolderError as error:

@@ -11,7 +11,7 @@ another frame under the same identifier shows that the module runs:
 
     byte 0  node-ID   1  ULONG   2  index of its mode                 3  message code   4..7  index of the module
 
-Both frames have 8 bytes, since a DBC gives a frame one length.
+Both frames have 8 bytes, since a DBC file gives one length for each identifier.
 
 A value that the variable's type cannot carry raises WireError; the caller then counts the module as failed.
 """
@@ -73,7 +73,10 @@ class Publisher:
         return frame
 
     def heard(self, frame: Frame) -> tuple[str, float] | None:
-        """Decode another PE's output echo into (device, value); None if it shows no device of the PE that sent it."""
+        """Decode another PE's output echo into (device, value).
+
+        None: the frame is no echo, or its sender does not have the device.
+        """
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.data_type != DataType.FLOAT:
             return None

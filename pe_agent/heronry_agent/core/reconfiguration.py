@@ -13,9 +13,9 @@ LEASE. After a restart of the PE nothing runs.
 
 A module whose mode changes is stopped at BREAK and started at GO, because its old mode may read variables that no PE
 sends any more. It is built anew, unless it can go on with its present state. If GO_ALL is the first command that comes,
-the module is stopped and started at once. A DEMUX branch that ran on this PE until BREAK is not held at GO, whatever
-its new mode. It may go on, since no other PE drives that DEMUX. While this PE is in doubt (`output_authorization`), the
-branch drives nothing.
+the module is stopped and started in one step. A DEMUX branch that ran on this PE until BREAK is not held at GO,
+whatever its new mode. It may go on, since no other PE drives that DEMUX. While this PE is in doubt
+(`output_authorization`), the branch drives nothing.
 
 A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides where the
 module runs. There is one exception (`forgive`). If the operator has cleared the fault, and another manager becomes
@@ -133,7 +133,7 @@ class Reconfiguration:
         return True
 
     def forgive(self, modules: Iterable[int]) -> Moves:
-        """Forget that these modules have failed; returns those to start now.
+        """Forget that these modules have failed; returns the modules to start now.
 
         A DEMUX branch that waits for GO_ALL still waits. While other expendable modules are stopped because no manager
         is heard, an expendable module is not started.
@@ -147,7 +147,10 @@ class Reconfiguration:
         return Moves(start=start)
 
     def validate(self) -> None:
-        """Check that no module is in two states, such as running and failed; raises InvariantError."""
+        """Check that the states of all modules agree with each other and with the activation step.
+
+        For example, no module may be both running and failed. Raises InvariantError.
+        """
         live, held, failed, wanted = self.live, self.held, self.failed | self.resting, self._wanted
         require(live.items() <= wanted.items(), "modules {} run, but only {} are wanted", live, wanted)
         require(

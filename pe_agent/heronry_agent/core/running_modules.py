@@ -243,7 +243,7 @@ class RunningModules:
         self._found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, module, times)
 
     def _give_up(self, module: int, failure: Failure, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
-        """Stop a module for good, and report the failure to the manager."""
+        """Stop a module, do not restart it any more, and report the failure to the manager."""
         if not self._reconfiguration.drop(module):
             return
         name, reason = self._running[module].entry.name, self.failures.found(module, failure)
@@ -275,7 +275,7 @@ class RunningModules:
         """Clear the faults of an element, as the operator commanded (CLEAR).
 
         a: kind of the element, and the PE on which it is cleared (`kind_and_place`). index: index of the element.
-        A module whose code is not on this PE is reported again at once.
+        A module whose code is not on this PE is reported again immediately.
         """
         kind, place = kind_and_place(a)
         if kind == ElementKind.PRIORITY or place not in (EVERYWHERE, self._index.node):

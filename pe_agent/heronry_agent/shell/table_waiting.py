@@ -156,7 +156,7 @@ class Waiting:
     """Runs a WaitingCore on one bus."""
 
     def __init__(self, core: WaitingCore, link: AnyLink, tell: Callable[[Note], None]) -> None:
-        """Take the core and its bus; `tell` is called with every line for the log, at once."""
+        """Take the core and its bus; `tell` is called with every line for the log."""
         self._core, self._link, self._tell = core, link, tell
         link.accept(core.identifiers)
         self._stopping = False

@@ -68,7 +68,7 @@ def add_parsers(subparsers: Any) -> None:
         "--socket",
         type=Path,
         metavar="PATH",
-        help="the socket for 'heronry status' and the other orders (default: one per spec)",
+        help="the socket on which 'heronry status' and other commands reach this manager (default: one per spec)",
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--slower-heartbeat-ns", type=int, default=0, help=argparse.SUPPRESS)  # as the PEs of a demo

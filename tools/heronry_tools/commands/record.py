@@ -1,4 +1,4 @@
-"""`heronry record`: a flight recorder, which writes frames, events, spec and versions into rotating files."""
+"""`heronry record`: a flight recorder, which writes the frames and events of a flight into rotating files."""
 
 import argparse
 import re
@@ -34,7 +34,7 @@ def add_parsers(subparsers: Any) -> None:
         "-o", "--output", dest="folder", metavar="FOLDER", type=Path, required=True, help="a new folder"
     )
     parser.add_argument(
-        "--limit", metavar="SIZE", type=size, default=10**9, help="largest size of the folder, as 500M (default 1G)"
+        "--limit", metavar="SIZE", type=size, default=10**9, help="largest size of the folder, e.g. 500M (default 1G)"
     )
     parser.add_argument(
         "--for", dest="seconds", metavar="SECONDS", type=float, help="end after this time (default: at Ctrl-C)"
@@ -44,7 +44,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def size(text: str) -> int:
-    """Read a size in bytes, as 500M; raises ArgumentTypeError."""
+    """Read a size, such as 500M, and return it in bytes; raises ArgumentTypeError."""
     match = _SIZE.fullmatch(text.strip())
     if match is None:
         raise argparse.ArgumentTypeError(f"{text} is not a size; write for example 500M or 2G")
@@ -52,7 +52,7 @@ def size(text: str) -> int:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Record until a signal or the end of the time; returns 0."""
+    """Record until a signal comes, or until the time of --for is over; returns 0."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.console.spec_argument import spec_path  # noqa: PLC0415
     from heronry_tools.watch.recorder import LEAST_BYTES, Recorder  # noqa: PLC0415

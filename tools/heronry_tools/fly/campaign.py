@@ -66,7 +66,7 @@ def summary(landings: Sequence[Landing]) -> dict[str, Any]:
 
 
 def quantiles(ordered: Sequence[float], high: float) -> list[float] | None:
-    """Return the median and the quantile `high` (0 to 1) of rising numbers; None if there are none."""
+    """Return the median and the quantile `high` (0 to 1) of rising numbers; None if there are no numbers."""
     if not ordered:
         return None
     return [round(median(ordered), 4), round(ordered[min(int(high * len(ordered)), len(ordered) - 1)], 4)]
@@ -108,7 +108,7 @@ def figures(found: dict[str, Any]) -> str:
 def latency_line(found_s: Sequence[float]) -> str:
     """Return a line on the latency from sensor to servo.
 
-    found_s: its median and its 99 % quantile, in s.
+    found_s: the median and the 99 % quantile of the latency, in s.
     """
     middle, most = (1000.0 * value for value in found_s)
     return f"from sensor to servo: median {middle:.1f} ms, 99 % within {most:.1f} ms"

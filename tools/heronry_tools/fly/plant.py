@@ -1,7 +1,7 @@
 """What a plant with flight dynamics offers to the devices of the PEs, and to the record of a flight.
 
-A plant steps at 120 Hz; step 0 is at its time 0. `advance` steps the plant up to a time; actuators keep their last
-command during these steps. A plant never steps back: a call with an earlier time than the present one acts at the
+A plant steps at 120 Hz; step 0 is at time 0 of the plant. `advance` steps the plant up to a time; actuators keep their
+last command during these steps. A plant never steps back: a call with an earlier time than the present one acts at the
 present time. The plant uses no bus, no module and no clock. Its random numbers come from its seed. So two plants with
 the same seed and the same calls give the same results, bit by bit.
 
@@ -54,7 +54,7 @@ class FlightPlant(Protocol):
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
         """Advance to `now_ns` and command an actuator.
 
-        Return the command that it accepted, None if it accepted none.
+        Return the command that the actuator accepted; None: it accepted no command.
         """
 
     def make_safe(self, device: str, now_ns: int) -> None:

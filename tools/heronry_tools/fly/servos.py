@@ -59,7 +59,11 @@ class Servos:
         return surface.push(value + (offset if how == "bias" else 0.0))
 
     def fail(self, servo: str, how: str, offset: float) -> None:
-        """Make a servo fail; the surface that it holds stops, or floats if `how` is "loose"."""
+        """Make a servo fail; `how` is a `Failure`.
+
+        The surface that the servo holds stops ("dead", "stuck"), or floats ("loose"). With "bias" it moves with the
+        next command, which is then wrong by `offset`.
+        """
         self.failed[servo] = how, offset
         surface = self.surfaces[self.pushes[servo]]
         if self.last.get(self.pushes[servo]) != servo:

@@ -22,7 +22,10 @@ def write_tables(
 
 
 def table_texts(spec: "Spec", pes: Iterable[str], made: "Contingencies | None") -> dict[str, str]:
-    """Compile the tables of PEs, each with as many of the contingencies as the PE has room for."""
+    """Compile the tables of these PEs, and return the text of each table by PE.
+
+    made: the contingencies; each table gets as many of them as the PE has room for. None: no contingencies.
+    """
     from heronry_manager.core.compilation import Compiler  # noqa: PLC0415 - loads pydantic
     from heronry_manager.core.on_board import loaded, on_board  # noqa: PLC0415
 

@@ -45,7 +45,10 @@ class EpochsOnTheBus:
         self._lost: tuple[int, int] | None = None  # of the last lost PE: when it was called lost, and its last frame
 
     def lost(self, t_ns: int, last_heard_ns: int | None, node: int) -> None:
-        """Note the loss of a PE, whose last frame came at `last_heard_ns`; an epoch does not wait for the PE."""
+        """Note the loss of a PE at `t_ns`; an epoch does not wait for this PE.
+
+        last_heard_ns: time of the last frame of the PE; None: unknown, so the time to detect is taken to be 0.
+        """
         self._reported.pop(node, None)
         self._lost = t_ns, t_ns if last_heard_ns is None else last_heard_ns
 

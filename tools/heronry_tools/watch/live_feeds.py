@@ -96,7 +96,7 @@ class FollowedManager:
     def __init__(self, path: Path, *, hears_bus: bool = True) -> None:
         """Connect to the socket `path` of the manager; `hears_bus`: also open the manager's bus, if possible.
 
-        Raises ControlError, or UserError if the manager's spec cannot be read.
+        Raises ControlError if the manager does not listen or sends no status, UserError if its spec cannot be read.
         """
         self._path = path
         self.trouble: str | None = None
@@ -146,7 +146,9 @@ class FollowedManager:
             except OSError:
                 chunk = b""
             if not chunk:
-                raise ControlError(f"the manager on {self._path} gives no status: restart it with this version")
+                raise ControlError(
+                    f"the manager on {self._path} gives no status: restart the manager with this version"
+                )
             self._rest += chunk
         line, _, self._rest = self._rest.partition(b"\n")
         first: dict[str, Any] = json.loads(line)
@@ -198,7 +200,7 @@ class ListenedBuses:
     def __init__(
         self, spec: Spec, choices: Sequence[BusChoice], *, key: Key | None = None, tables: tuple[PeTable, ...] = ()
     ) -> None:
-        """Open the buses; raises LinkError. `tables` are those of the PEs, with the contingencies on board."""
+        """Open the buses; raises LinkError. `tables`: the tables of the PEs, with the contingencies on board."""
         self.spec = spec
         self.spec_file: Path | None = None
         self.trouble: str | None = None
@@ -230,5 +232,7 @@ def _spec_of(first: Mapping[str, Any]) -> Spec:
     """
     spec, digest = load_spec(first["file"]), first["status"]["spec_digest"]
     if spec.digest != digest:
-        raise UserError(f"{first['file']} has changed since the manager was started: restart it, or undo the change")
+        raise UserError(
+            f"{first['file']} has changed since the manager was started: undo the change, or restart the manager"
+        )
     return spec

@@ -1,6 +1,6 @@
 """Reads a live feed in a thread, for the event loop that owns the state of the pages.
 
-    waiting ──a manager listens──► reading ──it has gone──► waiting for it, or for its standby manager
+    waiting ──a manager listens──► reading ──this manager has gone──► waiting for this or its standby manager
 
 Pages show how long nothing has come from the system. Only what comes from outside counts for that: an event of the
 manager, or a frame. Observations that a feed makes by the clock (`heard`, `bus_seen`) do not count. If a manager is
@@ -37,7 +37,8 @@ def standby_of(path: Path) -> Path:
 def read_in_thread(open_feed: OpenFeed, live: Live, manager: Path | None) -> None:
     """Start a thread that reads the feed and hands all events to `live`, in the running event loop.
 
-    manager: the socket of the manager, if its standby manager is to be followed after it.
+    manager: the socket of the manager. If the feed has lost its manager, a feed of the standby manager takes its place.
+    None: the feed is kept, and no standby manager is followed.
     """
     loop = asyncio.get_running_loop()
     threading.Thread(target=_read, args=(open_feed, live, manager, loop), daemon=True, name="feed").start()
@@ -74,7 +75,7 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
 
 
 def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:
-    """Open a feed as soon as its manager listens; `waits` is called with the reason while that is not possible."""
+    """Open a feed as soon as its manager listens; until then `waits` is called with the reason."""
     while True:
         try:
             return open_feed()

@@ -29,7 +29,10 @@ class Questions:
         self._turn = asyncio.Lock()
 
     async def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """Wait for the answer to a question; if this task is cancelled, the search ends."""
+        """Return the answer to a question; if this task is cancelled, the search ends.
+
+        If the process ends before it has answered, the answer has the field `refused`, with the reason.
+        """
         async with self._turn:
             await self._start()
             process = self._process

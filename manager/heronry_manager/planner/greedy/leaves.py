@@ -19,8 +19,8 @@ class Leaves:
 
     mode: list[int]  # by leaf: the mode that reads it
     module: list[int]  # by leaf: the module that reads it
-    path: list[str]
-    variable: list[int]
+    path: list[str]  # by leaf: its path in the gate of its mode
+    variable: list[int]  # by leaf: the number of its variable
     worth: list[dict[int, int]]  # by leaf: mode that may feed it -> points
     wire: list[dict[int, Wire]]  # by leaf: mode that may feed it -> the wire
     of_mode: list[list[int]]  # by mode: its leaves
@@ -55,9 +55,9 @@ class _Numberer:
         return (most, least, nodes, nodes)
 
     def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
-        """Number a leaf, and list the modes to whose module it may be wired.
+        """Number a leaf, and list the modes that may feed the leaf.
 
-        A module may feed its own leaf only from the same mode.
+        Of the modes of its own module, only the mode that reads the leaf may feed it.
         """
         numbers, leaves, number = self._numbers, self.leaves, len(self.leaves.mode)
         leaves.mode.append(mode)

@@ -54,10 +54,10 @@ def numbered(spec: Spec) -> Numbering:
 
 
 def element_numbers(numbers: Numbering) -> dict[str, tuple[str, int]]:
-    """Give the kind and number of every element that can be down.
+    """Give (kind, number) of every element that can be down, by the name of the element.
 
-    A channel has the number of its bus. The number of a place is that of its module times the number of PEs, plus that
-    of its PE.
+    A channel has the number of its bus. A place has the number M * P + N: M is the number of the module, N the number
+    of the PE, and P the count of all PEs.
     """
     of_kind: dict[str, Mapping[str, int]] = {
         "pe": numbers.pe_number,

@@ -25,10 +25,10 @@ class Orders:
     price: list[int]  # by mode
     needs: list[Node | None]  # by mode
     has_choice: list[bool]  # by mode: its inputs can be supplied in ways of different worth
-    readers: list[int]  # by mode: the set of modes with a leaf that it may feed
-    dearest: list[list[Giver]]  # by leaf, worth most first
-    cheapest: list[list[Giver]]  # by leaf
-    givers: list[int]  # by leaf: the set of modes
+    readers: list[int]  # by mode: the set of modes with a leaf that this mode may feed
+    dearest: list[list[Giver]]  # by leaf: its givers, the one of most worth first
+    cheapest: list[list[Giver]]  # by leaf: its givers, the one of the lowest price first
+    givers: list[int]  # by leaf: the set of its givers
 
 
 def ordered(leaves: Leaves, module_of: Sequence[int], size: Sequence[int]) -> Orders:

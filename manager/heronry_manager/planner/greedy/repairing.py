@@ -5,7 +5,7 @@
 3. *Make room* for a function that found none: put producers into cheaper modes that their readers accept; stop
    functions that matter less, and put others into worse modes, one by one until the function fits. Then serve the
    stopped functions again, as far as possible. All of this is undone unless it improves levels 1 and 2.
-4. *Improve*: put functions into better modes while that fits.
+4. *Improve*: put functions into better modes, as far as there is room.
 
 Inputs (level 3) come last, once every function is served as well as possible (`supplying`).
 """
@@ -30,7 +30,11 @@ class Repair:
     """Makes one draft for one situation from the configuration that ran before."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, before: Before) -> None:
-        """Start with no module; `before`: where each module ran, or where a packing places it."""
+        """Start with no module.
+
+        before: mode and PE in which each module ran. If modules are to be placed anew, the mode and PE that `packings`
+        proposes.
+        """
         self.draft = Draft(tables, scene)
         self._server = Server(tables, wanted, scene, self.draft, before)
         self._tables, self._wanted, self._scene = tables, wanted, scene
@@ -127,7 +131,10 @@ class Repair:
         return [(other, at > number) for other, at in served]
 
     def _uses(self, goal: Goal, pes: int) -> bool:
-        """Tell whether the output of a function, or a module that feeds it, runs on one of these PEs."""
+        """Tell whether the output of a function, or a module that feeds the output, runs on one of these PEs.
+
+        pes: a set of PEs, as the bits of an integer.
+        """
         draft, seen = self.draft, 0
         frontier = [module for module in goal.outputs if draft.mode[module] >= 0]
         while frontier:

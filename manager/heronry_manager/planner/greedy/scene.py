@@ -1,8 +1,8 @@
 """The scene: the part of a spec that a situation leaves, in the integers of `Tables`.
 
-A scene has the facts of `heronry_dg.situation.survivors` and `planner.candidates`, found in less than a tenth of the
-time: only the consequences of the down elements are worked out. The buses form a forest, so between two PEs that the
-manager can command there is always the same route: routes never depend on faults.
+A scene has the facts of `heronry_dg.situation.survivors` and `planner.candidates`. It takes less than a tenth of their
+time, since only the consequences of the down elements are worked out. The buses form a forest, so between two PEs that
+the manager can command there is always the same route: routes never depend on faults.
 
 A mode is *possible* under three conditions. Its module works. The module has a PE that is up and could carry the mode.
 The needs of the mode could hold if every other possible mode ran.
@@ -24,7 +24,7 @@ class Scene:
     """What faults leave of a spec: the PEs, capacities and modes that can be used in one situation."""
 
     pes: int  # set of PEs that are up and can be commanded
-    hosts: list[int]  # by mode: set of PEs that could carry it, up or not, without places that are down
+    hosts: list[int]  # by mode: set of PEs, up or down, that could run it; without places that are down
     cpu: list[int]  # by PE, thousandths
     bus_room: list[int]  # by bus: thousandths of a bit/s for data
     possible: int  # set of modes
@@ -68,7 +68,10 @@ class Scenery:
         return Scene(pes, hosts, cpu, bus_room, self._without(gone & self._possible))
 
     def _hosts(self, now: Situation) -> list[int]:
-        """Return, for each mode, the PEs that could carry it, without the places that are down."""
+        """Return, for each mode, the set of PEs that could run the mode, as the bits of an integer.
+
+        A PE is left out of the set if the place of the module on that PE is down.
+        """
         hosts, pes = self._tables.sizes.hosts, len(self._cpu)
         lost = [number for kind, number in map(self._elements.__getitem__, now.down) if kind == "place"]
         if lost:
@@ -111,7 +114,11 @@ class Scenery:
         return cpu, bus_room
 
     def _homeless(self, hosts: list[int], pes: int, cpu: list[int], *, limited: bool) -> int:
-        """Return the modes that no PE could carry."""
+        """Return the set of modes that no PE could run.
+
+        hosts: by mode, the set of PEs that could run the mode if they are up. pes: the set of PEs that are up. cpu: by
+        PE, the usable CPU in thousandths; limited: False: `cpu` is not limited, and need not be checked.
+        """
         tables, homeless = self._tables, 0
         for mode, carriers in enumerate(hosts):
             left = carriers & pes

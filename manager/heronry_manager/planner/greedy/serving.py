@@ -7,8 +7,8 @@ module, other modules are moved away from one PE, as long as they fit elsewhere 
 
 If a function of this file returns False, it has left the draft unchanged; only `hold` may leave changes. A module whose
 inputs are being wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it
-is. Counts of tries limit the work (`fuel` for a function, a budget for all), so that a plan takes no longer on a full
-aircraft, and is the same on every machine.
+is. Counts of tries limit the work (`fuel` for a function, a budget for all), so that a plan takes limited time even
+on a full aircraft, and is the same on every machine.
 
 *Adopting* serves in the same way, but starts only modules that ran before, in their old modes and places.
 """
@@ -53,7 +53,7 @@ class Server:
     def serve(self, goal: Goal) -> bool:
         """Serve a function as it was served before, or else in its best possible mode.
 
-        Tell whether it is served now.
+        Tell whether the function is served now.
         """
         self.short = 0
         if self.is_served(goal):
@@ -110,7 +110,11 @@ class Server:
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
-        """Yield the PEs to try for a mode: the module's old PE, then the others by free room, then a cleared one."""
+        """Yield the PEs to try for a mode: the module's old PE, then the other PEs with room, the emptiest first.
+
+        If no other PE has room, yield a PE from which other modules could be moved away (`_clear`). With `tight`, the
+        old PE has no precedence, and the fullest PE comes first.
+        """
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
         hosts = self._scene.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
@@ -196,7 +200,7 @@ class Server:
     def _feed_again(self, leaf: int, producer: int) -> bool:
         """Wire a leaf to a producer again, if the reading module still runs in the leaf's mode.
 
-        Tell whether it is wired.
+        Tell whether the leaf is wired.
         """
         draft, tables = self.draft, self._tables
         consumer = tables.leaves.module[leaf]
@@ -205,7 +209,9 @@ class Server:
     # Gates
 
     def hold(self, node: Node, consumer: int, *, may_start: bool) -> bool:
-        """Wire the fewest inputs with which a gate holds; tell whether it holds. After False the caller must undo.
+        """Wire the fewest inputs with which a gate holds; tell whether the gate holds.
+
+        If False is returned, the caller must undo what was changed in the draft.
 
         may_start: producers that do not run may be started.
         """
@@ -239,7 +245,7 @@ class Server:
         return held
 
     def feed(self, leaf: int, consumer: int, *, may_start: bool) -> bool:
-        """Wire a leaf to a running producer, or to one that is started for it; tell whether it is wired."""
+        """Wire a leaf to a running producer, or start a producer for the leaf; tell whether the leaf is wired."""
         before, mode_of, givers = self._before, self.draft.mode, self._tables.orders.dearest[leaf]
         if not self.adopting:
             for mode, module in givers:
@@ -258,7 +264,7 @@ class Server:
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
         """Wire a leaf to `module` in `mode`; if needed, start the module or put it into that mode.
 
-        Tell whether it is wired.
+        Tell whether the leaf is wired.
         """
         draft = self.draft
         mark, now = draft.mark(), draft.mode[module]

@@ -1,8 +1,9 @@
 """Pictures for the ground: a thumbnail is sent as a stream of 32-bit words, and put together on the ground.
 
-A word is an index (8 bits) and a payload (24 bits). Words 0 to 3 are the head: the number of the frame, and where it
-was taken. Latitude and longitude are (degrees + 256) * 32768, the altitude is in m; 0xFFFFFF means unknown. Each other
-word has three grey pixels. Mode `preview` sends every fourth pixel word, which gives a coarser picture.
+A word is an index (8 bits) and a payload (24 bits). Words 0 to 3 are the head: the number of the picture, and the
+position of the camera. Latitude and longitude are (degrees + 256) * 32768, the altitude is in m; 0xFFFFFF means
+unknown. Each other word has three grey pixels. Mode `preview` sends every fourth pixel word, which gives a coarser
+picture.
 
 The camera of the plant gives only a counter. The pixels are a pattern computed from the counter, so that the archive
 can verify what has arrived. A lost word spoils only its own picture: the next picture starts again at index 0.
@@ -45,7 +46,7 @@ class Imaging(Module):
         self._head = [0] * HEAD_WORDS
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the next word; between two pictures, nothing while the count of the camera is missing."""
+        """Publish the next word of the picture; without a count of the camera, no new picture is begun."""
         if self._next == 0:
             frame = whole(inputs, "frame_count")
             if frame is None:

@@ -63,7 +63,7 @@ class SurfaceMonitor(Module):
         self._followed_since_accused = True
 
     def working_servo(self, inputs: Inputs) -> int:
-        """Give the number of the servo that is driven."""
+        """Give the number (1 or 2) of the servo that is driven."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:

@@ -22,7 +22,10 @@ _Versions = tuple[int, int]  # best and worst version that serves
 
 @dataclass(slots=True)
 class ForcedTraffic:
-    """The lowest rate at which each variable must be published on each bus, in millihertz."""
+    """The lowest rates at which variables must be published.
+
+    rates: by bus, then by variable: the rate in millihertz.
+    """
 
     spec: Spec
     rates: dict[str, dict[str, int]] = field(default_factory=dict)
@@ -64,7 +67,7 @@ def forced_traffic(possible: Candidates) -> ForcedTraffic:
 def _publish(
     possible: Candidates, found: ForcedTraffic, variable: str, givers: set[tuple[str, str]], readers: frozenset[str]
 ) -> None:
-    """Add a variable on each bus that lies on every route from one of its givers to one of its readers."""
+    """Add a variable to `found`, on each bus that lies on every route from one of its givers to one of its readers."""
     ways = [
         frozenset(possible.left.route(here, there) or ())
         for here in {pe for module, _ in givers for pe in possible.modules[module].pes()}

@@ -1,8 +1,8 @@
 """The check of DG405: plants of class A and B that one fault takes off every control path.
 
-The check looks at every phase. It considers a plant that the best plan with everything up has on a control path. The
-plant is lost with an element if the contingency plan without the element has the plant on no such path. Elements after
-whose loss the planner has the same choices (a device and its only driver) share one plan.
+In each phase, the check considers the plants that are on a control path of the best plan with everything up. Such a
+plant is lost with an element if it is on no control path of the contingency for that element. If the loss of two
+elements leaves the planner the same choices (a device and its only driver), one plan serves for both.
 """
 
 from collections.abc import Iterator

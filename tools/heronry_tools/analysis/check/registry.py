@@ -1,10 +1,10 @@
-"""All families of rules, and the checks of those that the loader does not check.
+"""All families of rules, and the functions `check` of the families that the loader does not check completely.
 
-The loader itself finds DG0xx, DG1xx and those rules of DG2xx that stop a spec from being loaded. All other rules are
-checked by a function `check(subject, findings)` of their family, in a spec that loads. A family that needs a solver, or
-runs foreign code, keeps its rules and its check in files of this folder. Its check imports the planner inside
-functions, so that rules can be listed without a solver. The check itself is imported when it is called, which keeps
-`check --fast` fast.
+The loader checks DG0xx, DG1xx, and the rules of DG2xx whose violation stops a spec from being loaded. All other rules
+are checked by a function `check(subject, findings)` of their family. `check` is called only with a spec that loads. A
+family that needs a solver, or runs foreign code, has its rules and its `check` in files of this folder. Such a file
+imports the planner inside functions, so that rules can be listed without a solver. The `check` of such a family is
+imported only when it is called, so that `heronry check --fast` is fast.
 
 To add a family: write its files, name its FAMILY in `FAMILIES` and its `check` in `CHECKS`.
 """
@@ -24,7 +24,7 @@ from heronry_tools.analysis.check import dependability_rules, image_rules, resou
 
 
 def _slow(module: str) -> Check:
-    """Give the check of a slow family; its file is imported only when the check is called."""
+    """Give the check of a slow family; the file of the check is imported only when the check is called."""
 
     def check(subject: Subject, findings: Findings) -> None:
         import_module(f"heronry_tools.analysis.check.{module}").check(subject, findings)
@@ -52,6 +52,6 @@ RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, 
 
 
 def checks_of(*, fast: bool) -> dict[str, Check]:
-    """Give the checks, each under the prefix of its codes; with `fast` only those without solver and foreign code."""
+    """Give the checks by the prefix of their codes; with `fast`, only checks without solver and foreign code."""
     slow = {family.prefix for family in FAMILIES if not family.fast}
     return {prefix: check for prefix, check in CHECKS.items() if not (fast and prefix in slow)}

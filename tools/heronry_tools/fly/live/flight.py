@@ -1,8 +1,9 @@
 """One landing in real time: processes for the plant, for a manager and for an agent per PE, on software buses.
 
 The aircraft is held in place until the first configuration runs and all its surfaces are driven. Faults are injected at
-a time of the flight, or below a height. A fault of a PE kills its process; a fault of a device happens in the plant
-process; a fault of a bus happens in its hub. All processes end with the flight, however the flight ends (`Fleet`).
+a time of the flight, or when the aircraft is below a height. A fault of a PE kills its process; a fault of a device
+happens in the plant process; a fault of a bus happens in its hub. All processes end with the flight, however the flight
+ends (`Fleet`).
 """
 
 import json
@@ -35,7 +36,9 @@ _NS_PER_MS = 1_000_000
 
 
 def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | None = None) -> dict[str, Any]:
-    """Fly a mission, and return the last JSON message of the plant process, with the places of the last plan.
+    """Fly a mission, and return the last JSON message of the plant process with one more field, `places`.
+
+    `places` gives the place of each module in the last plan.
 
     record_file: where the plant process writes the record of the flight, as JSON
     Raises UserError if the mission has a fault that cannot be injected, or if a process fails or ends early.
@@ -144,7 +147,7 @@ class _Flight:
         self._released_ns: int | None = None
 
     def run(self) -> dict[str, Any]:
-        """Run the flight to its end; return the last message of the plant process, with the places of the last plan."""
+        """Run the flight to its end; return the last message of the plant process, with the field `places` added."""
         begun_s = time.monotonic()
         while True:
             for line in self._plant.said(_LOOK_S):

@@ -2,8 +2,8 @@
 
 A feedback edge leads out of a variable with an initial value and would close a cycle. It is left out of the ranking,
 and drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far
-right as possible. Each ranking is improved by moving single symbols, and the one with the shorter edges is taken. All
-steps follow the order of the graph, so that the same graph gives the same picture.
+right as possible. Each ranking is improved by moving single symbols, and the ranking with the shorter edges is taken.
+All steps follow the order of the graph, so that the same graph gives the same picture.
 """
 
 from collections.abc import Collection, Mapping
@@ -44,7 +44,9 @@ def ranked(graph: Graph) -> Ranks:
 
 
 def _feedback(graph: Graph) -> frozenset[int]:
-    """Find the edges to leave out, all of them out of variables with an initial value, so that no cycle is left.
+    """Return the edges to leave out, as indices of `graph.edges`, so that no cycle is left.
+
+    All these edges lead out of variables with an initial value.
 
     Only necessary edges are left out: any one of them, put back alone, would close a cycle.
     """
@@ -99,7 +101,10 @@ def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[
 
 
 def _tightened(graph: Graph, edges: list[Edge], start: Mapping[str, int], last: int) -> dict[str, int]:
-    """Move symbols, in several sweeps, to where their edges are shortest; the edges still lead to the right."""
+    """Move symbols, in several sweeps, so that edges become shorter; all edges still lead to the right.
+
+    start: the column of each symbol before; the new columns are returned. last: the column of the actuators.
+    """
     ranks = dict(start)
     into: dict[str, list[str]] = {key: [] for key in graph.nodes}
     out_of: dict[str, list[str]] = {key: [] for key in graph.nodes}

@@ -1,10 +1,10 @@
 """The demo's loop: events of the manager, frames of the buses, actions of the script, in one select loop.
 
 The demo's clock starts when the first configuration runs. It is the monotonic clock of this machine, as in the
-manager's events and the timestamps of the buses. However the demo ends (time up, Ctrl-C, a process that died), the
-`with` that holds the fleet ends all processes.
+manager's events and the timestamps of the buses. The demo ends when its time is up, with Ctrl-C, or when a process has
+died; in each case the `with` that holds the fleet ends all processes.
 
-The user reads about served functions from the witness, that is from frames, and about plans from the manager.
+Reports on served functions come from the witness, that is from frames. Reports on plans come from the manager.
 """
 
 import select
@@ -86,9 +86,12 @@ class Show:
         self.saw_failure = False  # a module has failed
 
     def run(self, actions: Sequence[DemoAction | PhaseAction] | None, seconds: float, record: IO[str] | None) -> int:
-        """Run these actions, or those of `default_actions`, for `seconds`.
+        """Run the demo for `seconds`.
 
-        Returns 0 if at the end every function of the plan is heard on the bus.
+        actions: what is done to the aircraft; None: `default_actions`. record: gets all frames as a candump log.
+
+        Returns 1 if at the end a function of the plan is not heard, if a deployment is not complete, or if two branches
+        of one DEMUX have been driven in turn (`Witness.rivals`); else 0.
         """
         self._has_default_actions = actions is None
         self._actions, self._seconds = list(actions or ()), seconds
@@ -150,9 +153,9 @@ class Show:
             self._emit("stood_still", by="the demo", for_ns=late.for_ns, times=self._standstills.long_times)
 
     def _over(self) -> bool:
-        """Tell whether the demo may end: the time is up, and nothing is awaited any more.
+        """Tell whether the demo may end.
 
-        What is still awaited (`_awaited`) gets GRACE_S more.
+        The demo ends when its time is up and nothing is awaited (`_awaited`), but GRACE_S after its time at the latest.
         """
         if self._start_ns is None or self._show_s() < self._seconds:
             return False
@@ -212,10 +215,10 @@ class Show:
                 pass
 
     def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
-        """Give an event of the manager, corrected by what only the demo knows.
+        """Give an event of the manager; mark the loss of a PE that the demo has not killed.
 
-        If a PE is lost although the demo has not killed it, its process runs; `_pass_on` then adds how long that
-        process has waited for a processor.
+        The process of such a PE runs. The mark is the field `waited`; `_pass_on` puts in how long the process has
+        waited for a processor.
         """
         if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
             return one | {"waited": None}
@@ -228,13 +231,20 @@ class Show:
         self._tell(one)
 
     def _waited(self, pes: Sequence[str]) -> dict[str, Any]:
-        """Give the longest wait for a processor that may have made these PEs silent, in the form that events have."""
+        """Give the longest time for which a process has waited for a processor, as the fields of an event.
+
+        The processes of these PEs, of the managers and of the buses count: each of them may have made a PE silent.
+        Fields: `who` waited, for how long (`for_ns`), within how much time (`of_ns`).
+        """
         now_ns, processes = time.monotonic_ns(), self._fleet.processes()
         longest = max((self._waits.longest(now_ns, pe, processes) for pe in pes), key=lambda wait: wait.for_ns)
         return {"who": longest.who, "for_ns": longest.for_ns, "of_ns": longest.of_ns}
 
     def _begin(self, now_ns: int) -> None:
-        """Start the demo's clock with its first configuration, and the process that plans."""
+        """Start the demo's clock, since the first configuration runs; later configurations change nothing.
+
+        Start also the process that makes plans for the next demo, if there is one.
+        """
         if self._start_ns is not None:
             return
         self._start_ns = now_ns
@@ -289,7 +299,7 @@ class Show:
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
-        """Kill the active manager, and take events from the standby manager, from its take-over on."""
+        """Kill the active manager; from its take-over on, the standby manager gives the events."""
         victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
         self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]
@@ -315,7 +325,10 @@ class Show:
         return True
 
     def _tell_outages(self, outages: Sequence[Outage], now_ns: int) -> None:
-        """Report outages that have begun, or ended: one by one, or many in one event."""
+        """Report outages that have begun, or outages that have ended: one event for each.
+
+        Many outages are reported in one more event, which sums them up.
+        """
         gathered = len(outages) > _MOST_ALONE
         for one in outages:
             self._emit("outage", function=one.function, from_ns=one.from_ns, to_ns=one.to_ns, gathered=gathered)
@@ -341,7 +354,7 @@ class Show:
         return [name for name in planned if not self._witness.served(name, now_ns)]
 
     def _driving(self, function: str) -> list[str]:
-        """Give the PEs on which modules of the plan drive a function that the plan serves."""
+        """Give the PEs on which the plan runs output modules of a function."""
         modules = self._plan["modules"]
         return [modules[name]["pe"] for name in self._spec.functions[function].outputs if name in modules]
 

@@ -1,8 +1,8 @@
-"""The socket of a bus in the file system: at most one hub at a path, and no dead socket in the way.
+"""The socket of a bus in the file system: at most one hub at a path.
 
-A socket that refuses connections was left by a hub that crashed; this file takes its path over. A socket that accepts
+A socket that refuses connections was left by a hub that crashed; the new hub replaces it. A socket that accepts
 connections belongs to a living hub, and is left alone. The probe and the bind are one step under a lock on the folder,
-so that two hubs which start together cannot both take the path over.
+so that two hubs which start together cannot both take the path.
 
 Raises HubError if the folder does not exist or is not writable, or if the path is not a socket. The socket is removed
 at the end, unless another hub has taken the path meanwhile.
@@ -69,7 +69,7 @@ def _clear(path: Path) -> None:
     except FileNotFoundError:
         return
     if not stat.S_ISSOCK(mode):
-        raise HubError(f"{path}: there is a file already, and not a socket; choose another path")
+        raise HubError(f"{path}: there is a file already, which is not a socket; choose another path")
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
         probe.setblocking(False)
         try:

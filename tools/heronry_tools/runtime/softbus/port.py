@@ -4,9 +4,12 @@ The port decides which frames its client gets. It ensures that a client which do
 kernel buffers a few hundred frames for the client, and the port some thousands more. After that the newest frames are
 dropped and counted, as in an overrun of a controller.
 
-States: unknown until its hello has brought the receive socket; then without frames until it has set its filters for the
-first time, so that no frame passes unfiltered; then joined; gone once any call on its sockets has failed. A gone port
-does nothing more and waits for the hub to remove it.
+A port has four states, in this order:
+
+    unknown          the hello of the client, which brings the receive socket, has not come
+    without frames   the client has not set its filters yet, so it gets no frame
+    joined           the client gets the frames that its filters accept
+    gone             a call on a socket of the port has failed: the port waits for the hub to remove it
 """
 
 import socket

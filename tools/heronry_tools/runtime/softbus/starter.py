@@ -1,9 +1,10 @@
 """Starts a hub as a process of its own that never outlives the process that started it.
 
-The hub holds the read end of a pipe whose write end is here: when this process ends, in whatever way, the pipe ends,
-and the hub with it. (The kernel's own "signal when my parent dies" is not used: it is tied to the thread that started
-the hub, and is cleared by some execs.) A child that is forked here without exec inherits the write end and keeps the
-hub alive: use the "spawn" start method of multiprocessing.
+The hub holds the read end of a pipe, and this process the write end. When this process ends, in whatever way, the pipe
+ends, and so the hub ends. (Linux can send a signal to a process when its parent dies, PR_SET_PDEATHSIG. It is not used
+here: the signal comes when the thread that started the hub ends, and some calls of exec cancel it.) A child that is
+forked by this process without exec inherits the write end and keeps the hub alive. So use the "spawn" start method of
+multiprocessing.
 
 States: starting; running once `wait_until_up` has returned; then killed or closed.
 """

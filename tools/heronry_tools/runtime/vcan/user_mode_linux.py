@@ -2,10 +2,10 @@
 
 This file boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out while it
 is written, and returns the exit code that the guest left. The guest has no privilege: it can change only those files of
-the host that its caller can change.
+the host that the user of this program can change.
 
 Three things can go wrong: the guest's kernel stops early (no result file: its last output is shown), the command runs
-too long (ExpiredError), or a signal stops this program (an exception from its handler). In each case the guest's
+too long (ExpiredError), or a signal stops this program (its handler raises an exception). In each case the guest's
 process group is killed. If this program itself is killed, a shell that it started for this case kills the group, and
 the host's kernel kills the guest's first process. All files of a run are in one temporary folder; the guest's memory is
 a file without a name, which disappears with the guest.
@@ -104,7 +104,10 @@ def _modules(kernel: Path) -> list[str]:
 
 
 def _build_xstate(library: Path) -> None:
-    """Compile xstate.c (its head says what it is for); this takes milliseconds, so the result is not kept."""
+    """Compile xstate.c, which lets the kernel run on processors with more registers than it was built for.
+
+    Compiling takes milliseconds, so `library` is built in every run.
+    """
     tcc = debian_packages.unpacked("tcc")
     runtime = tcc / "usr" / "lib" / f"{platform.machine()}-linux-gnu" / "tcc"
     source = Path(__file__).with_name("xstate.c")
@@ -147,8 +150,8 @@ def _roomy_folder(*, hidden_in_guest: bool) -> str:
         if roomy and not facts.f_flag & os.ST_NOEXEC and os.access(folder, os.W_OK | os.X_OK):
             return folder
     raise CannotRunError(
-        "a user-mode Linux needs a folder with 1 GiB free that is not mounted noexec: set TMPDIR to one, "
-        "without spaces or colons in its name"
+        "a user-mode Linux needs a folder with 1 GiB free that is not mounted noexec: set TMPDIR to such "
+        "a folder, whose path has no spaces or colons"
     )
 
 
@@ -221,7 +224,7 @@ def _adopt_orphans() -> None:
 
 
 def _kill_group(process: "subprocess.Popen[bytes]") -> None:
-    """Kill all processes of the guest, which are processes of the host; no error if it has ended by itself."""
+    """Kill all processes of the guest, which are processes of the host; no error if the guest has ended."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()

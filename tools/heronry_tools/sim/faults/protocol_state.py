@@ -89,7 +89,7 @@ class ProtocolState:
             self._moved()
 
     def _moved(self) -> None:
-        """If the state has changed, count its entry and call the callbacks that wait for it."""
+        """If the state has changed, count the entry into the new state; call the callbacks that wait for this state."""
         if self.now != self._before:
             self._before = self.now
             self.entered[self._before] += 1

@@ -93,7 +93,7 @@ class Checks:
             oracle.driven(driven)
 
     def looked(self, stepped: Driven) -> None:
-        """Report to the oracles a step, with its inputs, of a module that drives no output."""
+        """Report to the oracles that a module which drives no output has computed a step, with these inputs."""
         for oracle in self._of_looks:
             oracle.looked(stepped)
 
@@ -242,7 +242,7 @@ class Checks:
         return sorted([*found, *self._known.blame.unfounded(truth), *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
-        """Return the rules for the end of a flight (`end_state`) that are violated now."""
+        """Return a violation for each rule for the end of a flight (`end_state`) that does not hold now."""
         known = self._known
         seen = Seen(
             known.epochs.last,
@@ -259,14 +259,14 @@ class Checks:
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Return violations for data that were sent since `is_well` but are not planned.
+        """Return a violation for each datum that was sent more often since `is_well` than the configuration plans.
 
         truth: the real situation.
         """
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
 
     def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
-        """Return what forged frames alone have denied in a flight with a key.
+        """Return a violation for each service that only forged frames can have denied, in a flight with a key.
 
         faults: everything that was injected
         has_others: whether anything else was done to the aircraft; if so, nothing is verified
@@ -276,9 +276,10 @@ class Checks:
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
-        """Return a violation for each function that was silent though only managers have failed.
+        """Return a violation for each function that stopped because managers failed, although it must not stop then.
 
-        targets: all targets into which faults were injected. span_ns: begin and end of the time that is verified.
+        targets: all targets into which faults were injected; if one is not a manager, nothing is verified.
+        span_ns: begin and end of the time that is verified.
         """
         return stopped_by_silence(self._spec, targets, self.witness, span_ns, self._known.left_out)
 

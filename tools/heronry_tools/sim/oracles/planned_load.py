@@ -42,7 +42,7 @@ class PlannedLoadCheck(Oracle):
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
-        """Return violations for data that were sent since `begin` but are not planned.
+        """Return a violation for each datum that was sent more often since `begin` than the configuration plans.
 
         current: the epoch activated last. truth: the real situation.
         """

@@ -83,7 +83,7 @@ class LeftOut:
 def stopped_by_silence(
     spec: Spec, targets: Iterable[str], witness: Witness, span_ns: range, left_out: LeftOut
 ) -> list[Violation]:
-    """Return a violation for each function that was silent though nothing but managers has failed.
+    """Return a violation for each function that was silent, though only managers failed and it must not stop then.
 
     targets: all targets into which faults were injected; if one of them is not a manager, there is no violation
     witness: has the silences of all functions

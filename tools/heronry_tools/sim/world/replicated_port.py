@@ -5,8 +5,9 @@ transmission; the node does not use the object. The code that flies (`ChannelMer
 received frame is new. When one copy has been sent, the time limit of the other copy is shortened. A simulated
 controller can abort a frame that it has not begun to send, so in the simulator no copy is sent after its time limit.
 
-To the node this is one port. `listener` is called with each frame once, `left` when the first copy of a frame was sent,
-and `told` with the channels that are lost. `witness` is called with every copy and the decision on it, for the oracles.
+To the node, the two channels are one port. `listener` is called with each frame once, `left` when the first copy of a
+frame was sent, and `told` with the channels that are lost. `witness` is called with every copy and the decision on it,
+for the oracles.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,8 +1,8 @@
 """The driver of a simulated PE: its core, its stations, its modules, and its timer on the virtual clock.
 
-Core and modules are those that fly. A PE has its own clock (`LocalClock`): the processors of an aircraft are not
-switched on at the same moment, so the heartbeat periods of two PEs begin at different times. The effect of a fault may
-depend on this difference. `module_steps` models the time of steps, `pe_outbox` the sending of frames.
+The core and the modules are the code that flies. A PE has its own clock (`LocalClock`): the processors of an aircraft
+are not switched on at the same moment, so the heartbeat periods of two PEs begin at different times. The effect of a
+fault may depend on this difference. `module_steps` models the time of steps, `pe_outbox` the sending of frames.
 
 The core's invariants are checked after every call that did more than send a frame, release a module or command a
 device, and at every sixteenth deadline.
@@ -72,7 +72,7 @@ class SimulatedPe(Node):
         """Join each of `buses`, which are given by name with their channels, and start the PE.
 
         drive: is called with every step of a module that drives an output
-        look: is called with some steps of other modules
+        look: is called with a part of the steps of all other modules
         move: is called when the PE allows a device to move
         broken: by module, or by NAME@PE: how the module fails in its steps, or ASKS and the phase that it requests
         broke: is called with the name of a module that has raised an error or given a value outside its type's range
@@ -135,7 +135,10 @@ class SimulatedPe(Node):
         self._wake()
 
     def give(self, answer: Event) -> None:
-        """Give the core an event, for example the late answer to a request; after a pause of the processor."""
+        """Give the core an event, for example the late answer to a request.
+
+        During a pause of the processor, the event is kept until the pause is over.
+        """
         if not self.is_awake:
             self._answers.append(answer)
         else:
