@@ -40,6 +40,7 @@ class Late:
     """A hop whose datum can miss its deadline, and all hops (this one included) on which its response time depends.
 
     As long as all of these hops are published, the datum can be late, whatever else is published.
+    response_ns: the longest response time, rounded up; None: it has no bound.
     """
 
     hop: Hop

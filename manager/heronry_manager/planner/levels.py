@@ -194,9 +194,9 @@ def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int
 
 
 def _changes(placing: Placing, running: Placement | None) -> Level:
-    """Make the level of changes, negated; changes that no plan can avoid do not count.
+    """Make the level of changes, negated.
 
-    A module that cannot go on where it runs makes such a change.
+    A module that cannot go on where it runs has no term: its change cannot be avoided, and is in the offset.
     """
     if running is None:
         return _level(6, Kind.SUPPLYING, ())

@@ -161,7 +161,7 @@ class Authenticity:
             self._verifier.hold(manager, command, event, self._turn.arrived_ns)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Return the text of a sealed table; None if the table is not sealed with the key of this fleet."""
+        """Return the text of a sealed table; None if the table is not sealed with the key of this PE."""
         return self._key.opened(sealed)
 
     def accept(self, order: Control) -> None:

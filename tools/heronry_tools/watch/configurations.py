@@ -30,7 +30,11 @@ class RunningPlan:
 
     @classmethod
     def of_document(cls, spec: Spec, document: Mapping[str, Any] | None) -> "RunningPlan":
-        """Make a running plan of a plan document; modules that the spec does not have are left out."""
+        """Make a running plan from a plan document.
+
+        A module is left out if the spec lacks the module, its mode or its PE. Without a document, or with a document that
+        cannot be read, nothing runs.
+        """
         if document is None:
             return NOTHING_RUNS
         try:

@@ -14,7 +14,7 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A wanted function, in the integers of the tables."""
+    """A wanted function; `outputs` and `modes` are the planner's numbers of modules and modes."""
 
     name: str
     rank: int  # 0 (A) to 4 (E)
@@ -40,7 +40,10 @@ class Wanted:
 
 
 def wanted_in(numbers: Numbering, price: Sequence[int], now: Situation) -> Wanted:
-    """Work out the wanted functions of a situation, by its phase and priorities; `price`: the price of each mode."""
+    """Work out the wanted functions of a situation, by its phase and priorities.
+
+    price: by number of a mode, an estimate of the CPU that the mode takes together with its cheapest producers.
+    """
     appraiser = _Appraiser(numbers, now)
     functions = [one for one in numbers.spec.functions.values() if now.priority_of(one) > 0]
     goals = sorted(map(appraiser.goal, functions), key=lambda goal: _urgency(goal, price))
@@ -95,7 +98,10 @@ class _Appraiser:
 
 
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
-    """Give the sort key of a function: class, priority (if critical), priority per price of its cheapest mode."""
+    """Give the sort key of a function: class, priority (if critical), priority per price of its cheapest mode.
+
+    price: by number of a mode, an estimate of the CPU that the mode takes together with its cheapest producers.
+    """
     cheapest = 1 + min((price[mode] for mode in goal.modes), default=0)
     return goal.rank, -goal.priority if goal.rank < len(CRITICAL_CLASSES) else 0, -(goal.priority * 10**9 // cheapest)
 

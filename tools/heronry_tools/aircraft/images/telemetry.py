@@ -30,7 +30,7 @@ class Telemetry(Module):
     """The aircraft's data for the radio: numbers unchanged, attitude in 0.01 deg, and four bytes of status."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the data whose inputs are present."""
+        """Publish the status, and those other data whose inputs are present."""
         given: dict[str, Value] = {
             name: value for name, source in _REPEATED.items() if (value := number(inputs, source)) is not None
         }
