@@ -110,8 +110,8 @@ class LatchedFaults:
     def latch(self, fault: LatchedFault) -> bool:
         """Keep a fault, unless one is latched on the same element already; tells whether it was kept.
 
-        A PE's report replaces a fault that only the operator has reported; for a place, it also replaces one that only
-        another manager has announced.
+        A PE's report replaces a fault that only the operator has reported. For a place, a PE's report also replaces a
+        fault that only another manager has announced.
         """
         before = self._failed.get(fault.element)
         if before is not None:

@@ -253,7 +253,10 @@ class ManagerCore:
         return self.status()
 
     def _ask_traceback(self, number: int, element: str) -> None:
-        """Read a traceback from the PE that has it; order `number` is answered when it has come, or cannot come."""
+        """Read the traceback of a module that has failed, from the PE that has the traceback.
+
+        The operator's order `number` is answered when the traceback has come or cannot come.
+        """
         problem = module_problem(self._settings.spec, element)
         if problem is not None:
             self._turn.ask(Reply(number, done=False, sentence=problem, is_unusable=True))

@@ -180,7 +180,11 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
 
 
 def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
-    """Yield for each DEMUX the fewest points that its stopped branches and ends lose; a module counts once."""
+    """Yield, for the branches and for the ends of each DEMUX, the fewest points that their stopped modules lose.
+
+    At most one module of such a group runs. A module in several groups counts once.
+    most: by name of a module, the most points that its inputs can have.
+    """
     counted: set[str] = set()
     for rivals in (group for demux in possible.spec.demuxes.values() for group in demux.exclusives.values()):
         points = [most[module] for module in rivals if module in most and module not in counted]

@@ -18,7 +18,7 @@ or more. An outage shows nothing about the bandwidth before and after it. It cou
 the frame of this node that was stuck in the controller is not counted.
 
 The radio is *gone* when no frame has been heard for as many periods as a node of its bus may miss, plus an eighth of a
-period. So the manager learns that everything beyond the radio is lost, before it would declare the first of those nodes
+period. So the manager learns that everything beyond the radio is lost before it would declare the first node there
 down. When a frame is heard again, the measurement begins anew.
 
 Counting of a sequence begins anew if its numbers jump (its sender has rebooted), or if the sequence was not heard for

@@ -100,7 +100,7 @@ class Site:
         return JSONResponse(document(state.snapshot), headers=_NO_STORE)
 
     async def stream(self, request: Request) -> Response:
-        """Answer with the stream of a page."""
+        """Answer with the events of a page: the present state of a system as it changes, or a recording as it plays."""
         if isinstance(self.shown, Live):
             lines = live_stream(self.shown, self.closing)
         else:

@@ -28,7 +28,7 @@ class Wanted:
     """The functions that a situation wants, and what each mode of their outputs adds to levels 1 and 2."""
 
     goals: tuple[Goal, ...]  # most important first
-    outputs: int  # set of modules that serve by running
+    outputs: int  # modules that serve by running: a set, as bits by number of the module
     output_modules: tuple[int, ...]  # `outputs`, as a list
     weight: Mapping[int, int]  # mode of an output -> levels 1 and 2 in one number
     utility_bound: int  # level 2 is less than this: weight = critical classes * utility_bound + utility
@@ -107,7 +107,10 @@ def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
 
 
 def _class_weights(goals: Sequence[Goal]) -> list[int]:
-    """Give weights for the classes A to D, with which a weighted sum compares as level 1 does; E has weight 0."""
+    """Give the weight of each class, A to E; E has weight 0.
+
+    Of two plans, the better one at level 1 has the greater sum of weight times priority of the served functions.
+    """
     weights = [0] * len(CRITICALITIES)
     weight = 1
     for rank in reversed(range(len(CRITICAL_CLASSES))):
