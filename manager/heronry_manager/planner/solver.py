@@ -11,10 +11,11 @@ _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 
 
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
-    """Yield the searches for levels of this kind, the short ones first: each function sets up a solver for an effort.
+    """Yield the searches for levels of this kind, the short ones first.
 
-    A short search soon finds a configuration that reaches the bound of the linear relaxation, if there is one. If
-    deadlines, places and CPU together forbid that, the core search looks for sets of inputs that cannot be wired
+    A search is a function that sets up a solver; its argument is the limit in deterministic time. A short search soon
+    finds a configuration that reaches the bound of the linear relaxation, if there is one. Deadlines, places and CPU
+    together may exclude such a configuration. Then the core search looks for sets of inputs that cannot be wired
     together.
     """
     if kind is Kind.SERVING:

@@ -151,7 +151,11 @@ class Authenticity:
             yield management_id(manager, Command.TAG), partial(self._tagged, manager)
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
-        """Keep a command until its TAG comes; a WELCOME for another node is forwarded instead."""
+        """Keep a command until its TAG comes.
+
+        A WELCOME for another node is forwarded instead. A command that came from another bus than the uplink is only
+        counted.
+        """
         data = event.frame.data
         if event.port != self._index.uplink:
             self._turn.count("command from beyond", event.frame.can_id)

@@ -155,7 +155,7 @@ class Site:
 
 
 def application(site: Site, begun: Callable[[], None] = lambda: None) -> Guard:
-    """Make the application; it calls `begun` in its event loop when it begins."""
+    """Make the application, behind its guard; `begun` is called in the event loop when the application starts."""
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -195,7 +195,7 @@ async def _json(request: Request) -> dict[str, Any] | None:
 
 
 def _number(request: Request, name: str, usual: float) -> float:
-    """Read a number from the address; `usual` if there is none, or none that is finite."""
+    """Read the query parameter `name` of the address; `usual` if the parameter is missing or not a finite number."""
     try:
         value = float(request.query_params.get(name, usual))
     except ValueError:

@@ -60,7 +60,7 @@ class BlameCheck(Oracle):
             self._reported.setdefault(element, self._cleared[element])
 
     def cleared(self, _t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:  # noqa: ARG002
-        """Drop the report of an element that was down and has been cleared."""
+        """Drop the reports of a cleared element that was down in `truth`; for a module, also those of its places."""
         for one in [one for one in self._reported if element in (one, module_of(one)) and _is_down(one, truth)]:
             self._cleared[one] = self._reported.pop(one)
 
