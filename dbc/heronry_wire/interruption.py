@@ -50,7 +50,7 @@ class _State:
 
 
 def noted() -> list[int]:
-    """From now on append SIGINT and SIGTERM to the returned list as they come; they have no other effect.
+    """From now on append each SIGINT and SIGTERM to the returned list when it comes; the signals do nothing else.
 
     For a program that serves until a signal comes.
     """

@@ -194,7 +194,7 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """The rule of a phase: the phase is entered once `variable` has been beyond the threshold for `hold_ns`."""
+    """The rule of a phase: the phase begins once `variable` has been above `above`, or below `below`, for `hold_ns`."""
 
     variable: str
     above: Fraction | None

@@ -6,7 +6,8 @@ or file.
     frame in ─► inbound ─► pe_reports ─► reactions ─► replanning ─► deployment ─► frames out
                    └────► succession (another manager) ─► mastership (whether this one is active)
 
-    knowledge      what is known: health, situation, what runs, what another manager sends; forgotten as a whole
+    knowledge      what is known: health, situation, what runs, what another manager sends. The manager forgets all of
+                   it when it stops commanding or stands by
     mastership     listening, standing by, starting, active or retired; carried out by `succession`
     inbound        every frame, decoded and authenticated
     pe_reports     what PEs report of themselves

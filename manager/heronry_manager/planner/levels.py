@@ -88,8 +88,9 @@ def merged(group: list[Level]) -> Terms:
 def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
     """Yield a bound for each level of a group, given a bound on the merged sum.
 
-    Each bound holds among the configurations that are no worse than `key` in the levels before. Once a level is not
-    proven, the bound of each later level follows from the terms of that later level alone.
+    Each bound holds among the configurations that are no worse than `key` in the levels before. A level is proven if
+    the value in `key` equals the bound. After the first level that is not proven, the bound of each level follows from
+    the terms of this level alone.
     """
     weights = _weights(group)
     room = bound - sum(weight * level.low for weight, level in zip(weights, group, strict=True))

@@ -36,9 +36,9 @@ def new_solver(kind: Kind, effort: float) -> CpSolver:
 
 
 def core_solver(effort: float) -> CpSolver:
-    """Set up a search that finds sets of inputs which exclude each other; `effort`: its limit, in deterministic time.
+    """Set up a search that finds sets of inputs that cannot be wired together.
 
-    The linear relaxation gives no bound for such sets.
+    The linear relaxation gives no bound for such sets. effort: limit of the search, in deterministic time.
     """
     solver = light_solver(effort)
     solver.parameters.optimize_with_core = True

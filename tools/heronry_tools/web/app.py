@@ -81,7 +81,7 @@ class Site:
         return JSONResponse(self.facts, headers=_NO_STORE)
 
     async def draw(self, request: Request) -> Response:
-        """Answer with a drawing of the graph."""
+        """Answer with a drawing (SVG) of the graph, or of the part that contributes to the `function` of the query."""
         function = request.query_params.get("function", "")
         if function and function not in self.spec.functions:
             return _refused(404, "the spec has no such function")
