@@ -145,7 +145,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
 def _effort(text: str) -> float:
     effort = float(text)
     if not 0 <= effort < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a limit; write a number from 0")
+        raise argparse.ArgumentTypeError(f"{text} is not a limit; write a number of 0 or more")
     return effort
 
 

@@ -72,7 +72,9 @@ def _arguments(words: list[str]) -> argparse.Namespace:
     parser = _Parser(
         prog="tools/with-vcan", description=HELP, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--timeout", type=_seconds, metavar="S", help="end the command after S seconds, boot included")
+    parser.add_argument(
+        "--timeout", type=_seconds, metavar="S", help="end the command S seconds after the start of with-vcan"
+    )
     parser.add_argument(
         "--interfaces",
         type=_interface_names,
