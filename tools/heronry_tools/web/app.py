@@ -91,8 +91,8 @@ class Site:
     async def snapshot(self, request: Request) -> Response:
         """Answer with one snapshot as JSON.
 
-    This is the present snapshot, or in a recording the one at the time `at_ns` of the request (default: the end).
-    """
+        This is the present snapshot, or in a recording the one at the time `at_ns` of the request (default: the end).
+        """
         if isinstance(self.shown, Live):
             return JSONResponse(document(self.shown.snapshot), headers=_NO_STORE)
         at_ns = _number(request, "at_ns", self.shown.ends_ns)
