@@ -43,7 +43,10 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _State:
-    """The signal that came, 0 before there is one; and whether the command needs time for its clean-up."""
+    """What is known of the signals of this process.
+
+    came: the signal that came; 0: none has come. takes_time: whether the command needs more time for its clean-up.
+    """
 
     came = 0
     takes_time = False

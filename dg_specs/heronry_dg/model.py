@@ -99,7 +99,7 @@ class Mode:
     rate_mhz: int
 
     def leaves(self) -> Iterator[tuple[str, Leaf]]:
-        """Give every input of this mode with its path."""
+        """Give (path, leaf) for every input of this mode; the path is the position in `needs`, for example 0.1."""
         return leaves(self.needs)
 
     def in_phase(self, phase: str | None) -> "Mode":

@@ -30,7 +30,7 @@ _SAFE = 2**62
 
 
 class Kind(Enum):
-    """The kind of problem that a level poses to the solver; it decides which searches are used."""
+    """The kind of problem that a level poses to the solver; the kind decides which searches are used."""
 
     SERVING = auto()
     SUPPLYING = auto()
@@ -194,7 +194,10 @@ def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[in
 
 
 def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int]) -> int:
-    """Return the most points that the inputs of a mode can have together."""
+    """Return the most points that the inputs of a mode can have together.
+
+    highest: by (module, mode, path of a leaf), the most points of this leaf.
+    """
     return most_points(mode.needs, lambda _, path: highest.get((module, mode.name, path), 0))
 
 

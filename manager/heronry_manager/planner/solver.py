@@ -74,7 +74,7 @@ def light_solver(effort: float) -> CpSolver:
 
 
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
-    """Yield searches in which the hint fixes which modules run and how; if one search fails, the next may succeed."""
+    """Yield searches in which the hint fixes the modules and modes that run; if one fails, the next may succeed."""
     quick = light_solver(effort)
     quick.parameters.linearization_level = 1
     for solver in (new_solver(Kind.SERVING, effort), quick):

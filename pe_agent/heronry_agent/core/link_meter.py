@@ -145,9 +145,9 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count a numbered frame as arrived, and as due all frames of its sender since the last one that arrived.
+        """Count a numbered frame as arrived.
 
-        After an outage, at most two frames are counted as due.
+        All frames that its sender has sent since the last one that arrived count as due; after an outage, at most two.
         """
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):

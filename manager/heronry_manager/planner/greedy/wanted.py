@@ -14,7 +14,7 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A wanted function; `outputs` and `modes` are the planner's numbers of modules and modes."""
+    """A wanted function; the planner's numbers stand for modules in `outputs`, and for modes in `modes`."""
 
     name: str
     rank: int  # 0 (A) to 4 (E)

@@ -93,7 +93,7 @@ class FlightRecorder(LineWriter):
 
 
 class GroundDisplay(LineWriter):
-    """Writes the telemetry that the ground has received as lines of text; its device is the display."""
+    """Writes the telemetry as lines of text to its device, the display on the ground."""
 
     columns: ClassVar[tuple[str, ...]] = (
         "telemetry_altitude",

@@ -41,7 +41,7 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Return a failing flight that lasts until all its faults are over, as a flight with `--act` does.
+    """Return a failing flight that lasts until all its faults are over.
 
     If the longer flight does not fail, return `outcome`.
     """

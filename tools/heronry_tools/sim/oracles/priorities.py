@@ -32,7 +32,7 @@ class PriorityCheck(Oracle):
     """Records ordered and requested priorities, and verifies those that the manager announces."""
 
     def __init__(self, spec: Spec, changed: Callable[[int, Mapping[str, int]], None]) -> None:
-        """Begin with the priorities of the spec; `changed` is called with the time (ns) and all changed priorities."""
+        """Begin with the priorities of the spec; `changed` gets the time (ns) and changed priorities by function."""
         super().__init__()
         self.current: dict[str, int] = {}
         self._functions, self._changed = list(spec.functions.values()), changed
