@@ -6,7 +6,7 @@
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
                 manager report that they hear no LEASE either. A report counts for T_lease, that is for five heartbeat
                 periods of the manager's bus or of the PE's own bus, whichever period is longer. So the active
-                manager is gone; a broken wire of this manager alone does not count
+                manager is gone: a broken wire of this manager alone does not lead to a take-over
     behind      another manager sends LEASEs with a lower term than a term that was already used, and some PE
                 reports that it hears no LEASE: that PE has heard the higher term, and would always refuse these LEASEs.
                 For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it takes

@@ -6,8 +6,8 @@ or file.
     frame in ─► inbound ─► pe_reports ─► reactions ─► replanning ─► deployment ─► frames out
                    └────► succession (another manager) ─► mastership (whether this one is active)
 
-    knowledge      what is known: health, situation, what runs, what another manager sends. The manager forgets all of
-                   it when it stops commanding or stands by
+    knowledge      what is known: health, situation, what runs, what another manager sends. All of this is forgotten
+                   when the manager falls silent or stands by
     mastership     listening, standing by, starting, active or retired; carried out by `succession`
     inbound        every frame, decoded and authenticated
     pe_reports     what PEs report of themselves
@@ -15,7 +15,7 @@ or file.
     replanning     from another situation to a plan, from a plan to what runs
     beat           what an active manager sends in each period
 
-The loop: *health* says which PEs are available; together with the latched faults that is the *situation*. When the
+The loop: *health* says which PEs are available. The available PEs and the latched faults are the *situation*. When the
 situation changes, the core requests a plan (`RequestPlan`, answered by `PlanReady` or `PlanFailed` with the same
 number, so that an answer to an older request is dropped). A plan becomes an epoch (`Reconfiguration`), and the epoch
 becomes the running configuration. A mission phase that is requested, and an element that the operator fails or clears,

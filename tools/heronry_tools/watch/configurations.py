@@ -160,7 +160,7 @@ class Situations:
         return found
 
     def _plants(self, running: RunningPlan) -> dict[str, Plant]:
-        """Tell for each plant whether its control loop is closed; None: it is not known what runs."""
+        """Tell for each plant whether its control loop is closed; state None: it is not known what runs."""
         if running is NOTHING_RUNS:
             return {name: Plant() for name in self._spec.plants}
         paths = control_paths(self._spec, running.configuration) if self._spec.plants else {}
