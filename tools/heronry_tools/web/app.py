@@ -195,7 +195,10 @@ async def _json(request: Request) -> dict[str, Any] | None:
 
 
 def _number(request: Request, name: str, usual: float) -> float:
-    """Read the query parameter `name` of the address; `usual` if the parameter is missing or not a finite number."""
+    """Read the query parameter `name` of the address.
+
+    Return `usual` if the parameter is missing, is no number, or is 1e30 or more in magnitude.
+    """
     try:
         value = float(request.query_params.get(name, usual))
     except ValueError:
