@@ -43,14 +43,17 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _State:
-    """The signal that came, 0 before there is one; and whether the command needs time for its clean-up."""
+    """What is known of the signals of this process.
+
+    came: the signal that came; 0: none has come. takes_time: whether the command needs more time for its clean-up.
+    """
 
     came = 0
     takes_time = False
 
 
 def noted() -> list[int]:
-    """From now on append SIGINT and SIGTERM to the returned list as they come; they have no other effect.
+    """From now on append each SIGINT and SIGTERM to the returned list when it comes; the signals do nothing else.
 
     For a program that serves until a signal comes.
     """

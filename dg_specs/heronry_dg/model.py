@@ -99,7 +99,7 @@ class Mode:
     rate_mhz: int
 
     def leaves(self) -> Iterator[tuple[str, Leaf]]:
-        """Give every input of this mode with its path."""
+        """Give (path, leaf) for every input of this mode; the path is the position in `needs`, for example 0.1."""
         return leaves(self.needs)
 
     def in_phase(self, phase: str | None) -> "Mode":
@@ -194,7 +194,7 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """The rule of a phase: the phase is entered once `variable` has been beyond the threshold for `hold_ns`."""
+    """The rule of a phase: the phase begins once `variable` has been above `above`, or below `below`, for `hold_ns`."""
 
     variable: str
     above: Fraction | None

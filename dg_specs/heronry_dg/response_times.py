@@ -40,6 +40,7 @@ class Late:
     """A hop whose datum can miss its deadline, and all hops (this one included) on which its response time depends.
 
     As long as all of these hops are published, the datum can be late, whatever else is published.
+    response_ns: the longest response time, rounded up; None: it has no bound.
     """
 
     hop: Hop
@@ -107,8 +108,10 @@ class ResponseTimes:
                 return delays
 
     def _cross(self, bus: Bus, hops_there: list[Hop], jitters: list[Fraction | None]) -> list[Fraction | None]:
-        """Compute the delays at the end of a wired bus, in order of priority.
+        """Compute the delay of each hop at the end of a wired bus in ns; None: unbounded.
 
+        hops_there: the hops on the bus, in order of priority; the result has the same order.
+        jitters: the delay in ns with which each hop begins.
         If the delay of one frame is unbounded, so are the delays of all frames with a lower priority.
         """
         bounded = jitters.index(None) if None in jitters else len(jitters)

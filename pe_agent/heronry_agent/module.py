@@ -121,12 +121,12 @@ class Context(Protocol):
         """Return the reading of the module's device when this step began; None if there is no valid reading."""
 
     def write(self, value: Value) -> None:
-        """Command the module's device; the agent executes the command after the step, if it is still authorized."""
+        """Command the module's device; the agent executes the command after the step, if then still authorized."""
 
     def may_drive(self) -> bool:
         """Tell whether this module's outputs are authorized now.
 
-        A module that drives hardware by itself calls this before each command.
+        A module that drives hardware directly, and not by `write`, calls this before each command.
         """
 
     def report_failed(self, element: str, detail: int = 0) -> None:

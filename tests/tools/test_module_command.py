@@ -178,7 +178,7 @@ def test_a_program_gets_json_and_prints_of_the_module_do_not_disturb_it(
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
-    [(["--inputs", "density"], "write it as NAME=VALUE"), (["--steps", "0"], "at least one step")],
+    [(["--inputs", "density"], "write it as NAME=VALUE"), (["--steps", "0"], "--steps must be at least 1")],
 )
 def test_a_mistake_on_the_command_line_is_one_sentence(
     folder: str, arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]

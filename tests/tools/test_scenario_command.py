@@ -397,7 +397,7 @@ def test_a_channel_is_pulled_from_software_buses_of_its_own_alone(capsys: pytest
 
 def test_the_simulator_needs_no_patience(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenario", str(written(tmp_path, HOLDS)), "--patience", "5"]) == 2
-    assert "--patience: the simulator needs no patience; add -i and -c" in capsys.readouterr().err
+    assert "--patience is only for real processes; add -i and -c" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("times", ["0.5", "101", "nan", "much"])

@@ -1,10 +1,10 @@
-"""DG5xx: compares a spec's frames with CANaerospace's list, the identifier plan and the rules of arbitration.
+"""DG5xx: compares a spec's frames with CANaerospace's list of variables, the identifier plan, and arbitration.
 
 Bit rates of wired buses are compared with those of CiA 301.
 
 The check needs no solver. The plan decides later which frames are sent. So for arbitration the check assumes that every
-frame that some configuration could put on a bus is sent, at its fastest rate. On a bus behind a gateway, times count
-from the gateway.
+frame that some configuration could put on a bus is sent, at its fastest rate. On a bus behind a gateway, the response
+time of a forwarded frame is counted from its arrival at the gateway.
 
 How a rule is added: define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in
 `check`.
@@ -97,7 +97,11 @@ def lacks_identifiers(spec: Spec) -> bool:
 
 
 def _allocated_to(spec: Spec) -> list[tuple[str, str]]:
-    """Give the (module, variable) pairs that need an allocated identifier: all pairs without a standard identifier."""
+    """Give the (module, variable) pairs that need an allocated identifier.
+
+    Of a variable with a standard identifier, the first module in the spec's order gets that identifier; any other
+    module needs an allocated one.
+    """
     standard = {name for name, variable in spec.variables.items() if variable.identifier is not None}
     pairs = []
     for pair in spec.sources():
@@ -155,7 +159,11 @@ def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIde
 
 
 def _outranked(subject: Subject, findings: Findings) -> None:
-    """Find, on each bus, data of class A and B that wait too long for less critical data."""
+    """Find, on each bus, data of class A and B that less critical data make late.
+
+    Late means that the response time is more than half of the deadline. Data are found only if their response time
+    would be within this half without the less critical data.
+    """
     spec = subject.spec
     times, ranks = ResponseTimes(spec), criticality_ranks(spec)
     for hops in _possible_hops(spec).values():

@@ -4,7 +4,7 @@ Every line is an object with `v` (1), `t_ns` (the manager's monotonic clock), `e
 listed there. Times of a reconfiguration are always four: detect, decide, distribute, activate. Views never query the
 manager: `heronry_tools.watch` builds their snapshot from the lines, live or recorded.
 
-Lines come from the manager's core, and from `heronry demo` for what it did to the system itself (kill, restore).
+Lines come from the manager's core, and from `heronry demo`: it reports what the demo did to the system (kill, restore).
 """
 
 import json

@@ -5,9 +5,9 @@
                 if it were active itself (`memory`), and makes no plan
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
                 manager report that they hear no LEASE either. A report counts for T_lease, that is for five heartbeat
-                periods of the manager's bus or of the PE's own bus, whichever period is longer. So the active manager
-                is gone, and not only the wire of this manager is broken
-    behind      another manager sends LEASEs with a lower term than one that is known to have been used, and some PE
+                periods of the manager's bus or of the PE's own bus, whichever period is longer. So the active
+                manager is gone: a broken wire of this manager alone does not lead to a take-over
+    behind      another manager sends LEASEs with a lower term than a term that was already used, and some PE
                 reports that it hears no LEASE: that PE has heard the higher term, and would always refuse these LEASEs.
                 For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it takes
                 over with a term that all PEs accept
@@ -177,7 +177,7 @@ class Following:
             self._orphaned_ns = min(self._orphaned_ns, self._in_flight_ns)
 
     def is_orphaned(self) -> bool:
-        """Tell whether this manager may take over: the PEs hear no manager, or some refuse the active one."""
+        """Tell whether this manager may take over: most PEs hear no LEASE, or some PE refuses the other manager."""
         now_ns = self._turn.now_ns
         if self._behind_ns is not None and now_ns - self._behind_ns >= LEARNS_LEASES * self._lease_ns:
             return False in self._heard().values()

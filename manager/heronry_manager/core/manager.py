@@ -6,7 +6,8 @@ or file.
     frame in ─► inbound ─► pe_reports ─► reactions ─► replanning ─► deployment ─► frames out
                    └────► succession (another manager) ─► mastership (whether this one is active)
 
-    knowledge      what is known: health, situation, what runs, what another manager sends; forgotten as a whole
+    knowledge      what is known: health, situation, what runs, what another manager sends. All of this is forgotten
+                   when the manager falls silent or stands by
     mastership     listening, standing by, starting, active or retired; carried out by `succession`
     inbound        every frame, decoded and authenticated
     pe_reports     what PEs report of themselves
@@ -14,7 +15,7 @@ or file.
     replanning     from another situation to a plan, from a plan to what runs
     beat           what an active manager sends in each period
 
-The loop: *health* says which PEs are available; together with the latched faults that is the *situation*. When the
+The loop: *health* says which PEs are available. The available PEs and the latched faults are the *situation*. When the
 situation changes, the core requests a plan (`RequestPlan`, answered by `PlanReady` or `PlanFailed` with the same
 number, so that an answer to an older request is dropped). A plan becomes an epoch (`Reconfiguration`), and the epoch
 becomes the running configuration. A mission phase that is requested, and an element that the operator fails or clears,
@@ -256,7 +257,10 @@ class ManagerCore:
         return self.status()
 
     def _ask_traceback(self, number: int, element: str) -> None:
-        """Read a traceback from the PE that has it; order `number` is answered when it has come, or cannot come."""
+        """Read the traceback of a module that has failed, from the PE that has the traceback.
+
+        The operator's order `number` is answered when the traceback has come or cannot come.
+        """
         problem = module_problem(self._settings.spec, element)
         if problem is not None:
             self._turn.ask(Reply(number, done=False, sentence=problem, is_unusable=True))

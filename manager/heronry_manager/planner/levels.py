@@ -30,7 +30,7 @@ _SAFE = 2**62
 
 
 class Kind(Enum):
-    """The kind of problem that a level poses to the solver; it decides which searches are used."""
+    """The kind of problem that a level poses to the solver; the kind decides which searches are used."""
 
     SERVING = auto()
     SUPPLYING = auto()
@@ -88,8 +88,9 @@ def merged(group: list[Level]) -> Terms:
 def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
     """Yield a bound for each level of a group, given a bound on the merged sum.
 
-    Each bound holds among the configurations that are no worse than `key` in the levels before. Once a level is not
-    proven, the bound of each later level follows from the terms of that later level alone.
+    Each bound holds among the configurations that are no worse than `key` in the levels before. A level is proven if
+    the value in `key` equals the bound. After the first level that is not proven, the bound of each level follows from
+    the terms of this level alone.
     """
     weights = _weights(group)
     room = bound - sum(weight * level.low for weight, level in zip(weights, group, strict=True))
@@ -180,7 +181,11 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
 
 
 def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
-    """Yield for each DEMUX the fewest points that its stopped branches and ends lose; a module counts once."""
+    """Yield, for the branches and for the ends of each DEMUX, the fewest points that their stopped modules lose.
+
+    At most one module of such a group runs. A module in several groups counts once.
+    most: by name of a module, the most points that its inputs can have.
+    """
     counted: set[str] = set()
     for rivals in (group for demux in possible.spec.demuxes.values() for group in demux.exclusives.values()):
         points = [most[module] for module in rivals if module in most and module not in counted]
@@ -189,14 +194,17 @@ def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[in
 
 
 def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int]) -> int:
-    """Return the most points that the inputs of a mode can have together."""
+    """Return the most points that the inputs of a mode can have together.
+
+    highest: by (module, mode, path of a leaf), the most points of this leaf.
+    """
     return most_points(mode.needs, lambda _, path: highest.get((module, mode.name, path), 0))
 
 
 def _changes(placing: Placing, running: Placement | None) -> Level:
-    """Make the level of changes, negated; changes that no plan can avoid do not count.
+    """Make the level of changes, negated.
 
-    A module that cannot go on where it runs makes such a change.
+    A module that cannot go on where it runs has no term: its change cannot be avoided, and is in the offset.
     """
     if running is None:
         return _level(6, Kind.SUPPLYING, ())

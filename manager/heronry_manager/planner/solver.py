@@ -11,10 +11,11 @@ _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 
 
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
-    """Yield the searches for levels of this kind, the short ones first: each function sets up a solver for an effort.
+    """Yield the searches for levels of this kind, the short ones first.
 
-    A short search soon finds a configuration that reaches the bound of the linear relaxation, if there is one. If
-    deadlines, places and CPU together forbid that, the core search looks for sets of inputs that cannot be wired
+    A search is a function that sets up a solver; its argument is the limit in deterministic time. A short search soon
+    finds a configuration that reaches the bound of the linear relaxation, if there is one. Deadlines, places and CPU
+    together may exclude such a configuration. Then the core search looks for sets of inputs that cannot be wired
     together.
     """
     if kind is Kind.SERVING:
@@ -35,9 +36,9 @@ def new_solver(kind: Kind, effort: float) -> CpSolver:
 
 
 def core_solver(effort: float) -> CpSolver:
-    """Set up a search that finds sets of inputs which exclude each other; `effort`: its limit, in deterministic time.
+    """Set up a search that finds sets of inputs that cannot be wired together.
 
-    The linear relaxation gives no bound for such sets.
+    The linear relaxation gives no bound for such sets. effort: limit of the search, in deterministic time.
     """
     solver = light_solver(effort)
     solver.parameters.optimize_with_core = True
@@ -73,7 +74,7 @@ def light_solver(effort: float) -> CpSolver:
 
 
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
-    """Yield searches for places alone, while the hint fixes everything else; if one fails, the next may succeed."""
+    """Yield searches in which the hint fixes the modules and modes that run; if one fails, the next may succeed."""
     quick = light_solver(effort)
     quick.parameters.linearization_level = 1
     for solver in (new_solver(Kind.SERVING, effort), quick):

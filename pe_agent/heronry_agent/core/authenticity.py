@@ -151,7 +151,11 @@ class Authenticity:
             yield management_id(manager, Command.TAG), partial(self._tagged, manager)
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
-        """Keep a command until its TAG comes; a WELCOME for another node is forwarded instead."""
+        """Keep a command until its TAG comes.
+
+        A WELCOME for another node is forwarded instead. A command that came from another bus than the uplink is only
+        counted.
+        """
         data = event.frame.data
         if event.port != self._index.uplink:
             self._turn.count("command from beyond", event.frame.can_id)
@@ -161,7 +165,7 @@ class Authenticity:
             self._verifier.hold(manager, command, event, self._turn.arrived_ns)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Return the text of a sealed table; None if the table is not sealed with the key of this fleet."""
+        """Return the text of a sealed table; None if the table is not sealed with the key of this PE."""
         return self._key.opened(sealed)
 
     def accept(self, order: Control) -> None:

@@ -1,9 +1,10 @@
 """The gateway function of a PE on several buses: which frames it forwards from bus to bus (protocol rule 9).
 
     down, from the uplink   the commands that this PE accepts. LEASE and ALIVE are forwarded immediately when their
-                            content is new, else once in the heartbeat period of the far bus; SLICE only toward its node
+                            content is new, else once in the heartbeat period of the far bus. A SLICE is forwarded only
+                            toward the node that it addresses
     up, to the uplink       state, EMCY, emergency events, heartbeat and output echo of the nodes beyond, and the
-                            reports of gateways beyond on their radios
+                            reports about radios from the gateways beyond
     data                    the data of each source that the slice names, from its producing node to the named ports
 
 Some modules beyond the gateway may also run on the manager's side. Forwarding the data of such a module up is an

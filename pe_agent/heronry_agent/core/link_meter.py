@@ -18,7 +18,7 @@ or more. An outage shows nothing about the bandwidth before and after it. It cou
 the frame of this node that was stuck in the controller is not counted.
 
 The radio is *gone* when no frame has been heard for as many periods as a node of its bus may miss, plus an eighth of a
-period. So the manager learns that everything beyond the radio is lost, before it would declare the first of those nodes
+period. So the manager learns that everything beyond the radio is lost before it would declare the first node there
 down. When a frame is heard again, the measurement begins anew.
 
 Counting of a sequence begins anew if its numbers jump (its sender has rebooted), or if the sequence was not heard for
@@ -145,7 +145,10 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count a numbered frame as come, and the frames since the last one of its sequence as due."""
+        """Count a numbered frame as arrived.
+
+        All frames that its sender has sent since the last one that arrived count as due; after an outage, at most two.
+        """
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return

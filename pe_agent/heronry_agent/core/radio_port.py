@@ -105,7 +105,10 @@ class RadioPort:
         return min(self._report_ns, self._meter.gone_ns, NEVER_NS if waits_ns is None else waits_ns)
 
     def _report(self, now_ns: int) -> list[Send]:
-        """Return the report to the manager, and make the queue send at the bandwidth that is usable now."""
+        """Return the report to the manager, and make the queue send at the usable bandwidth plus a tenth.
+
+        Even if no bandwidth is usable, the queue sends at a twentieth of the bit rate.
+        """
         usable = 0 if self._meter.gone else self._meter.usable()
         pace = max(_LEAST_PACE, min(PER_MILLE, usable * _HEADROOM_PERCENT // 100))
         self._queue.pace(self._entry.bitrate * pace // PER_MILLE, now_ns)

@@ -1,1 +1,1 @@
-"""Analyses of a spec that make many plans: check, campaigns of faults, why, differences, plans made ahead."""
+"""Analyses of a spec: checks, fault campaigns, why a function is not served, differences, contingencies made ahead."""

@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.runtime.module_trial import period_ns, read_value, try_module  # noqa: PLC0415
 
     if not 0 < arguments.rate_hz <= 10_000 or arguments.steps < 1:
-        raise UserError("let the module compute at least one step, with a rate above 0 and up to 10000 Hz")
+        raise UserError("--steps must be at least 1, and --rate-hz above 0 and at most 10000")
     inputs = {}
     for text in arguments.inputs:
         name, equals, value = text.partition("=")

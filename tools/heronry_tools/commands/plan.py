@@ -145,7 +145,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
 def _effort(text: str) -> float:
     effort = float(text)
     if not 0 <= effort < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a limit; write a number from 0")
+        raise argparse.ArgumentTypeError(f"{text} is not a limit; write a number of 0 or more")
     return effort
 
 
@@ -168,7 +168,7 @@ def _best(spec: "Spec", now: "Situation", running: "Placement | None", effort: f
 
 
 def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transition":
-    """Give the transition from the running configuration to a plan; an illegal transition is a defect of heronry."""
+    """Give the transition from the running configuration to a plan; raises InvariantError if it is illegal."""
     from heronry_dg.transition import transition  # noqa: PLC0415
     from heronry_dg.verify_transition import verify_transition  # noqa: PLC0415
     from heronry_wire.sansio import require  # noqa: PLC0415

@@ -76,9 +76,11 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
 
     if arguments.rewrite and _is_live(arguments):
-        raise UserError("--rewrite: only in the simulator are decisions the same each time; leave -i and -c out")
+        raise UserError(
+            "--rewrite: only in the simulator are decisions the same each time; to fly there, leave -i and -c out"
+        )
     if arguments.patience is not None and not _is_live(arguments):
-        raise UserError("--patience: the simulator needs no patience; add -i and -c, or leave --patience out")
+        raise UserError("--patience is only for real processes; add -i and -c, or leave --patience out")
     if arguments.junit is not None:
         expect_writable(arguments.junit)
     scripts = [read_script(file) for file in arguments.files]

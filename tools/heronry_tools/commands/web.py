@@ -45,7 +45,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--operate", action="store_true", help="let the page give orders; it shows first what each order would change"
     )
-    parser.add_argument("--json", action="store_true", help="print the address as one JSON object")
+    parser.add_argument("--json", action="store_true", help="print the address of the page as one JSON object")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
     parser.add_argument("--demo-orders", type=int, help=argparse.SUPPRESS)  # a socket pair of `heronry demo --web`
     parser.set_defaults(run=run)

@@ -26,6 +26,7 @@ class SensorError:
 
         period_s: time between two samples
         white: standard deviation of the noise
+        bias: the constant part of the error
         drift: standard deviation of the drift
         drift_s: correlation time of the drift
         """

@@ -30,7 +30,11 @@ class RunningPlan:
 
     @classmethod
     def of_document(cls, spec: Spec, document: Mapping[str, Any] | None) -> "RunningPlan":
-        """Make a running plan of a plan document; modules that the spec does not have are left out."""
+        """Make a running plan from a plan document.
+
+        A module is left out if the spec lacks the module, its mode or its PE. Without a document, or with a document
+        that cannot be read, nothing runs.
+        """
         if document is None:
             return NOTHING_RUNS
         try:
@@ -156,7 +160,7 @@ class Situations:
         return found
 
     def _plants(self, running: RunningPlan) -> dict[str, Plant]:
-        """Give the plants; their control paths are computed from the configuration, so every kind of feed has them."""
+        """Tell for each plant whether its control loop is closed; state None: it is not known what runs."""
         if running is NOTHING_RUNS:
             return {name: Plant() for name in self._spec.plants}
         paths = control_paths(self._spec, running.configuration) if self._spec.plants else {}

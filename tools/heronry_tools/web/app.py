@@ -81,7 +81,7 @@ class Site:
         return JSONResponse(self.facts, headers=_NO_STORE)
 
     async def draw(self, request: Request) -> Response:
-        """Answer with a drawing of the graph."""
+        """Answer with a drawing (SVG) of the graph, or of the part that contributes to the `function` of the query."""
         function = request.query_params.get("function", "")
         if function and function not in self.spec.functions:
             return _refused(404, "the spec has no such function")
@@ -89,7 +89,10 @@ class Site:
         return Response(drawing, media_type="image/svg+xml", headers=_NO_STORE)
 
     async def snapshot(self, request: Request) -> Response:
-        """Answer with one snapshot as JSON: the present one, or that at a moment of a recording."""
+        """Answer with one snapshot as JSON.
+
+        This is the present snapshot, or in a recording the one at the time `at_ns` of the request (default: the end).
+        """
         if isinstance(self.shown, Live):
             return JSONResponse(document(self.shown.snapshot), headers=_NO_STORE)
         at_ns = _number(request, "at_ns", self.shown.ends_ns)
@@ -97,7 +100,7 @@ class Site:
         return JSONResponse(document(state.snapshot), headers=_NO_STORE)
 
     async def stream(self, request: Request) -> Response:
-        """Answer with the stream of a page."""
+        """Answer with the events of a page: the present state of a system as it changes, or a recording as it plays."""
         if isinstance(self.shown, Live):
             lines = live_stream(self.shown, self.closing)
         else:
@@ -152,7 +155,7 @@ class Site:
 
 
 def application(site: Site, begun: Callable[[], None] = lambda: None) -> Guard:
-    """Make the application; it calls `begun` in its event loop when it begins."""
+    """Make the application, behind its guard; `begun` is called in the event loop when the application starts."""
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -192,7 +195,10 @@ async def _json(request: Request) -> dict[str, Any] | None:
 
 
 def _number(request: Request, name: str, usual: float) -> float:
-    """Read a number from the address; `usual` if there is none, or none that is finite."""
+    """Read the query parameter `name` of the address.
+
+    Return `usual` if the parameter is missing, is no number, or is 1e30 or more in magnitude.
+    """
     try:
         value = float(request.query_params.get(name, usual))
     except ValueError:

@@ -14,7 +14,7 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A wanted function, in the integers of the tables."""
+    """A wanted function; the planner's numbers stand for modules in `outputs`, and for modes in `modes`."""
 
     name: str
     rank: int  # 0 (A) to 4 (E)
@@ -28,7 +28,7 @@ class Wanted:
     """The functions that a situation wants, and what each mode of their outputs adds to levels 1 and 2."""
 
     goals: tuple[Goal, ...]  # most important first
-    outputs: int  # set of modules that serve by running
+    outputs: int  # modules that serve by running: a set, as bits by number of the module
     output_modules: tuple[int, ...]  # `outputs`, as a list
     weight: Mapping[int, int]  # mode of an output -> levels 1 and 2 in one number
     utility_bound: int  # level 2 is less than this: weight = critical classes * utility_bound + utility
@@ -40,7 +40,10 @@ class Wanted:
 
 
 def wanted_in(numbers: Numbering, price: Sequence[int], now: Situation) -> Wanted:
-    """Work out the wanted functions of a situation, by its phase and priorities; `price`: the price of each mode."""
+    """Work out the wanted functions of a situation, by its phase and priorities.
+
+    price: by number of a mode, an estimate of the CPU that the mode takes together with its cheapest producers.
+    """
     appraiser = _Appraiser(numbers, now)
     functions = [one for one in numbers.spec.functions.values() if now.priority_of(one) > 0]
     goals = sorted(map(appraiser.goal, functions), key=lambda goal: _urgency(goal, price))
@@ -95,13 +98,19 @@ class _Appraiser:
 
 
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
-    """Give the sort key of a function: class, priority (if critical), priority per price of its cheapest mode."""
+    """Give the sort key of a function: class, priority (if critical), priority per price of its cheapest mode.
+
+    price: by number of a mode, an estimate of the CPU that the mode takes together with its cheapest producers.
+    """
     cheapest = 1 + min((price[mode] for mode in goal.modes), default=0)
     return goal.rank, -goal.priority if goal.rank < len(CRITICAL_CLASSES) else 0, -(goal.priority * 10**9 // cheapest)
 
 
 def _class_weights(goals: Sequence[Goal]) -> list[int]:
-    """Give weights for the classes A to D, with which a weighted sum compares as level 1 does; E has weight 0."""
+    """Give the weight of each class, A to E; E has weight 0.
+
+    Of two plans, the better one at level 1 has the greater sum of weight times priority of the served functions.
+    """
     weights = [0] * len(CRITICALITIES)
     weight = 1
     for rank in reversed(range(len(CRITICAL_CLASSES))):

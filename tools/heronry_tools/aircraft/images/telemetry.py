@@ -30,7 +30,7 @@ class Telemetry(Module):
     """The aircraft's data for the radio: numbers unchanged, attitude in 0.01 deg, and four bytes of status."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the data whose inputs are present."""
+        """Publish the status, and those other data whose inputs are present."""
         given: dict[str, Value] = {
             name: value for name, source in _REPEATED.items() if (value := number(inputs, source)) is not None
         }
@@ -93,7 +93,7 @@ class FlightRecorder(LineWriter):
 
 
 class GroundDisplay(LineWriter):
-    """Writes the telemetry that the ground has received as lines of text; its device is the display."""
+    """Writes the telemetry as lines of text to its device, the display on the ground."""
 
     columns: ClassVar[tuple[str, ...]] = (
         "telemetry_altitude",

@@ -88,7 +88,7 @@ class Plant:
         """Do nothing: without a command an actuator of this plant stays where it is."""
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Move an actuator as an output echo shows; no effect if it is dead, stuck or loose in this plant."""
+        """Move an actuator as an output echo shows; no effect if this plant has it dead, stuck or loose."""
         fault = self._faults.get(device)
         if fault is None or fault.how == "bias":
             self._move(device, value, now_ns)

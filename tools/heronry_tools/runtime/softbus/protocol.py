@@ -6,12 +6,13 @@ A client has two sockets, both SOCK_SEQPACKET, so that one record is one read:
   each of these is answered by one JSON record. The client also offers frames; the hub answers `DONE` when a frame
   has left the bus. The client offers the next frame only after that. So the command socket is a transmit mailbox for
   one frame, and the client's own priority queue decides which frame comes next.
-- The *receive* socket carries frames from the hub, and nothing else. Its hub end travels with the hello. Because the
-  sockets are separate, a thread that waits to send does not block a thread that receives.
+- The *receive* socket carries frames from the hub, and nothing else. The client makes a pair of sockets, and sends one
+  of them to the hub with the hello. Because the command and receive sockets are separate, a thread that waits to send
+  does not block a thread that receives.
 
 Records are neither lost nor doubled on a UNIX socket. The end of a socket (an empty read) means that the other side is
-gone. Bytes that break these rules are a `Malformed` value: the hub refuses that client with the reason, and serves the
-others.
+gone. Bytes that break these rules are decoded as a `Malformed` value. The hub refuses a client that sends such bytes,
+tells that client the reason, and serves the other clients.
 """
 
 import json

@@ -1,8 +1,8 @@
 """The command line of tools/with-vcan: parses it, chooses where to run the command, and gives one exit code.
 
-Exit codes: the command's own (128 + n if signal n ended it), or one of timeout(1) and the shells: 124 time ran out, 125
-the command could not be run at all, 126 the command is no program, 127 the command was not found. When a signal stops
-this program, the program cleans up and ends by that signal.
+Exit codes: the command's own (128 + n if signal n ended the command), or a code that timeout(1) and the shells use: 124
+time ran out, 125 the command could not be run at all, 126 the command is no program, 127 the command was not found.
+When a signal stops this program, the program cleans up and ends by that signal.
 """
 
 import argparse
@@ -72,7 +72,9 @@ def _arguments(words: list[str]) -> argparse.Namespace:
     parser = _Parser(
         prog="tools/with-vcan", description=HELP, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--timeout", type=_seconds, metavar="S", help="end the command after S seconds, boot included")
+    parser.add_argument(
+        "--timeout", type=_seconds, metavar="S", help="end the command S seconds after the start of with-vcan"
+    )
     parser.add_argument(
         "--interfaces",
         type=_interface_names,

@@ -2,8 +2,8 @@
 
 mypyc makes a native class of a dataclass, but the methods that `dataclass` generates stay Python: creating a frozen
 dataclass takes a microsecond, compiled or not, and creating a named tuple half of that. A flight creates ten such
-objects for each frame. A constructor in the source of a class is compiled. So each such class gets one in the copy of
-the source that is compiled:
+objects for each frame. mypyc does compile a constructor that stands in the source of a class. So this file makes a copy
+of the source in which each dataclass has a constructor, and mypyc compiles the copy:
 
     @dataclass(frozen=True, slots=True)         @dataclass(unsafe_hash=True, init=False)
     class Tag:                                  class Tag:
@@ -11,9 +11,9 @@ the source that is compiled:
         kind: int = 0                               kind: int = 0
                                                     def __init__(self, number: int, kind: int = 0) -> None: ...
 
-A named tuple becomes such a class if the caller requests it. It can then no longer be unpacked or indexed; mypy, which
-checks the copy first, refuses code that does so. Equality, hash, `repr` and matching are those of a dataclass. The copy
-need not enforce that frozen values stay unchanged: mypy has checked that in the source.
+A named tuple becomes such a dataclass if the caller requests it. The tuple can then no longer be unpacked or indexed.
+mypy checks the copy first, and refuses code that unpacks or indexes the tuple. Equality, hash, `repr` and matching are
+those of a dataclass. The copy need not enforce that frozen values stay unchanged: mypy has checked that in the source.
 
 A class of which objects are created often is also declared acyclic: an unchanging value that holds only unchanging
 values cannot refer to itself, so the garbage collector need not track it. The memory of the object that was freed last

@@ -127,7 +127,10 @@ class Operator:
         return is_place(element) and module in self._truth.situation.down and module in self.latched()
 
     def _excuse_idle(self, element: str) -> None:
-        """Allow false reports about actuators that are idle because of an order: a monitor may find them stuck."""
+        """Allow false reports about the actuators that idle while `element` counts as failed.
+
+        A monitor may find an idle actuator stuck.
+        """
         lost = lost_elements(self._spec, Situation(frozenset({element})))
         for module in self._spec.modules.values():
             if f"module:{module.name}" in lost or f"device:{module.device}" in lost:

@@ -21,7 +21,10 @@ from heronry_tools.sim.oracles.violation import MISSED
 
 
 def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
-    """Return the shortest failing flight that was found, starting from a failing one; `fly` simulates a flight."""
+    """Return the shortest failing flight that the search finds.
+
+    outcome: the result of the failing flight with which the search begins. fly: simulates a flight.
+    """
     rules = {violation.rule for violation in outcome.violations} - {MISSED}
     best = _whole(outcome, fly, rules)
     parts = 2
@@ -38,7 +41,7 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Return a failing flight that lasts until all its faults are over, as a flight with `--act` does.
+    """Return a failing flight that lasts until all its faults are over.
 
     If the longer flight does not fail, return `outcome`.
     """

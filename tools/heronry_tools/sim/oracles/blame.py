@@ -4,10 +4,11 @@ The manager latches a reported fault. So a false report takes a healthy element 
 element. The oracle collects the reports, and `unfounded` compares all of them with the elements that are down when it
 is called. This is enough, since an element that was rightly reported stays down until it is cleared.
 
-The oracle reads the EMCYs that a PE itself sends, on any bus. An EMCY that a gateway forwards is no new report: the
-oracle has read it beyond the gateway, or a foreign node has sent it. Such an EMCY counts only if it is late and names
-an element that was cleared meanwhile (`handed_on`). With a key no manager believes the EMCY of a foreign node. If a
-manager believed such an EMCY, it would plan without a healthy element, and `end_state` would detect this.
+The oracle reads the EMCYs that a PE itself sends, on any bus. An EMCY that a gateway forwards is no new report: either
+the oracle has read the EMCY beyond the gateway, or a foreign node has sent it. There is one exception: a late EMCY
+about an element that was cleared meanwhile counts as a new report (`handed_on`). With a key no manager believes the
+EMCY of a foreign node. If a manager believed such an EMCY, it would plan without a healthy element, and `end_state`
+would detect this.
 """
 
 from heronry_dg.model import Spec
@@ -60,7 +61,7 @@ class BlameCheck(Oracle):
             self._reported.setdefault(element, self._cleared[element])
 
     def cleared(self, _t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:  # noqa: ARG002
-        """Drop the report of an element that was down and has been cleared."""
+        """Drop the reports of a cleared element that was down in `truth`; for a module, also those of its places."""
         for one in [one for one in self._reported if element in (one, module_of(one)) and _is_down(one, truth)]:
             self._cleared[one] = self._reported.pop(one)
 

@@ -54,7 +54,7 @@ class ChannelCheck(Oracle):
         self._gap_ended: dict[tuple[str, str, int], int] = {}
 
     def copied(self, copy: Copy) -> None:
-        """Record a copy that a channel has delivered to a node."""
+        """Record a copy that a channel has delivered to a node, and verify how often the node took the transmission."""
         while self._order and self._order[0][0] < copy.t_ns - REMEMBERED_NS:
             del self._sendings[self._order.popleft()[1]]
         key = copy.node, id(copy.frame)

@@ -9,11 +9,11 @@ and announces in CLEAR that a function has the priority of the spec again. All o
   two changes that PEs have requested are at least `_CHANGE_NS` apart;
 - the priority of the spec, if the operator has ordered it or a PE has requested it.
 
-For a moment after an order an older HOLDS may still be on its way. At the start of a mastership the manager knows what
-it has in its journal, or has heard as a standby manager. So its first announcement about a function in a term may be
-any priority that was ever ordered or requested. This announcement does not count as a change: a requested change may
-follow immediately. The time between two changes is measured by the manager's clock, so a jump of this clock counts as
-time.
+For T_lease after an order, an older HOLDS may still be on its way, so no announcement about this function is a
+violation. At the start of a mastership the manager knows what it has in its journal, or has heard as a standby manager.
+So its first announcement about a function in a term may be any priority that was ever ordered or requested. This
+announcement does not count as a change: a requested change may follow immediately. The time between two changes is
+measured by the manager's clock: if this clock jumps ahead, the jump is a part of that time.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +32,7 @@ class PriorityCheck(Oracle):
     """Records ordered and requested priorities, and verifies those that the manager announces."""
 
     def __init__(self, spec: Spec, changed: Callable[[int, Mapping[str, int]], None]) -> None:
-        """Begin with the priorities of the spec; `changed` is called with the time (ns) and all changed priorities."""
+        """Begin with the priorities of the spec; `changed` gets the time (ns) and changed priorities by function."""
         super().__init__()
         self.current: dict[str, int] = {}
         self._functions, self._changed = list(spec.functions.values()), changed

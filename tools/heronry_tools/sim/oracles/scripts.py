@@ -24,7 +24,7 @@ class ScriptCheck(Oracle):
         self._told_ns: int | None = None
 
     def script_ordered(self, t_ns: int, term: int | None) -> None:
-        """Record that a manager has accepted a script in this term, or released it if `term` is None."""
+        """Record that a manager has accepted a script in the term `term`; None: the script was released."""
         if term is None and self._ordered_in is not None:
             self._released = self._ordered_in, t_ns + ON_ITS_WAY_NS
         self._ordered_in = term

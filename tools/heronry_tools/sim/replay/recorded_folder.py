@@ -60,7 +60,10 @@ def spec_of(folder: Path, text: str | None = None) -> Spec:
 
 
 def expect_spec_of(told: Mapping[str, Any], spec: Spec, remedy: str, name: str) -> None:
-    """Raise UserError if the recording `name` was made with another spec; `told`: the content of its flight.json."""
+    """Raise UserError if the recording `name` was made with another spec.
+
+    told: the content of the recording's flight.json. remedy: what the user can do, for the message.
+    """
     flown, digest = told["spec"], told["spec_digest"]
     if digest != spec.digest:
         other = "another version of this spec" if flown == spec.name else f"'{spec.name}' ({_short(spec.digest)})"

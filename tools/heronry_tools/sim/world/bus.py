@@ -92,8 +92,8 @@ class Tampering:
     """How a bus must deliver one frame.
 
     copies: how often the frame is received; 0 if not at all
-    receiver: the station that receives so many copies, while all others receive the frame as usual; None: every station
-        receives so many copies
+    receiver: name of the one station to which `copies` applies; all others receive the frame as usual. None: `copies`
+        applies to every station
     """
 
     copies: int
