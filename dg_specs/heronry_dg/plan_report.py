@@ -56,7 +56,7 @@ class Report:
         self._spec, self._now, self._configuration, self._reasons = spec, now, configuration, reasons or {}
 
     def with_reasons(self, reasons: Mapping[str, str]) -> "Report":
-        """Give a copy with other reasons why functions are not served."""
+        """Give a copy of the report with other reasons, by function, why a function is not served."""
         return Report(self._spec, self._now, self._configuration, reasons)
 
     def work_out(self) -> None:

@@ -86,8 +86,8 @@ class Transition:
 
     steps: tuple[Step, ...]  # what ACTIVATE carries, in order; the last is always GO_ALL
     wait_for: Mapping[str, tuple[str, ...]]  # PEs that must report BROKEN before GO is sent, each with the reasons
-    hold: tuple[str, ...]  # DEMUXes whose driver is silent: GO_ALL must wait until T_lease of that PE has expired
-    interrupted: tuple[str, ...]  # functions served before and after, of which some module changes or stops
+    hold: tuple[str, ...]  # DEMUXes that a silent PE has driven: GO_ALL must wait until T_lease of this PE has expired
+    interrupted: tuple[str, ...]  # functions served before and after, though one of their modules changes or stops
     peaks: Mapping[str, Peak]
 
     def document(self) -> dict[str, object]:

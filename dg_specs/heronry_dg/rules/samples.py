@@ -24,7 +24,7 @@ def pes(
 def doubled(criticality: str, *, pitot_pe: str = "tail", middle: str = "", reads: str = "speed") -> str:
     """Write a spec with two sensors and their drivers, two lamps that a DEMUX chooses between, and a replicated bus.
 
-    criticality: the class of its function. pitot_pe: the PE of the second sensor.
+    criticality: the class of the spec's only function. pitot_pe: the PE of the second sensor.
     middle: modules that read `speed`, and give `level`, between the drivers and the lamps. reads: the variable that the
     lamps show.
     """

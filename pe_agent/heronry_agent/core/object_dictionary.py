@@ -163,7 +163,10 @@ def _is_alive(entry: Entry) -> bool:
 
 
 def _encode(kind: Type, value: Value) -> bytes:
-    """Return a value as bytes, a number little-endian; a number too large for its type becomes the largest one."""
+    """Return a value as bytes.
+
+    A number is little-endian; a number that is too large for its type becomes the largest number of the type.
+    """
     if isinstance(value, int):
         assert kind.length is not None
         return min(value, (1 << 8 * kind.length) - 1).to_bytes(kind.length, "little")

@@ -37,7 +37,11 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A segment: straight from `start` to `leave`, then a curve to `enter`, then straight to `end`."""
+    """A segment: straight from `start` to `leave`, then a curve to `enter`, then straight to `end`.
+
+    edges: numbers of the edges that share the segment.
+    last: whether the segment ends at the target of its only edge.
+    """
 
     edges: tuple[int, ...]
     start: Point
@@ -193,7 +197,10 @@ class _Placing:
                         self._move(column, place, level)
 
     def _move(self, column: tuple[str, ...], place: int, level: int) -> None:
-        """Move a way-point to a height, or as near to it as its neighbours in the column allow."""
+        """Move a way-point as near to a height as its neighbours in the column allow.
+
+        place: index of the way-point in `column`. level: the height, in 1/64 of a pixel (`_FINE`).
+        """
         if place > 0:
             above = column[place - 1]
             level = max(level, self._y[above] + (self._shapes[above].height + _ROW_GAP) * _FINE)
@@ -214,7 +221,10 @@ class _Placing:
         return (2, 3, 8)[points]
 
     def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
-        """Give the left and right sides of the columns; the gap after a column is wider if steeper edges leave it."""
+        """Give the left and right sides of the columns, in pixels; `y` has the height of each symbol and way-point.
+
+        The steeper the edges that leave a column, the wider the gap after it.
+        """
         steepest = [0] * len(self._layers.columns)
         for segment in self._layers.segments:
             out, into = self._ends(segment)

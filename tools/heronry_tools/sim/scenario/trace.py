@@ -87,7 +87,10 @@ def golden_file(file: Path) -> Path:
 
 
 def kept(file: Path) -> list[str] | None:
-    """Return the lines of a scenario's golden trace; None if there is none. Raises UserError if it is not text."""
+    """Return the lines of a scenario's golden trace; None if the scenario has no golden trace.
+
+    Raises UserError if the golden trace is not text.
+    """
     golden = golden_file(file)
     if not golden.exists():
         return None
