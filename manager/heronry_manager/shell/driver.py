@@ -170,7 +170,7 @@ class ManagerDriver:
         }
 
     def _look_after_journal(self) -> None:
-        """Sync the journal to the disk when no frame waits; tell the core when a problem of the journal begins or ends."""
+        """Sync the journal to the disk when no frame waits; tell the core when a journal problem begins or ends."""
         if self._journal is None:
             return
         if self._link.nothing_waits:

@@ -1,8 +1,8 @@
 """Serves the objects of `canopen_objects`: their values as bytes, and their access rights (CiA 301, 7.4).
 
-The dictionary checks types, lengths and access rights. The caller gives a function for each value; it is called when a
-client reads the value. The constructor raises InvariantError if a variable lacks its function, or a function its
-object. So the served objects are exactly those of `canopen_objects` and of the EDS.
+The dictionary checks types, lengths and access rights. The caller gives a function for each value. The dictionary calls
+this function when a client reads the value. The constructor raises InvariantError if a variable has no function, or a
+function has no object. So the served objects are exactly those of `canopen_objects` and of the EDS.
 
 An array element that does not exist at present is answered with NO_DATA. A write to an object that may be written, but
 has no writer function, is answered with UNSUPPORTED. A value is written as a whole, or refused with a reason; no

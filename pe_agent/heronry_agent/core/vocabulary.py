@@ -137,7 +137,7 @@ class StepModule(NamedTuple):
 
     release: number of the step, which the answer repeats.
     inputs: (variable, datum) by path of the leaf; only fresh data.
-    until_ns: time in ns after which the module must not drive its outputs (if no later step extends it).
+    until_ns: time in ns after which the module must not drive its outputs, unless a later step gives a later time.
     """
 
     module: int

@@ -67,7 +67,7 @@ class Desk:
     def _script(self, text: str, modules: dict[str, Any], question: Mapping[str, Any]) -> dict[str, Any]:
         """Give the plan that a script makes from the running configuration, or a refusal if the plan is not legal.
 
-        A manager would also compare this plan with the best plan, and refuse the script if its plan is worse at level 1.
+        A manager also compares this plan with the best plan, and refuses the script if its plan is worse at level 1.
         """
         spec, now = self._spec, self._situation(question)
         running = configuration_of({"modules": modules})

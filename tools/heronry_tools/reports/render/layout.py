@@ -281,7 +281,7 @@ def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
 
     offsets: the least distance of each symbol from the first symbol.
     wanted: the wanted height of each symbol, and its weight.
-    The heights are rounded down.
+    All heights and distances are in 1/64 of a pixel; the result is rounded down.
     """
     blocks: list[tuple[int, int, int]] = []  # sum of weighted heights, sum of weights, members
     for (height, weight), offset in zip(wanted, offsets, strict=True):

@@ -1,4 +1,4 @@
-"""Makes the plans for every single fault in the background of a demo that flies without them, for the next demo.
+"""Makes the plans for every single fault in the background, while a demo flies without them; the next demo uses them.
 
     python -m heronry_tools.runtime.demo.planning_ahead SPEC      started by the demo, which holds its standard input
 

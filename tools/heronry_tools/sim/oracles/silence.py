@@ -68,7 +68,10 @@ class LeftOut:
                 return
 
     def _is_right(self, function: str, epoch: Epoch, configuration: Configuration) -> bool:
-        """Tell whether a configuration rightly leaves a function out: the best plan is no better, or does so, too."""
+        """Tell whether a configuration rightly leaves a function out.
+
+        It does so if the best plan leaves the function out, too, or is no better than the configuration.
+        """
         if _serves(self._spec, configuration, function):
             return False
         for now in self._in_force(epoch.prepared_ns, _begins_ns(epoch)):
