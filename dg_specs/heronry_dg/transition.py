@@ -319,8 +319,9 @@ class _Mixtures:
         return peaks
 
     def _loads(self, pe: str, part: Part, forwards: Collection[tuple[str, Source, str, str]]) -> dict[str, int]:
-        """Give the load in thousandths of a bit/s that a PE in the state `part` puts on each bus, also through gateways.
+        """Give the load that a PE in the state `part` puts on each bus, also through gateways.
 
+        The loads are in thousandths of a bit/s.
         forwards: (gateway, source, sending PE, bus) for each source that a gateway forwards to a bus.
         """
         loads: dict[str, int] = {}

@@ -114,4 +114,6 @@ def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
                 if (module.name, variable) not in source_of:
                     raise TableError(f"module {module.name} gives {variable}, which is not a source; {_REMEDY}")
                 if not 1 <= version <= 15:
-                    raise TableError(f"module {module.name} gives version {version} of {variable}; {_REMEDY}")
+                    raise TableError(
+                        f"module {module.name} gives version {version} of {variable}, which is not 1 to 15; {_REMEDY}"
+                    )

@@ -96,7 +96,10 @@ class Oracle:
         """Called when any manager has sent a LEASE on the managers' bus."""
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
-        """Called when the active manager, at this station, has sent a command, except a LEASE equal to the last LEASE."""
+        """Called when the active manager, at this station, has sent a command.
+
+        Not called for a LEASE that is equal to the manager's last LEASE.
+        """
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
         """Called once per epoch, after its first ACTIVATE.
