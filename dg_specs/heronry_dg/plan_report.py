@@ -49,7 +49,7 @@ class Report:
     def __init__(
         self, spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str] | None = None
     ) -> None:
-        """reasons: why functions are not served, where the planner knows more than `why_not`.
+        """reasons: by function, why it is not served; for functions of which the planner knows more than `why_not`.
 
         Every name in the configuration must exist in the spec.
         """

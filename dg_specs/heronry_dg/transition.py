@@ -284,7 +284,8 @@ class _Mixtures:
     ) -> dict[str, tuple[str, ...]]:
         """Find a minimal set of further PEs to wait for, with the buses on which each makes room.
 
-        PEs that are not preferred are used only if the preferred ones do not suffice.
+        waited_for: PEs for which the manager waits anyway. limits: of each bus, in thousandths of a bit/s.
+        preferred: other PEs are added only if these do not suffice.
         """
         over = self._over(waited_for, limits)
         added: list[str] = []

@@ -28,8 +28,8 @@ of the two. After a jump no time may have passed at all, so no part of such a ga
 time.
 
 A state that the manager misses frees no token. A PE that misses frames stops earlier than the manager assumes. A late
-or doubled page 0 has no effect (`deployment`). A manager that restarts knows no tokens. For each PE that it does not
-hear, it counts T_lease from its first ALIVE on.
+or doubled page 0 has no effect (`deployment`). A manager that restarts knows no tokens. For each PE that this manager
+does not hear, T_lease counts from the manager's first ALIVE on.
 
 The manager does not know whether a silent PE is dead or cut off. Therefore T_lease must pass before another PE drives a
 DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge commands. Such a PE goes on sending
@@ -122,7 +122,7 @@ class Exclusion:
         self._unsaid.intersection_update(pes)
 
     def heard(self, pe: str) -> None:
-        """Note that a PE was heard; if it is declared down later, its silence counts from now on."""
+        """Note that a PE was heard; if the PE is declared down later, its silence counts from now on."""
         self._slept_ns[pe] = 0
 
     def slept(self, unknown_ns: int) -> None:
@@ -137,9 +137,9 @@ class Exclusion:
             self._holds[pe] |= tokens
 
     def reported(self, pe: str, *placed: Mapping[str, set[str]]) -> None:
-        """Take from a PE all tokens that none of `placed` has.
+        """Let a PE hold exactly the tokens that `placed` gives to it.
 
-        placed: tokens by PE, for the epoch that the PE reports and for each newer epoch that the PE may still run.
+        placed: tokens by PE, for the epoch that the PE reports and for each newer epoch that the PE may take up.
         """
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
@@ -168,7 +168,7 @@ class Exclusion:
     def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
         """Give the time in ns at which all unavailable PEs have certainly stopped driving DEMUXes that must move.
 
-        placed: tokens by PE; a DEMUX must move if an unavailable PE holds its token and `placed` gives it to another.
+        placed: tokens by PE. A DEMUX must move if an unavailable PE holds its token and `placed` has it on another PE.
         None: all have stopped already.
         """
         return self._free_ns(placed, available, now_ns, demux=True)
@@ -176,7 +176,7 @@ class Exclusion:
     def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
         """Give the time in ns at which all unavailable PEs have certainly stopped sending for modules that must move.
 
-        placed: tokens by PE; a module must move if an unavailable PE holds its token and `placed` gives it to another.
+        placed: tokens by PE. A module must move if an unavailable PE holds its token and `placed` has it on another PE.
         None: all have stopped already.
         """
         return self._free_ns(placed, available, now_ns, demux=False)

@@ -142,7 +142,10 @@ class ControlSocket:
         return self._listener.accept()[0]
 
     def _has_room(self) -> bool:
-        """Tell whether there is room for one more caller; if there is none, first drop the longest idle caller."""
+        """Tell whether there is room for one more caller.
+
+        If there is none, first drop the caller that has been idle for longest.
+        """
         if len(self._callers) < MOST_CALLERS and self._reserve is not None:
             return True
         waiting = self._awaiting_answer.values()

@@ -7,7 +7,7 @@ the other nodes. Time is CLOCK_MONOTONIC.
 While the bus is lost the core's clock stands still, because a manager that cannot receive must not conclude that all
 PEs are silent. `heronry_wire.link` opens the bus again. Afterwards the manager goes on with its term and the
 operator's orders. What may have changed meanwhile is then visible on the bus: a PE that restarted reports a new
-incarnation, and a manager that took over has a higher term. Of all other PEs, what the manager knew before the loss is
+incarnation, and a manager that took over has a higher term. What the manager knew of PEs that have not restarted is
 still true.
 
 The loop ends when the core gives Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends

@@ -18,7 +18,10 @@ from heronry_tools.watch.graph_marks import edge_key
 
 
 def picture(spec: Spec, function: str | None) -> str:
-    """Draw the graph of a spec, or what contributes to one of its functions, as SVG without colours."""
+    """Draw the graph of a spec as SVG without colours.
+
+    function: draw only what contributes to this function; None: draw the whole graph.
+    """
     return uncoloured(_with_room(spec, _bare(spec, function)), edge_key)
 
 

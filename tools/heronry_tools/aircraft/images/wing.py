@@ -2,8 +2,8 @@
 
 The control decides when the valve is open. The monitor decides in which state the wings are. Each module reads the
 output of the other module, so the spec gives `wing_state` an initial value. The control keeps the valve closed while
-the monitor publishes that the wings are cured or leak. The monitor distinguishes folded wings from wings that are being
-filled by the pressure, and by the demand of the valve. A leak is a loss of pressure in wings that were firm.
+the monitor publishes that the wings are cured or leak. From the pressure and the demand of the valve, the monitor tells
+folded wings from wings that are being filled. A leak is a loss of pressure in wings that were firm.
 
 A restart of the monitor loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose again.
 So the valve is controlled longer than necessary, which does no harm.

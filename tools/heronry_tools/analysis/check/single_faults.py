@@ -26,7 +26,6 @@ Lost = Mapping[str, tuple[Phase, ...]]
 class Loss:
     """The functions that are lost with one element.
 
-    element: the element.
     functions: by name of the function, the phases in which it is lost.
     """
 

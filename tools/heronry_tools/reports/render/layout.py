@@ -53,7 +53,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """A feedback edge: a line through right angles."""
+    """A feedback edge as a line through `points`, with right angles; `edge` is its number in the graph."""
 
     edge: int
     points: tuple[Point, ...]
@@ -254,7 +254,7 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Give the x at which an edge meets its target, or passes the column whose left side is `left`.
+        """Give the x in pixels at which a segment ends: at its target, or at `left`, the left side of a passed column.
 
         into: height at which the edge ends, from the top of the target. The side of a circle is farther to the right
         near the top and the bottom of the circle, so an edge ends farther to the right there.

@@ -120,7 +120,7 @@ class Oracle:
         """Called when a mission phase has begun."""
 
     def planning(self, seen: PlanningSeen) -> None:
-        """Called when a manager has requested a plan, and when it is given the answer to a request."""
+        """Called when a manager has requested a plan, and again when the manager gets the answer."""
 
     # What modules do
 

@@ -7,8 +7,8 @@ the moment at which the function had to be heard again.
 
 A function may fall silent because the phase or a priority has changed, if other functions are now more important. This
 is allowed under two conditions. An epoch that was activated before the next output was due leaves the function out. And
-the best plan for the phase and the priorities of that time also leaves the function out, or is no better than the plan
-of this epoch.
+the best plan for a phase and priorities in force while this epoch was planned also leaves the function out, or is no
+better than the plan of the epoch.
 
 A function may fall silent while the module that serves it moves: the new PE of the module holds back its outputs until
 ALIVE names the PE (protocol rule 6), and a manager that falls silent right after ACTIVATE sends no ALIVE. This is

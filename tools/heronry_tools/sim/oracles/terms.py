@@ -96,7 +96,7 @@ class TermCheck(Oracle):
         self._mastership.tagged(t_ns, station)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """Note that a second manager is about to start at station `twin`, with `station`'s journal."""
+        """Note that a second manager is about to start at station `twin`, with a copy of the journal of `station`."""
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
