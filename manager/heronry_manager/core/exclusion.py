@@ -111,7 +111,7 @@ class Exclusion:
     def waits(self) -> bool:
         """Tell whether `said` must be called when the next ALIVE is on the bus.
 
-        This is so while some PE was left out of ALIVE, but no ALIVE without the PE has been on the bus yet.
+        This is so while some PE may be missing from ALIVE, but no ALIVE without this PE has been on the bus yet.
         """
         return bool(self._unsaid)
 

@@ -1,7 +1,7 @@
 """What a manager must not forget when it restarts, and the records that change it.
 
 The core gives out every change of its memory as a record (`Keep`): all records in order make the memory
-(`Memory.after`). The journal keeps the records on disk; its docstring says which records a restart may lose.
+(`Memory.after`). The journal keeps the records on disk; `shell.journal` says which records a restart may lose.
 
 Two kinds of things are remembered:
 

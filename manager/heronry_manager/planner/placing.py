@@ -113,8 +113,8 @@ class Placing(Choice):
 
         A PE has no room for three modules that each need more than a third of its CPU, nor for four modules that each
         need more than a fourth. A module that needs more than two thirds counts as two, and so on. The solver finds the
-        case of two halves by itself. It does not find these cases, since the linear relaxation fills the remaining room
-        with a part of a module.
+        case of two halves by itself, but not the cases of thirds and fourths: its linear relaxation fills the remaining
+        room with a part of a module.
         """
         modules = self.possible.spec.modules
         for pe, capacity in self.possible.left.pe_cpu_millis.items():

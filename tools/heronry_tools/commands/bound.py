@@ -52,7 +52,7 @@ def add_parsers(subparsers: Any) -> None:
         "--decide",
         type=_milliseconds,
         metavar="MS",
-        help="assume that a plan takes MS milliseconds; without this option the time is measured",
+        help="assume that making a plan takes MS milliseconds; without this option the time is measured",
     )
     add_output(parser, "write every element as JSON")
     parser.set_defaults(run=run)

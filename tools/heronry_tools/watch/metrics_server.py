@@ -1,4 +1,4 @@
-"""Serves the metrics of a running manager or of a recording to a Prometheus on this computer.
+"""Serves the metrics of a live or recorded system to a Prometheus on this computer.
 
 There is one page, served by one thread, on the loopback address only.
 """
@@ -16,7 +16,7 @@ _LOOK_S = 0.1
 
 
 def serve(source: TopSource, port: int) -> None:
-    """Serve the metrics of a live or recorded source until SIGINT or SIGTERM.
+    """Serve the metrics of `source` until SIGINT or SIGTERM.
 
     Raises UserError if the port cannot be used.
     """

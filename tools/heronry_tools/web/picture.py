@@ -1,6 +1,6 @@
-"""The drawing of the dependency graph for the page, made once for each function that a user selects.
+"""The drawing of the dependency graph for the page.
 
-After that only the colours of the drawing change.
+It is made once for each choice of the user (one function, or the whole graph). Then only its colours change.
 
 The drawing of a module has a line for the name of the PE on which the module runs. The line has room for the longest of
 these names, so that no symbol moves when the page fills in a name.

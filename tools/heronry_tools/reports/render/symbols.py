@@ -2,9 +2,9 @@
 
 Figure 1 of the paper shows modules and variables, Figure 2 the gates, and Figure 3 the devices.
 
-A symbol is drawn in its box. A symbol is *dead* if its element cannot run, hold or be given: it is crossed out. A
-symbol is *chosen* if its element runs, holds or is given in the plan: it has bold lines. The cell of the running mode
-is filled.
+A symbol is drawn in its box. A *dead* symbol is crossed out: its module cannot run, its gate cannot hold, or its
+variable cannot be given. A *chosen* symbol has bold lines: its module runs, its gate holds, or its variable is given in
+the plan. The cell of the running mode is filled.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,8 @@
 """The decision trace of a flight: the scenario's actions and the manager's decisions, one line each, to be compared.
 
 The trace has no times of decisions and no plans. So it changes when a decision changes, and not when a frame gets a
-byte longer. (Expectations verify that decisions come in time.) The trace does not show that a PE is suspected, since
-most suspected PEs answer.
+byte longer. (Expectations verify that decisions come in time.) Events `pe_suspected` are left out, since most suspected
+PEs answer.
 
 The golden trace of FILE.scenario is FILE.scenario.golden beside it.
 """

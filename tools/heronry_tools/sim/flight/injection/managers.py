@@ -23,7 +23,8 @@ def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
 def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inject:
     """Make an injection that calls `do` with the seat of the running manager that is the target of the fault.
 
-    The seat is the node-ID of the manager's computer. The injection does nothing if this manager does not run.
+    The seat is the number of the computer on which the manager runs: its node-ID, or the negative node-ID of a second
+    manager with the same node-ID. The injection does nothing if the target does not run.
     """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
