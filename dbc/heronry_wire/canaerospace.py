@@ -231,7 +231,7 @@ def _takes(layout: struct.Struct) -> str:
 
 
 def decode_data(frame: Frame) -> Datum | Malformed:
-    """Decode the header and the value of a data frame under any identifier; `Malformed` where they break a rule."""
+    """Decode the header and the value of a data frame under any identifier; `Malformed` if the frame breaks a rule."""
     data = frame.data
     if frame.remote or frame.error:
         return Malformed("not a data frame")

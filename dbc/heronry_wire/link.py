@@ -143,7 +143,7 @@ class Link:
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
         """Queue a frame; the link hands its most urgent frame to the controller once no other frame is in flight.
 
-        until_ns: time after which the frame is dropped instead.
+        until_ns: time in ns after which the frame is dropped if it still waits.
         """
         if self.put(frame, until_ns):
             self.pump(now_ns)
@@ -258,7 +258,7 @@ class Link:
         self._deadline_ns = now_ns + REOPEN_NS
 
     def _open(self, opened: Opened | None = None) -> None:
-        """Open the bus, or take the one in `opened`, and check that it works; raises LinkError."""
+        """Open the bus, or take the bus in `opened`, and check that the bus works; raises LinkError."""
         look_at_interface(self._config)
         bus, self._fileno, self._connection = opened or open_bus(self._config)
         try:

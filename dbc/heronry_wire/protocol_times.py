@@ -4,7 +4,7 @@ Each time stands here once. `period_ns` is always the heartbeat period of a bus,
 `_PERIODS` if it is a number of periods, in `_NS` if it is a time, and in `_EVERY` if something happens with one frame
 out of this number. A *beat* is a frame that a node sends in every period: the state of a PE, the LEASE of a manager.
 
-    1 1/4 periods     `late_ns`      a beat has not come in time: a PE is sent PING, a channel is behind
+    1 1/4 periods     `late_ns`      a beat has not come in time: a PE is sent PING, a channel has failed for its sender
     k + 1/4 periods   `silent_ns`    k beats have not come: a PE is down, a channel is lost
     3 1/4 periods     `unsent_ns`    no frame of a silent PE can be on its way any more
     k + 1 periods     `heard_ns`     a node that began to listen has heard every node that is alive

@@ -4,8 +4,8 @@ SocketCAN's queue is first-in-first-out: a heartbeat behind twenty SLICE frames 
 timing analysis would not hold. So every sender keeps its frames in this queue and hands over one at a time.
 
 Frames of one identifier stay in their order. The queue is bounded, so that a bus that carries no frames does not fill
-the memory: a full queue drops the newest of its least urgent frames, and counts it. A frame may have an expiry time,
-after which it is dropped too: a frame that waited through a pause of its sender must not go out as if it were new.
+the memory: a full queue drops the newest of its least urgent frames, and counts the dropped frames. A frame may have an
+expiry time, after which it is dropped, too. So a frame that waited during a pause of its sender is not sent late.
 
 A sender may hold data back until `stands_back_until_ns`: data, and frames of a lower priority, then stay in the queue.
 """
@@ -35,7 +35,10 @@ class TransmitQueue:
         return len(self._frames)
 
     def push(self, frame: Frame, until_ns: int | None = None) -> None:
-        """Add a frame, which expires at `until_ns`; a full queue drops its least urgent frame."""
+        """Add a frame; a full queue drops its least urgent frame.
+
+        until_ns: time in ns at which the frame expires; None: never.
+        """
         self._count += 1
         insort(
             self._frames, (-arbitration_key(frame), -self._count, frame, _FOR_EVER_NS if until_ns is None else until_ns)

@@ -49,14 +49,14 @@ class Report:
     def __init__(
         self, spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str] | None = None
     ) -> None:
-        """reasons: why functions are not served, where the planner knows more than `why_not`.
+        """reasons: by function, why it is not served; for functions of which the planner knows more than `why_not`.
 
         Every name in the configuration must exist in the spec.
         """
         self._spec, self._now, self._configuration, self._reasons = spec, now, configuration, reasons or {}
 
     def with_reasons(self, reasons: Mapping[str, str]) -> "Report":
-        """Give a copy with other reasons why functions are not served."""
+        """Give a copy of the report with other reasons, by function, why a function is not served."""
         return Report(self._spec, self._now, self._configuration, reasons)
 
     def work_out(self) -> None:

@@ -172,7 +172,7 @@ def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
         raise UnknownElementError(f"'{text}' is not a limit; write for example bus:NAME=40% or pe:NAME=50%")
     element = checked_element(spec, match["element"])
     if not element.startswith(("bus:", "pe:")):
-        raise UnknownElementError(f"'{element}' has no capacity to limit; only a bus or a pe has")
+        raise UnknownElementError(f"'{element}' has no capacity to limit; only a bus or a PE has one")
     share = Fraction(match["percent"]) / 100
     if share > 1:
         raise UnknownElementError(f"'{text}' is more than the capacity there is; write at most 100%")

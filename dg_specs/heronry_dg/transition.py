@@ -56,9 +56,9 @@ Source = tuple[str, str]  # producer, variable
 class Part:
     """What one PE does under a configuration: the modules that it runs, and the data that it sends and forwards."""
 
-    modules: frozenset[tuple[str, str]] = frozenset()  # with their modes
-    sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # 1/1000 bit/s on a bus; buses
-    forwards: frozenset[tuple[Source, str, str]] = frozenset()  # a source, its PE, the bus onto which it is forwarded
+    modules: frozenset[tuple[str, str]] = frozenset()  # (module, mode)
+    sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # load in 1/1000 bit/s, its buses
+    forwards: frozenset[tuple[Source, str, str]] = frozenset()  # (source, PE that sends it, bus to which it goes on)
 
     def broken(self, after: "Part") -> "Part":
         """Give what this PE still does after BREAK, if `after` is its part of the new configuration."""
@@ -86,8 +86,8 @@ class Transition:
 
     steps: tuple[Step, ...]  # what ACTIVATE carries, in order; the last is always GO_ALL
     wait_for: Mapping[str, tuple[str, ...]]  # PEs that must report BROKEN before GO is sent, each with the reasons
-    hold: tuple[str, ...]  # DEMUXes whose driver is silent: GO_ALL must wait until T_lease of that PE has expired
-    interrupted: tuple[str, ...]  # functions served before and after, of which some module changes or stops
+    hold: tuple[str, ...]  # DEMUXes that a silent PE has driven: GO_ALL must wait until T_lease of this PE has expired
+    interrupted: tuple[str, ...]  # functions served before and after, though one of their modules changes or stops
     peaks: Mapping[str, Peak]
 
     def document(self) -> dict[str, object]:
@@ -260,7 +260,10 @@ class _Mixtures:
         left: Survivors,
         gateways: Mapping[tuple[str, str], str],
     ) -> None:
-        """old: what each PE may do before the transition. new: what it does after the transition."""
+        """Take what each PE may do before the transition (`old`), and what it does after the transition (`new`).
+
+        gateways: the PE that forwards from one bus to another, by (from, to).
+        """
         self._old, self._new, self._left, self._gateways = old, new, left, gateways
         self._gone = {pe: [part.broken(new[pe]) for part in parts] for pe, parts in old.items()}
 
@@ -281,7 +284,8 @@ class _Mixtures:
     ) -> dict[str, tuple[str, ...]]:
         """Find a minimal set of further PEs to wait for, with the buses on which each makes room.
 
-        PEs that are not preferred are used only if the preferred ones do not suffice.
+        waited_for: PEs for which the manager waits anyway. limits: of each bus, in thousandths of a bit/s.
+        preferred: other PEs are added only if these do not suffice.
         """
         over = self._over(waited_for, limits)
         added: list[str] = []
@@ -316,7 +320,11 @@ class _Mixtures:
         return peaks
 
     def _loads(self, pe: str, part: Part, forwards: Collection[tuple[str, Source, str, str]]) -> dict[str, int]:
-        """Give the load that a PE puts on each bus by `part`, with what gateways forward according to `forwards`."""
+        """Give the load that a PE in the state `part` puts on each bus, also through gateways.
+
+        The loads are in thousandths of a bit/s.
+        forwards: (gateway, source, sending PE, bus) for each source that a gateway forwards to a bus.
+        """
         loads: dict[str, int] = {}
         for source, (mbit_per_s, buses) in part.sends.items():
             reached = set(buses)

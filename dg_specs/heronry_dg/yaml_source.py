@@ -80,7 +80,7 @@ Node = Scalar | Sequence | Mapping
 
 
 def read_tree(data: bytes, findings: Findings) -> Node | None:
-    """Read the one document in `data`; None, and a finding, where it cannot be read."""
+    """Read the one document in `data`; if the document cannot be read, add a finding and return None."""
     if len(data) > MOST_BYTES:
         findings.add(
             rules.TOO_LARGE,

@@ -99,7 +99,7 @@ class _Reader:
             return
         for rule in self._rules(place, codes):
             if rule.severity is Severity.ERROR:
-                self._findings.add(rules.UNKNOWN_CODE, place, f"{rule.code} is an error already", "remove the code")
+                self._findings.add(rules.UNKNOWN_CODE, place, f"{rule.code} is always an error", "remove the code")
             self.found.raised.add(rule.code)
 
     def _ignore(self, place: Place, codes: str, reason: str, line: int) -> None:

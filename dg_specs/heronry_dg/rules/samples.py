@@ -11,9 +11,9 @@ DISPLAY: Final = f"  display: {{device: lamp, needs: speed, {RUNS}}}\n"
 def pes(
     nav: str = "node_id: 92, buses: [can0]", tail: str = "node_id: 93, buses: [can0]", *, nav_ram: str = "64KiB"
 ) -> str:
-    """Give the section `pes`: two PEs with these fields, and with enough capacity for the examples.
+    """Give the section `pes`: the PEs `nav` and `tail`, with enough capacity for the examples.
 
-    nav_ram: the RAM of PE `nav`.
+    nav, tail: node-ID and buses of each PE, as in a spec. nav_ram: the RAM of PE `nav`.
     """
     return (
         f"pes:\n  nav: {{{nav}, cpu: 1, ram: {nav_ram}, flash: 64KiB}}\n"
@@ -24,7 +24,7 @@ def pes(
 def doubled(criticality: str, *, pitot_pe: str = "tail", middle: str = "", reads: str = "speed") -> str:
     """Write a spec with two sensors and their drivers, two lamps that a DEMUX chooses between, and a replicated bus.
 
-    criticality: the class of its function. pitot_pe: the PE of the second sensor.
+    criticality: the class of the spec's only function. pitot_pe: the PE of the second sensor.
     middle: modules that read `speed`, and give `level`, between the drivers and the lamps. reads: the variable that the
     lamps show.
     """

@@ -6,21 +6,21 @@ such a thing on one PE; the token of a DEMUX also names the module that runs the
 configuration that the PE may be running places the token there:
 
     gains    the tokens of a configuration, from the first ACTIVATE of its epoch on. Every token that could be placed on
-             the PE, if the PE is found running another manager's configuration, or if this manager has not heard it
-             when its mastership begins
+             the PE, if the PE is found running another manager's configuration, or if this manager has not heard the
+             PE when the mastership begins
     keeps    once the PE has reported an epoch (it is BROKEN or further): only the tokens of that epoch, and of newer
              epochs, since the PE may take up a newer epoch without a further report
     loses    all tokens, when an available PE turns out to be a new incarnation, or to run nothing any more.
              The tokens of modules, when the PE was declared down for its silence, and the silence has lasted for three
              and a quarter heartbeat periods of the slowest bus on the way to the PE.
              All tokens, T_lease after the first ALIVE on the bus that does not name the PE. A PE that hears this ALIVE
-             stops immediately. A PE that does not hear it may have heard other nodes until then, but hears none from
-             then on, and stops by itself when T_lease is over
+             stops immediately. A PE that does not hear this ALIVE is cut off, and stops by itself T_lease after it last
+             heard another node
 
 `misses` of a bus is the number of silent periods after which a PE is declared down. Even if `misses` is less than
-three, the silence must last for three periods and a quarter: a PE sends a module's frames for two periods after it has
-last heard another node, and it may have heard that node up to a period after its own last state. The same holds for a
-gateway that forwards these frames, and a gateway may have a longer period.
+three, the silence must last for three periods and a quarter. A PE sends a module's frames for two periods after the
+last frame that it has heard from another node. This frame may have come up to a period after the last state that the PE
+sent. The same holds for a gateway that forwards the module's frames, and a gateway may have a longer period.
 
 The time of the silence and T_lease count only while this manager runs. The manager has a beat in every heartbeat
 period. So a longer gap between two of its steps was a pause or a jump of its clock, and the manager cannot tell which
@@ -28,8 +28,8 @@ of the two. After a jump no time may have passed at all, so no part of such a ga
 time.
 
 A state that the manager misses frees no token. A PE that misses frames stops earlier than the manager assumes. A late
-or doubled page 0 has no effect (`deployment`). A manager that restarts knows no tokens. For each PE that it does not
-hear, it counts T_lease from its first ALIVE on.
+or doubled page 0 has no effect (`deployment`). A manager that restarts knows no tokens. For each PE that this manager
+does not hear, T_lease counts from the manager's first ALIVE on.
 
 The manager does not know whether a silent PE is dead or cut off. Therefore T_lease must pass before another PE drives a
 DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge commands. Such a PE goes on sending
@@ -109,7 +109,10 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether `said` must be called for the next ALIVE, which may be the first on the bus without some PE."""
+        """Tell whether `said` must be called when the next ALIVE is on the bus.
+
+        This is so while some PE may be missing from ALIVE, but no ALIVE without this PE has been on the bus yet.
+        """
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:
@@ -119,7 +122,7 @@ class Exclusion:
         self._unsaid.intersection_update(pes)
 
     def heard(self, pe: str) -> None:
-        """Note that a PE was heard; if it is declared down later, its silence counts from now on."""
+        """Note that a PE was heard; if the PE is declared down later, its silence counts from now on."""
         self._slept_ns[pe] = 0
 
     def slept(self, unknown_ns: int) -> None:
@@ -134,7 +137,10 @@ class Exclusion:
             self._holds[pe] |= tokens
 
     def reported(self, pe: str, *placed: Mapping[str, set[str]]) -> None:
-        """Keep only the tokens in `placed`: of the epoch that a PE reports, and of newer epochs that it may take up."""
+        """Let a PE hold exactly the tokens that `placed` gives to it.
+
+        placed: tokens by PE, for the epoch that the PE reports and for each newer epoch that the PE may take up.
+        """
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:
@@ -149,7 +155,7 @@ class Exclusion:
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
-        """Add every token that could be placed on a PE, because it may run another manager's configuration."""
+        """Add every token that could be placed on a PE; the PE may run a configuration of another manager."""
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
@@ -160,16 +166,18 @@ class Exclusion:
         return {pe for pe in available if self._rivals(pe, placed)}
 
     def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """Give when the last unavailable PE has certainly stopped driving a DEMUX that `placed` gives to another PE.
+        """Give the time in ns at which all unavailable PEs have certainly stopped driving DEMUXes that must move.
 
-        In nanoseconds; None: all have stopped.
+        placed: tokens by PE. A DEMUX must move if an unavailable PE holds its token and `placed` has it on another PE.
+        None: all have stopped already.
         """
         return self._free_ns(placed, available, now_ns, demux=True)
 
     def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """Give when the last unavailable PE has certainly stopped sending for a module that `placed` moves elsewhere.
+        """Give the time in ns at which all unavailable PEs have certainly stopped sending for modules that must move.
 
-        In nanoseconds; None: all have stopped.
+        placed: tokens by PE. A module must move if an unavailable PE holds its token and `placed` has it on another PE.
+        None: all have stopped already.
         """
         return self._free_ns(placed, available, now_ns, demux=False)
 

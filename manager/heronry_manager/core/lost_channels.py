@@ -6,13 +6,14 @@ silent, and `health` deals with that. So lost channels are no part of the situat
 event reports when a node loses a channel or has it back, and `heronry status` lists the nodes that lack each channel.
 If all nodes on a bus lack a channel, the channel is broken; if one PE lacks it, the wire of that PE is broken.
 
-    lost    the PE has reported it (EMCY CHANNEL_LOST), within the last CHANNEL_FORGOTTEN_NS
-    well    the PE has reported CHANNEL_BACK, or no loss for that long. For its own channels the manager uses the
-            report of its driver
+For each PE a channel is in one of two states. The manager's own channels are as its driver reports them.
 
-A report is repeated every second, so a lost one comes again. A late or doubled report has no effect. A forged report
-makes a false line in the status, for three seconds. A manager that restarts, or takes over, knows the channels within a
-second. A report about a channel that the spec does not have is ignored.
+    lost    the PE has reported the loss (EMCY CHANNEL_LOST) within the last CHANNEL_FORGOTTEN_NS
+    well    the PE has reported CHANNEL_BACK, or has reported no loss within the last CHANNEL_FORGOTTEN_NS
+
+A PE repeats its report every second, so the loss of one report does no harm. A late or doubled report has no effect. A
+forged report makes a false line in the status, for three seconds. A manager that restarts, or takes over, knows the
+channels within a second. A report about a channel that the spec does not have is ignored.
 """
 
 from heronry_dg.model import Spec
@@ -54,7 +55,7 @@ class LostChannels:
         self._told_ns[key] = self._turn.now_ns
 
     def beat(self) -> None:
-        """Forget the loss of a channel that its PE has not repeated for CHANNEL_FORGOTTEN_NS."""
+        """Forget the loss of a channel if the PE has not repeated its report for CHANNEL_FORGOTTEN_NS."""
         for key in [key for key, at_ns in self._told_ns.items() if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS]:
             self._forget(key)
 

@@ -1,7 +1,7 @@
 """What a manager must not forget when it restarts, and the records that change it.
 
 The core gives out every change of its memory as a record (`Keep`): all records in order make the memory
-(`Memory.after`). The journal keeps them on disk, and says what a restart may lose of them.
+(`Memory.after`). The journal keeps the records on disk; `shell.journal` says which records a restart may lose.
 
 Two kinds of things are remembered:
 
@@ -11,8 +11,7 @@ Two kinds of things are remembered:
     facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`); the mission phase; the
               changed priorities, with the last request of each PE for a priority; latched faults (also those that the
               operator ordered); and which PEs are quarantined. A fact may be on disk only after the frames
-              that follow it are sent. The PEs report what runs, so an outdated fact leads to one epoch more and no
-              other harm
+              that follow it are sent. The PEs report what runs. So the only harm of an outdated fact is one more epoch
 
 A restart forgets how long ago a fault was latched, and the losses of available PEs.
 """
@@ -58,7 +57,7 @@ class PhaseEntered:
 
 @dataclass(frozen=True, slots=True)
 class PhaseRequest:
-    """A PE's request for a phase was executed; `number`: the PE's count of requests in this incarnation."""
+    """A PE's request for a phase was executed; `number` counts the requests of the PE in this incarnation."""
 
     pe: str
     incarnation: int
@@ -83,7 +82,7 @@ class PriorityRestored:
 
 @dataclass(frozen=True, slots=True)
 class PriorityRequest:
-    """A PE's request for a priority was executed; `number`: the PE's count of requests in this incarnation."""
+    """A PE's request for a priority was executed; `number` counts the requests of the PE in this incarnation."""
 
     pe: str
     incarnation: int
@@ -96,9 +95,9 @@ class Latched:
     """An element counts as failed until it is cleared."""
 
     element: str
-    by: str
-    code: str
-    detail: int
+    by: str  # the PE or operator that has reported the fault
+    code: str  # name of the fault code
+    detail: int  # further number of the report; its meaning depends on the code
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +158,7 @@ class Memory:
     priority_requests: Mapping[tuple[str, str], PriorityRequest] = field(default_factory=dict)  # by PE and function
 
     def after(self, record: Record) -> "Memory":
-        """Give the memory as this record changes it."""
+        """Give a new memory: this one with the change that the record describes."""
         match record:
             case TermBegun() | Reserved():
                 return self._with_number(record)

@@ -26,7 +26,7 @@ class Observed:
     said: tuple[int, int] | None = None  # incarnation and sequence of its last page 0
 
     def is_late(self, page: StatePage0) -> bool:
-        """Tell whether a page was sent before the last one: a gateway may forward it late."""
+        """Tell whether a page 0 is older than the last one that was noted: a gateway may have forwarded it late."""
         if self.said is None or self.said[0] != page.incarnation:
             return False
         return 1 <= (self.said[1] - page.sequence) % 256 <= _MOST_LATE

@@ -141,9 +141,9 @@ class _Names:
         }
 
     def configuration(self, bodies: Mapping[int, bytes]) -> Configuration:
-        """Make a configuration of the slices of all nodes.
+        """Make a configuration of the slices of all nodes; `bodies` has the bytes of each slice by node-ID.
 
-        Raises SliceError or LookupError if they are not of this spec.
+        Raises SliceError or LookupError if a slice does not fit this spec.
         """
         slices = {node: decode_slice(body, self._leaves) for node, body in bodies.items()}
         modes = {

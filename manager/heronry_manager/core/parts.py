@@ -11,7 +11,10 @@ from heronry_manager.core.turn import Turn
 
 
 class Parts:
-    """The objects of the core that act; those that process frames (`pe_reports`, `succession`, `inbound`) call them."""
+    """The objects of the core that act; the code that processes frames calls them.
+
+    This code is in `pe_reports`, `succession` and `inbound`.
+    """
 
     def __init__(self, settings: ManagerSettings, turn: Turn) -> None:
         self.settings, self.turn = settings, turn

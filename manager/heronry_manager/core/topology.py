@@ -24,7 +24,7 @@ class Radio:
 
 
 def uplink_bus(spec: Spec, pe: str) -> str:
-    """Give the bus on which a PE reports to the manager: the manager's bus, or the first one on the way to it.
+    """Give the bus on which a PE reports: the manager's bus, or else the first bus on the way to the manager's bus.
 
     A PE without a route to the manager's bus reports on its first bus, and the manager never hears it.
     """

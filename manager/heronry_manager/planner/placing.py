@@ -111,10 +111,10 @@ class Placing(Choice):
     def count_parts(self) -> None:
         """Add constraints that follow because a module is indivisible.
 
-        No PE takes three modules that each need more than a third of its CPU, or four that each need more than a
-        fourth. A larger module counts once for each such part that it fills. The solver finds the case of two halves by
-        itself. The other cases do not follow from the linear relaxation, in which half a module may fill the room that
-        is left.
+        A PE has no room for three modules that each need more than a third of its CPU, nor for four modules that each
+        need more than a fourth. A module that needs more than two thirds counts as two, and so on. The solver finds the
+        case of two halves by itself, but not the cases of thirds and fourths: its linear relaxation fills the remaining
+        room with a part of a module.
         """
         modules = self.possible.spec.modules
         for pe, capacity in self.possible.left.pe_cpu_millis.items():

@@ -142,7 +142,10 @@ class ControlSocket:
         return self._listener.accept()[0]
 
     def _has_room(self) -> bool:
-        """Make room for one more caller if needed: drop the one idle for longest. Tells whether there is room now."""
+        """Tell whether there is room for one more caller.
+
+        If there is none, first drop the caller that has been idle for longest.
+        """
         if len(self._callers) < MOST_CALLERS and self._reserve is not None:
             return True
         waiting = self._awaiting_answer.values()
@@ -180,7 +183,10 @@ class ControlSocket:
         return OperatorSaid(self._number, order)
 
     def _follow(self, caller: socket.socket) -> None:
-        """Make a caller a follower of events; answers for which it still waits are lost."""
+        """Make a caller a follower of events, or refuse because there are too many followers.
+
+        A new follower gets no answers to the orders that it gave before.
+        """
         if self.followers.take(caller):
             del self._callers[caller]
         else:

@@ -7,7 +7,7 @@ the other nodes. Time is CLOCK_MONOTONIC.
 While the bus is lost the core's clock stands still, because a manager that cannot receive must not conclude that all
 PEs are silent. `heronry_wire.link` opens the bus again. Afterwards the manager goes on with its term and the
 operator's orders. What may have changed meanwhile is then visible on the bus: a PE that restarted reports a new
-incarnation, and a manager that took over has a higher term. Of all other PEs, what the manager knew before the loss is
+incarnation, and a manager that took over has a higher term. What the manager knew of PEs that have not restarted is
 still true.
 
 The loop ends when the core gives Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends
@@ -85,11 +85,13 @@ class ManagerDriver:
         place: Mapping[str, Any],
         in_order: bool = False,
     ) -> None:
-        """Prepare to run; `emit` is called with every event as it happens, or with `in_order` a moment later.
+        """Prepare to run.
 
-        journal: None if nothing is to survive a restart. place: the bus of the manager and the file of its spec, for
-        followers. in_order: order the events for people: the reason of a failure is read late, but is given before the
-        events that followed from the failure.
+        journal: None if nothing is to survive a restart.
+        emit: is called with every event.
+        place: the bus of the manager and the file of its spec, for followers.
+        in_order: delay events for a moment, so that people read the reason of a failure before what followed from the
+            failure. (The manager learns the reason later.) False: `emit` is called as soon as an event happens.
         """
         self._core, self._link, self._planners, self._control = core, link, planners, control
         self._service, self._journal, self._spec = service, journal, spec
@@ -168,7 +170,7 @@ class ManagerDriver:
         }
 
     def _look_after_journal(self) -> None:
-        """Sync the journal to the disk when no frame waits; tell the core when a problem with it begins or ends."""
+        """Sync the journal to the disk when no frame waits; tell the core when a journal problem begins or ends."""
         if self._journal is None:
             return
         if self._link.nothing_waits:

@@ -33,7 +33,7 @@ class Plants:
         return event("control_paths", told["t_ns"], epoch=told["epoch"], plants=states)
 
     def status(self, plan: Plan | None) -> dict[str, Any]:
-        """Give the status of the plants: by name the state of the control path, and the reason if it is not closed."""
+        """Give the status of the plants, by name: the state of the control path, and the reason if it is not closed."""
         if plan is None or not self._spec.plants:
             return {}
         paths = control_paths(self._spec, plan.configuration)

@@ -1,8 +1,8 @@
 """Serves the objects of `canopen_objects`: their values as bytes, and their access rights (CiA 301, 7.4).
 
-The dictionary checks types, lengths and access rights. The caller gives a function for each value; it is called when a
-client reads the value. The constructor raises InvariantError if a variable lacks its function, or a function its
-object. So the served objects are exactly those of `canopen_objects` and of the EDS.
+The dictionary checks types, lengths and access rights. The caller gives a function for each value. The dictionary calls
+this function when a client reads the value. The constructor raises InvariantError if a variable has no function, or a
+function has no object. So the served objects are exactly those of `canopen_objects` and of the EDS.
 
 An array element that does not exist at present is answered with NO_DATA. A write to an object that may be written, but
 has no writer function, is answered with UNSUPPORTED. A value is written as a whole, or refused with a reason; no
@@ -163,7 +163,10 @@ def _is_alive(entry: Entry) -> bool:
 
 
 def _encode(kind: Type, value: Value) -> bytes:
-    """Return a value as bytes, a number little-endian; a number too large for its type becomes the largest one."""
+    """Return a value as bytes.
+
+    A number is little-endian; a number that is too large for its type becomes the largest number of the type.
+    """
     if isinstance(value, int):
         assert kind.length is not None
         return min(value, (1 << 8 * kind.length) - 1).to_bytes(kind.length, "little")

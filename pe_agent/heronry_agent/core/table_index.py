@@ -66,11 +66,11 @@ class TableIndex:
         return tuple(leaf.variable for leaf in self.modules[module].modes[mode].leaves)
 
     def identifiers(self, sources: Iterable[int]) -> frozenset[int]:
-        """Return the CAN identifiers under which these sources are sent."""
+        """Return the CAN identifiers of sources, which are given by their indices."""
         return frozenset(self.table.sources[source].identifier for source in sources)
 
     def gives(self, module: int, mode: int) -> dict[int, int]:
-        """Return the sources that a module gives in a mode, each with its version."""
+        """Return the version of each source that a module gives in a mode, by index of the source."""
         entry = self.modules[module]
         return {self.source_of[entry.name, variable]: v for variable, v in entry.modes[mode].gives.items()}
 
@@ -114,4 +114,6 @@ def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
                 if (module.name, variable) not in source_of:
                     raise TableError(f"module {module.name} gives {variable}, which is not a source; {_REMEDY}")
                 if not 1 <= version <= 15:
-                    raise TableError(f"module {module.name} gives version {version} of {variable}; {_REMEDY}")
+                    raise TableError(
+                        f"module {module.name} gives version {version} of {variable}, which is not 1 to 15; {_REMEDY}"
+                    )

@@ -23,8 +23,8 @@ class Stepped(NamedTuple):
 
     outputs: value by variable; a variable left out is not published.
     writes: commands of the module to its device, in order; none has been executed yet.
-    reports: (element, detail) of each element that the module reports failed, as `KIND:NAME`; DISAGREEMENT in place of
-        an element reports that two inputs differ.
+    reports: (`KIND:NAME`, detail) for each element that the module reports failed; the detail is a number of the
+        module's choice. DISAGREEMENT in place of `KIND:NAME` reports that two inputs differ.
     phases: mission phases that the module requested, in order.
     priorities: (function, priority) for each request; the priority SPECS_PRIORITY stands for that of the spec.
     spent_ns: duration of the step, without the time in which it waited for a processor.
@@ -137,7 +137,7 @@ class StepModule(NamedTuple):
 
     release: number of the step, which the answer repeats.
     inputs: (variable, datum) by path of the leaf; only fresh data.
-    until_ns: time in ns after which the module must not drive its outputs (if no later step extends it).
+    until_ns: time in ns after which the module must not drive its outputs, unless a later step gives a later time.
     """
 
     module: int

@@ -17,10 +17,10 @@ class Lasting:
         self._held = 0
 
     def is_due(self, holds: bool) -> bool:
-        """Note whether the condition holds in this step; tells whether it has now held for another `patience_ns`.
+        """Note whether the condition holds in this step; tells whether it is to be reported now.
 
-        While the condition goes on, the result is True once in every `patience_ns`, and not only the first time: the
-        operator may have cleared the first report.
+        The result is True when the condition has held for `patience_ns`, and again after each further `patience_ns`,
+        because the operator may have cleared the first report.
         """
         self._held = self._held + 1 if holds else 0
         return holds and self._held % self._enough == 0

@@ -52,7 +52,7 @@ def add_parsers(subparsers: Any) -> None:
         "--decide",
         type=_milliseconds,
         metavar="MS",
-        help="assume that making a plan takes MS milliseconds, instead of measuring that",
+        help="assume that making a plan takes MS milliseconds; without this option the time is measured",
     )
     add_output(parser, "write every element as JSON")
     parser.set_defaults(run=run)
@@ -88,7 +88,10 @@ def _milliseconds(text: str) -> int:
 
 
 def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
-    """Plan for every fault; returns the plans, and the longest time in ns that a plan after the first one took."""
+    """Plan for every fault; returns the cases, and the longest planning time in ns.
+
+    The time of the first plan does not count, since the first call of the planner is slower.
+    """
     from heronry_manager.bounds.fault_cases import count_plans, fault_cases  # noqa: PLC0415
     from heronry_manager.planner.exact import plan  # noqa: PLC0415
 

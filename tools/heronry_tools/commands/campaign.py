@@ -40,7 +40,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="'WHAT after N [in PHASE]'",
         action="append",
         default=[],
-        help="a class or function that must survive any N faults; may be repeated; exit code 1 if one does not",
+        help="a class or function that must survive any N faults; may be repeated; exit code 1 if it does not survive",
     )
     add_output(parser, forms={"text": (), "json": JSON, "html": (".html", ".htm")})
     parser.add_argument("--html", metavar="FILE", type=Path, help=argparse.SUPPRESS)  # older: a page, too

@@ -75,11 +75,12 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
     made, tally, scope = written.made, written.tally, written.made.scope
     total = sum(1 for _ in made.entries())
     unproven = sum(not plan.optimal for _, _, plan in made.entries())
-    in_use = "places in use, " if scope.places else ""
+    in_use = " and of the places in use" if scope.places else ""
     phases = f" in {len(made.phases)} phases" if len(made.phases) > 1 else ""
     print(f"{file}: {written.size} bytes, for {spec.name} with digest {spec.digest[:12]}")
     print(
-        f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, {in_use}and safe mode"
+        f"{total} plans for up to {scope.faults} faults of {len(scope.elements)} elements{in_use}{phases}, "
+        f"and {len(made.phases)} for safe mode"
     )
     print(
         f"{tally.searched} plans searched for, {tally.pruned_share():.1%} found without a search: "
@@ -130,5 +131,8 @@ def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
     for sentence in wrong:
         print(sentence)
     if not wrong:
-        print(f"{entries} plans and {len(made.phases)} for safe mode: each is legal and has the value in the file")
+        print(
+            f"{entries} plans and {len(made.phases)} for safe mode: all are legal; "
+            f"the values of the {entries} plans are as in the file"
+        )
     return 1 if wrong else 0

@@ -1,4 +1,4 @@
-"""Serves the metrics of a source to a Prometheus on this computer.
+"""Serves the metrics of a live or recorded system to a Prometheus on this computer.
 
 There is one page, served by one thread, on the loopback address only.
 """
@@ -16,7 +16,10 @@ _LOOK_S = 0.1
 
 
 def serve(source: TopSource, port: int) -> None:
-    """Serve until SIGINT or SIGTERM; raises UserError where the port cannot be used."""
+    """Serve the metrics of `source` until SIGINT or SIGTERM.
+
+    Raises UserError if the port cannot be used.
+    """
     stopped = noted()
     try:
         server = HTTPServer(("127.0.0.1", port), _page(source))

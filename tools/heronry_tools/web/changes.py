@@ -3,8 +3,8 @@
     {"set": {"phase": ...}, "merge": {"pes": {"nav": ...}}, "graph": {"nodes": {...}}, "told": [...], "loads": [...]}
 
 `set` replaces keys of the snapshot, `merge` replaces entries of a mapping, and `graph` entries of its three mappings.
-`reconfigurations` and `told` list those that are new or different, each with its `number`; the page keeps as many of
-them as a snapshot does. `whole` computes a later snapshot from an earlier one and the change, as the page does.
+`reconfigurations` and `told` list the entries that are new or different, each with its `number`; the page keeps as many
+entries as a snapshot does. `whole` computes a later snapshot from an earlier one and the change, as the page does.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,15 +1,16 @@
 """The process that answers the questions of pages: what would be planned, and why a function is not served.
 
-    python -m heronry_tools.web.desk SPEC DIGEST           started by `questions`, which holds its standard input
+    python -m heronry_tools.web.desk SPEC DIGEST           started by `questions`, which holds its standard input;
+                                                           DIGEST is that of the spec that the pages show
 
 The process has loaded the solver and the spec. Questions come on standard input, answers go to standard output, each as
 one line of JSON, in order. The plans of this process are never flown. The process ends when standard input closes, even
-in the middle of a search.
+in the middle of a search. Each question is shown with its answer; `...` stands for further keys:
 
     {"ask": "plan", "down": ["pe:nav"], "limits": [], "phase": "glide", "priorities": []}
     {"plan": {... as 'heronry plan --json'}, "graph": {... as in a snapshot}}
-    {"ask": "script", "script": "Guav.PruneEdges ();", "modules": {... that run, as in a plan}, "down": [], ...}
-    {"plan": {... of the configuration that the script makes}, "graph": {...}}
+    {"ask": "script", "script": "Guav.PruneEdges ();", "modules": {... the running modules, as in a plan}, ...}
+    {"plan": {... the configuration that the script makes}, "graph": {...}}
     {"ask": "why", "function": "imaging", "down": [], "phase": null}
     {"why": {... as 'heronry why --json'}}
     {"refused": "no pe is named 'nap'; did you mean 'nav'?"}
@@ -46,7 +47,7 @@ class Desk:
         self._spec, self._graphs = spec, LiveGraphs(spec)
 
     def answer(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """Answer a question; if it names what the spec does not have, the answer is a refusal."""
+        """Answer a question; the answer is a refusal if the question is invalid or names something not in the spec."""
         try:
             match question:
                 case {"ask": "plan"}:
@@ -66,7 +67,7 @@ class Desk:
     def _script(self, text: str, modules: dict[str, Any], question: Mapping[str, Any]) -> dict[str, Any]:
         """Give the plan that a script makes from the running configuration, or a refusal if the plan is not legal.
 
-        The manager compares this plan with the best plan, too, and refuses the script if it is worse at level 1.
+        A manager also compares this plan with the best plan, and refuses the script if its plan is worse at level 1.
         """
         spec, now = self._spec, self._situation(question)
         running = configuration_of({"modules": modules})

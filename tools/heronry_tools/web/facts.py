@@ -1,4 +1,4 @@
-"""What a page needs of the spec, in addition to the snapshot: names, kinds and needs, for details and choices."""
+"""What a page needs of the spec, in addition to the snapshot: the names to choose from, and details to show."""
 
 from typing import Any
 

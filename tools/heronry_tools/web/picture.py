@@ -1,4 +1,6 @@
-"""The drawing of the dependency graph for the page: made once for each choice; then only its colours change.
+"""The drawing of the dependency graph for the page.
+
+It is made once for each choice of the user (one function, or the whole graph). Then only its colours change.
 
 The drawing of a module has a line for the name of the PE on which the module runs. The line has room for the longest of
 these names, so that no symbol moves when the page fills in a name.
@@ -16,7 +18,10 @@ from heronry_tools.watch.graph_marks import edge_key
 
 
 def picture(spec: Spec, function: str | None) -> str:
-    """Draw the graph of a spec, or what contributes to one of its functions, as SVG without colours."""
+    """Draw the graph of a spec as SVG without colours.
+
+    function: draw only what contributes to this function; None: draw the whole graph.
+    """
     return uncoloured(_with_room(spec, _bare(spec, function)), edge_key)
 
 

@@ -46,7 +46,7 @@ def listening(address: str, port: int | None) -> socket.socket:
 
 
 def access(listener: socket.socket, *, operates: bool) -> Access:
-    """Give the access rules of a server, with a new token."""
+    """Give the access rules of a server, with a new token; `operates`: whether its pages may give orders."""
     address, port = listener.getsockname()[:2]
     return Access(address, port, secrets.token_urlsafe(24), operates)
 

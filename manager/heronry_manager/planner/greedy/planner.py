@@ -7,14 +7,14 @@ these functions anew (`packing`), in up to two ways. It repairs each result, and
 supplies optional and better inputs last (`supplying`).
 
 A plan is legal by construction: every step of a draft keeps the limits of capacities, placement rules, gates and buses
-(`draft`). Deadlines are checked when a draft is done (`punctuality`). If the draft would miss one, it is made once
-more, with a check of every message before the message is published. The empty plan is always legal, so there is always
-a plan.
+(`draft`). Deadlines are checked when a draft is done (`punctuality`). If the draft would miss a deadline, the draft is
+made once more, with a check of every message before the message is published. The empty plan is always legal, so there
+is always a plan.
 
 The planner uses no clock and no random source, and all its state follows from the spec: the same situation and running
 configuration always give the same plan.
 
-    tables       the spec in integers, worked out once, from seven parts
+    tables       the spec in integers, computed once
     scene        the part of the spec that a situation leaves
     draft        a configuration in the making; every change can be undone
     serving      one function at a time
@@ -53,7 +53,8 @@ class Greedy:
         """Find a legal configuration, not proven to be the best.
 
         now: a situation of this spec.
-        running: the running configuration; the plan keeps it as far as no function loses by that. None: none is known.
+        running: the running configuration. The plan keeps as much of it as possible without a loss for any function.
+            None: the running configuration is not known.
         """
         return self._prepared[now.phase].plan(now, running)
 

@@ -1,8 +1,7 @@
 """The two events that end a flight: the logic of the parachute, and that of the balloon's line.
 
-The logic of the parachute has two inputs, the release command and the altitude. One of them is
-enough to keep the parachute shut (section 3.1 of the paper by Rawashdeh et al.). The parachute opens in one of three
-cases:
+The logic of the parachute has two inputs, the release command and the altitude. One of them is enough to keep the
+parachute shut (section 3.1 of the paper by Rawashdeh et al.). The parachute opens in one of three cases:
 
 - the release command is given;
 - the command has been missing for 3 s, and the aircraft, which has been above 3 000 m, is below the opening altitude:
@@ -17,8 +16,8 @@ The balloon's line is cut in one of three cases:
 - the aircraft is at the highest altitude, where the balloon bursts by itself. The state of the wings does not matter
   then.
 
-Neither module withdraws its output. A restart loses the output; the module gives it again if one of the cases still
-holds. A restart of the parachute's logic also loses whether the aircraft has been high. If it restarts below the
+Neither module withdraws its output. A restart loses the output; the module gives the output again if one of the cases
+still holds. A restart of the parachute's logic also loses whether the aircraft has been high. After a restart below the
 opening altitude, only a command or the default can open the parachute.
 """
 

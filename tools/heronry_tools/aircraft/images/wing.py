@@ -1,9 +1,9 @@
 """The inflatable wings: the control that inflates them, and the monitor that watches them until their skin is hard.
 
-The control decides when the valve is open, the monitor in which state the wings are. Each reads the output of the
-other, so the spec gives `wing_state` an initial value. The control keeps the valve closed while the monitor publishes
-that the wings are cured or leak. The monitor distinguishes folded wings from filling ones by the pressure, and by the
-demand of the valve. A leak is a loss of pressure in wings that were firm.
+The control decides when the valve is open. The monitor decides in which state the wings are. Each module reads the
+output of the other module, so the spec gives `wing_state` an initial value. The control keeps the valve closed while
+the monitor publishes that the wings are cured or leak. From the pressure and the demand of the valve, the monitor tells
+folded wings from wings that are being filled. A leak is a loss of pressure in wings that were firm.
 
 A restart of the monitor loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose again.
 So the valve is controlled longer than necessary, which does no harm.
@@ -47,8 +47,8 @@ class InflationControl(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the demand of the valve.
 
-        The valve is closed without a pressure, when the wings are cured or leak, and while the wings are folded and the
-        altitude is below 15 000 m or has been missing for less than a minute.
+        The valve is closed if the pressure is missing, and if the wings are cured or leak. The valve of folded wings is
+        also closed below 15 000 m; a missing altitude counts as below 15 000 m for one minute.
         """
         pressure_hpa = number(inputs, "wing_pressure")
         if pressure_hpa is None or self._refrains(inputs):
@@ -82,7 +82,7 @@ class WingMonitor(Module):
         self._has_been_firm = False
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the state; nothing without a pressure."""
+        """Publish the state of the wings; publish nothing if the pressure is missing."""
         pressure_hpa = number(inputs, "wing_pressure")
         if pressure_hpa is None:
             return {}

@@ -195,7 +195,8 @@ def _room_to_separate(spec: Spec, findings: Findings, place: Place, group: Seque
 def _placed(spec: Spec, module: str, placed: dict[str, str], tried: set[str]) -> bool:
     """Give the module a PE of its own in `placed`; tells whether that is possible.
 
-    Other modules may be moved for it (augmenting paths). `tried` are the PEs that the search has already considered.
+    Other modules may be moved to make this possible (augmenting paths).
+    placed: the module that each PE has so far. tried: the PEs that the search has already considered.
     """
     for pe in homes(spec, module):
         if pe not in tried:

@@ -26,8 +26,7 @@ Lost = Mapping[str, tuple[Phase, ...]]
 class Loss:
     """The functions that are lost with one element.
 
-    element: the element.
-    functions: the phases in which each function is lost.
+    functions: by name of the function, the phases in which it is lost.
     """
 
     element: str
@@ -75,7 +74,7 @@ def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
 
 
 def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
-    """Give the critical functions that a fault loses, each with the phases; in the spec's order."""
+    """Give the critical functions that a fault loses, in the spec's order; each with the phases in which it is lost."""
     if _differs_by_phase(planning, critical):
         each = {phase: _lost_in(planning.in_phase(phase), phase, wanted, down) for phase, wanted in critical.items()}
         lost = {name: tuple(phase for phase in critical if name in each[phase]) for name in planning.spec.functions}

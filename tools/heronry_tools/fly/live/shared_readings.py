@@ -45,7 +45,10 @@ class Writer:
         self._file, self._unfinished = file, unfinished
 
     def write(self, snapshot: Snapshot) -> None:
-        """Write the readings of all devices; from then on readers get these."""
+        """Write the readings of all devices; from then on readers get these readings.
+
+        Raises ValueError if the readings do not fit into a slot.
+        """
         readings = {name: value for name, value in snapshot.readings.items() if value is not None}
         form = [snapshot.time_ns, snapshot.height_m, readings, sorted(snapshot.refusing)]
         data = json.dumps(form, separators=(",", ":")).encode()

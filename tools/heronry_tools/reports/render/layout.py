@@ -37,7 +37,11 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A segment: straight from `start` to `leave`, then a curve to `enter`, then straight to `end`."""
+    """A segment: straight from `start` to `leave`, then a curve to `enter`, then straight to `end`.
+
+    edges: numbers of the edges that share the segment.
+    last: whether the segment ends at the target of its only edge.
+    """
 
     edges: tuple[int, ...]
     start: Point
@@ -49,7 +53,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """A feedback edge: a line through right angles."""
+    """A feedback edge as a line through `points`, with right angles; `edge` is its number in the graph."""
 
     edge: int
     points: tuple[Point, ...]
@@ -193,7 +197,10 @@ class _Placing:
                         self._move(column, place, level)
 
     def _move(self, column: tuple[str, ...], place: int, level: int) -> None:
-        """Move a way-point to a height, or as near to it as its neighbours in the column allow."""
+        """Move a way-point as near to a height as its neighbours in the column allow.
+
+        place: index of the way-point in `column`. level: the height, in 1/64 of a pixel (`_FINE`).
+        """
         if place > 0:
             above = column[place - 1]
             level = max(level, self._y[above] + (self._shapes[above].height + _ROW_GAP) * _FINE)
@@ -214,7 +221,10 @@ class _Placing:
         return (2, 3, 8)[points]
 
     def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
-        """Give the left and right sides of the columns; the gap after a column is wider if steeper edges leave it."""
+        """Give the left and right sides of the columns, in pixels; `y` has the height of each symbol and way-point.
+
+        The steeper the edges that leave a column, the wider the gap after it.
+        """
         steepest = [0] * len(self._layers.columns)
         for segment in self._layers.segments:
             out, into = self._ends(segment)
@@ -244,7 +254,7 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Give the x at which an edge meets its target, or passes the column whose left side is `left`.
+        """Give the x in pixels at which a segment ends: at its target, or at `left`, the left side of a passed column.
 
         into: height at which the edge ends, from the top of the target. The side of a circle is farther to the right
         near the top and the bottom of the circle, so an edge ends farther to the right there.
@@ -271,7 +281,7 @@ def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
 
     offsets: the least distance of each symbol from the first symbol.
     wanted: the wanted height of each symbol, and its weight.
-    The heights are rounded down.
+    All heights and distances are in 1/64 of a pixel; the result is rounded down.
     """
     blocks: list[tuple[int, int, int]] = []  # sum of weighted heights, sum of weights, members
     for (height, weight), offset in zip(wanted, offsets, strict=True):

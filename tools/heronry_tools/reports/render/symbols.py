@@ -2,8 +2,9 @@
 
 Figure 1 of the paper shows modules and variables, Figure 2 the gates, and Figure 3 the devices.
 
-A symbol is drawn in its box. Dead symbols are crossed out, chosen symbols have bold lines, and the cell of the running
-mode is filled.
+A symbol is drawn in its box. A *dead* symbol is crossed out: its module cannot run, its gate cannot hold, or its
+variable cannot be given. A *chosen* symbol has bold lines: its module runs, its gate holds, or its variable is given in
+the plan. The cell of the running mode is filled.
 """
 
 from collections.abc import Iterator
@@ -51,7 +52,7 @@ def _module(node: Node, box: Box) -> Iterator[str]:
 
 
 def _small(node: Node, box: Box) -> Iterator[str]:
-    """Draw a symbol that is not a module, with its name below it where it has one."""
+    """Draw a symbol that is not a module; its name, if the symbol shows one, stands below."""
     x, y, width, height = _body_x(box), box.y, box.shape.body_width, box.shape.body_height
     middle, level = x + width // 2, y + height // 2
     inside = node.label

@@ -1,4 +1,4 @@
-"""Makes the plans for every single fault in the background of a demo that flies without them, for the next demo.
+"""Makes the plans for every single fault in the background, while a demo flies without them; the next demo uses them.
 
     python -m heronry_tools.runtime.demo.planning_ahead SPEC      started by the demo, which holds its standard input
 
@@ -47,7 +47,7 @@ class PlanningAhead:
         )
 
     def outcome(self) -> str | None:
-        """Give a sentence about the end of the process, on the first call after it; None on all other calls."""
+        """Give a sentence about the result, on the first call after the process has ended; None on all other calls."""
         if self._process is None or self._process.poll() is None:
             return None
         process, self._process = self._process, None
@@ -58,7 +58,10 @@ class PlanningAhead:
         return f"the plans for every single fault were not made: {last}"
 
     def close(self) -> str | None:
-        """End the process if it still plans; returns a sentence about its result, None if `outcome` has given it."""
+        """End the process if it still plans, and return a sentence about its result.
+
+        None if `outcome` has already returned this sentence, or if the process was never started.
+        """
         outcome = self.outcome()
         process, self._process = self._process, None
         if process is None:

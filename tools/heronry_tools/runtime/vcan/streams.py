@@ -21,7 +21,7 @@ from heronry_tools.runtime.vcan.guest import TERMINAL
 
 
 class Streams:
-    """The command's stdout and stderr: where the guest writes them, and their way to those of this program."""
+    """Brings the command's stdout and stderr from the guest to the stdout and stderr of this program."""
 
     def __init__(self, folder: Path) -> None:
         self.places: list[str] = []

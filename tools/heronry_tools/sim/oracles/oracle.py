@@ -23,7 +23,7 @@ from heronry_wire.state_frames import StatePage0
 
 
 class StateSaid(NamedTuple):
-    """Page 0 of a PE's state, which oracles get if it differs from the PE's page 0 before."""
+    """A page 0 that a PE or a gateway has sent, and that differs from the last page 0 of this PE."""
 
     t_ns: int
     bus: str
@@ -53,7 +53,10 @@ class Oracle:
         """Called when a channel of a replicated bus, 0 or 1, has carried a frame."""
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
-        """Called when a foreign node has sent an ALIVE that names these PEs, or a state in the name of one."""
+        """Called when a foreign node has sent a forged frame about these PEs.
+
+        The frame is an ALIVE that names them, or a state frame under the identifier of one PE.
+        """
 
     # What PEs send
 
@@ -93,12 +96,15 @@ class Oracle:
         """Called when any manager has sent a LEASE on the managers' bus."""
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
-        """Called when the active manager, at this station, has sent a command; not if it repeats its last LEASE."""
+        """Called when the active manager, at this station, has sent a command.
+
+        Not called for a LEASE that is equal to the manager's last LEASE.
+        """
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
         """Called once per epoch, after its first ACTIVATE.
 
-        By then the frames have given its configuration, or it is certain that they cannot (`epoch.flaw`).
+        `epoch.configuration` is set if the frames give the configuration. Otherwise `epoch.flaw` says why they do not.
         """
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
@@ -114,7 +120,7 @@ class Oracle:
         """Called when a mission phase has begun."""
 
     def planning(self, seen: PlanningSeen) -> None:
-        """Called when a manager has requested a plan, and when it is given the answer to a request."""
+        """Called when a manager has requested a plan, and again when the manager gets the answer."""
 
     # What modules do
 

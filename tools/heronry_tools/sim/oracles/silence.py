@@ -5,10 +5,10 @@ With `without_manager: safe_mode` this is promised only for critical functions.
 A function counts as silent from its last output on. A waiver counts if it holds at any moment between that output and
 the moment at which the function had to be heard again.
 
-A function may fall silent because the phase or a priority has changed: the aircraft cannot serve it beside what is now
-more important. This is allowed if an epoch that was activated before the next output was due leaves the function out,
-and the best plan for a phase and priorities in force when that epoch was planned leaves it out, too. If two plans are
-equally good, either may be activated.
+A function may fall silent because the phase or a priority has changed, if other functions are now more important. This
+is allowed under two conditions. An epoch that was activated before the next output was due leaves the function out. And
+the best plan for a phase and priorities in force while this epoch was planned also leaves the function out, or is no
+better than the plan of the epoch.
 
 A function may fall silent while the module that serves it moves: the new PE of the module holds back its outputs until
 ALIVE names the PE (protocol rule 6), and a manager that falls silent right after ACTIVATE sends no ALIVE. This is
@@ -41,7 +41,7 @@ class LeftOut:
     """Tells which functions an activated epoch rightly leaves out, or moves to another PE."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch], in_force: InForce) -> None:
-        """Begin; `epochs`: the activated epochs, which are read again at every call of `explains`."""
+        """Begin with the activated epochs, by number; epochs that the caller adds later are used, too."""
         self._spec, self._epochs, self._in_force = spec, epochs, in_force
 
     def explains(self, outage: Outage, patience_ns: int) -> bool:
@@ -68,7 +68,10 @@ class LeftOut:
                 return
 
     def _is_right(self, function: str, epoch: Epoch, configuration: Configuration) -> bool:
-        """Tell whether a configuration rightly leaves a function out: the best plan is no better, or does so, too."""
+        """Tell whether a configuration rightly leaves a function out.
+
+        It does so if the best plan leaves the function out, too, or is no better than the configuration.
+        """
         if _serves(self._spec, configuration, function):
             return False
         for now in self._in_force(epoch.prepared_ns, _begins_ns(epoch)):

@@ -71,7 +71,10 @@ class TermCheck(Oracle):
             self._voices.clear()
 
     def follow_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
-        """Verify a command on the managers' bus; return whether its term is active or claimed."""
+        """Verify a command on the managers' bus; return whether its term is active or claimed.
+
+        With a key, a term is *claimed* while some PEs may not accept it yet (`active_term`).
+        """
         if isinstance(message, SliceHead | SliceBody):
             own = self._own.get(station, 0)
             return own == self._mastership.number or self._mastership.is_claimed(own, station)
@@ -93,7 +96,7 @@ class TermCheck(Oracle):
         self._mastership.tagged(t_ns, station)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """Note that a second manager is about to start at station `twin`, with `station`'s journal."""
+        """Note that a second manager is about to start at station `twin`, with a copy of the journal of `station`."""
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
@@ -104,7 +107,7 @@ class TermCheck(Oracle):
         return self._mastership.named(t_ns, term, station) and not self._mastership.is_claimed(term, station)
 
     def manager_died(self, _t_ns: int, station: str) -> None:
-        """Forget the last LEASE of a station whose manager has died; the next one there may name any epoch."""
+        """Forget the last LEASE of a station whose manager has died: the station's next LEASE may name any epoch."""
         self._leased.pop(station, None)
 
     def _leases(self, t_ns: int, station: str, message: Lease) -> None:

@@ -1,7 +1,8 @@
-"""The decision trace of a flight: what was done and what the manager decided, one line each, for comparison as a diff.
+"""The decision trace of a flight: the scenario's actions and the manager's decisions, one line each, to be compared.
 
-The trace has no times and no plans. So it changes when a decision changes, and not when a frame gets a byte longer.
-(Expectations verify that decisions come in time.) Suspected PEs are left out, since most of them answer.
+The trace has no times of decisions and no plans. So it changes when a decision changes, and not when a frame gets a
+byte longer. (Expectations verify that decisions come in time.) Events `pe_suspected` are left out, since most suspected
+PEs answer.
 
 The golden trace of FILE.scenario is FILE.scenario.golden beside it.
 """
@@ -59,9 +60,9 @@ _LINES: Mapping[str, str] = {
 
 
 def deed_line(seconds: float, text: str) -> str:
-    """Return the line of the trace for what a line of the scenario does.
+    """Return the line of the trace for an action of the scenario.
 
-    seconds: time of the flight; text: the line of the scenario, without its time
+    seconds: time of the flight; text: the action's line in the scenario file, without the time
     """
     return f"--- at {seconds:g}s {text}"
 
@@ -87,7 +88,10 @@ def golden_file(file: Path) -> Path:
 
 
 def kept(file: Path) -> list[str] | None:
-    """Return the lines of a scenario's golden trace; None if there is none. Raises UserError if it is not text."""
+    """Return the lines of a scenario's golden trace; None if the scenario has no golden trace.
+
+    Raises UserError if the golden trace is not text.
+    """
     golden = golden_file(file)
     if not golden.exists():
         return None

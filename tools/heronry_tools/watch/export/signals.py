@@ -1,9 +1,9 @@
 """The signals of a recorded flight: every variable of the spec as each module gives it, and what PEs and buses show.
 
-A signal is a series of numbers with a name and a unit. Those of variables are named MODULE.VARIABLE, with .0, .1, ...
-for the elements of an array. Each PE has the signals pe.NAME.load in % and pe.NAME.epoch. Each bus has bus.NAME.load
-and bus.NAME.peak in %. Each function has function.NAME.served (1 or 0). A variable that no frame carried has a series
-without samples, so that a reader finds every signal of the spec.
+A signal is a series of numbers with a name and a unit. The signal of a variable is named MODULE.VARIABLE, with .0, .1,
+... for each element of an array. Each PE has the signals pe.NAME.load in % and pe.NAME.epoch. Each bus has
+bus.NAME.load and bus.NAME.peak in %. Each function has function.NAME.served (1 or 0). A variable that no frame carried
+has a series without samples, so that a reader finds every signal of the spec.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -12,15 +12,20 @@ _OF_REPLAYED_COUNTERS = frozenset(("silence",))  # PEs with a key reject reused 
 
 
 def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
-    """Make an injection of `do`, which is done to the running manager that the fault names.
+    """Make an injection that calls `do` with the running manager that is the target of the fault.
 
-    The function that `do` returns must have no effect if this manager no longer runs.
+    The injection does nothing if this manager does not run. The function that `do` returns ends the fault; it must have
+    no effect if the manager has stopped in the meantime.
     """
     return _in_seat(lambda simulation, seat, fault, random: do(simulation.managers.running[seat], fault, random))
 
 
 def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inject:
-    """Make an injection of `do`, which gets the seat (the computer) of the running manager that the fault names."""
+    """Make an injection that calls `do` with the seat of the running manager that is the target of the fault.
+
+    The seat is the number of the computer on which the manager runs: its node-ID, or the negative node-ID of a second
+    manager with the same node-ID. The injection does nothing if the target does not run.
+    """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         node, foremost = MANAGERS[fault.target], simulation.managers.foremost
