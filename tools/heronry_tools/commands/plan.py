@@ -104,7 +104,7 @@ def _add_situation(parser: argparse.ArgumentParser) -> None:
         "--limit",
         metavar="ELEMENT=PERCENT",
         action="append",
-        help="percentage of its capacity that a PE or bus still has; may be repeated",
+        help="a PE or bus that has only this percentage of its capacity left, as pe:nav=50%%; may be repeated",
     )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument(
