@@ -27,7 +27,7 @@ window of the priority above.
 The analysis assumes that every node sends by priority, not first-in-first-out. It ignores offsets between messages (the
 result is safe, and exact for unrelated clocks), and considers errors only if they are given (`Errors`).
 
-If a message and all messages above it load the bus to more than 9 999/10 000, the response time of that message counts
+If a message and all messages above it load the bus to 9 999/10 000 or more, the response time of that message counts
 as unbounded. The clocks of two nodes may differ by 1/10 000, and near full load the busy period grows without limit.
 """
 

@@ -118,7 +118,7 @@ class _GateRules:
                 self._refuse_cycle(cycle)
 
     def _check_votes(self, reading: Reading) -> None:
-        """Check that a mode names a DEMUX at most once, and that no two leaves accept one version of a variable."""
+        """Check that a mode names a DEMUX at most once, and that no version of a variable is accepted twice."""
         demuxes: set[str] = set()
         accepted: set[_Datum] = set()
         for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):

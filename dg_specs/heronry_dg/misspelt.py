@@ -7,10 +7,14 @@ If several elements use the same unknown name, the mistake is probably in its de
 - No similar name is declared. Then the declaration is missing: one finding is placed at the section that lacks it.
 - A similar name is declared and used. Then it is unclear which name the author meant: the findings stay at the uses.
 
-If only one element uses an unknown name, the use counts as misspelt, and the finding stays there. There is one
-exception, in which the declaration counts as misspelt: nothing uses a declared element with a similar name, the words
-of the declared name occur nowhere else in the file, and the words of the used name do. For example, `gsp` is declared,
-`gps` is used once, and `gps_altitude` is declared as well.
+If only one element uses an unknown name, the use counts as misspelt, and the finding stays there. The declaration
+counts as misspelt instead if all of these conditions hold. The words of a name are its parts between underscores.
+
+- An element with a similar name is declared, and nothing uses that element.
+- The words that only the declared name has occur nowhere else in the file.
+- The words that only the used name has all occur elsewhere in the file.
+
+For example, `gsp` is declared, `gps` is used once, and `gps_altitude` is declared as well. Then `gsp` is misspelt.
 """
 
 from collections import Counter

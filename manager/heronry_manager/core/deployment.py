@@ -52,7 +52,7 @@ _NO_REFUSAL = _IN_ORDER | {Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_
 
 
 class Deployment:
-    """Deploys plans as epochs within one term, and keeps what the PEs report of these epochs."""
+    """Deploys plans as epochs, in one term at a time, and keeps what the PEs report of these epochs."""
 
     def __init__(
         self,

@@ -147,7 +147,10 @@ class Epochs:
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:
-        """Remember an epoch that was activated or adopted, also over a restart."""
+        """Remember an epoch that was activated or adopted, also over a restart.
+
+        Of the epochs that no available PE shows any more, only the last few stay remembered.
+        """
         row = self._code.encode(epoch.configuration).hex()
         self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._known[epoch.epoch] = epoch

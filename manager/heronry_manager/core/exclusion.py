@@ -17,10 +17,12 @@ configuration that the PE may be running places the token there:
              stops immediately. A PE that does not hear this ALIVE is cut off, and stops by itself T_lease after it last
              heard another node
 
-`misses` of a bus is the number of silent periods after which a PE is declared down. Even if `misses` is less than
-three, the silence must last for three periods and a quarter. A PE sends a module's frames for two periods after the
-last frame that it has heard from another node. This frame may have come up to a period after the last state that the PE
-sent. The same holds for a gateway that forwards the module's frames, and a gateway may have a longer period.
+The reason for three periods and a quarter: a PE goes on sending a module's frames for two periods after the last frame
+that it has heard from another node, and this frame may have come up to a period after the last state that the PE sent.
+So a PE may send for three periods after its last state. A gateway goes on forwarding the module's frames by the same
+rule, and its period may be longer. Therefore the period of the slowest bus on the way counts. A PE may be declared down
+earlier, for example if `misses` of its bus is less than three. The PE holds the tokens of modules all the same until
+three periods and a quarter are over.
 
 The time of the silence and T_lease count only while this manager runs. The manager has a beat in every heartbeat
 period. So a longer gap between two of its steps was a pause or a jump of its clock, and the manager cannot tell which

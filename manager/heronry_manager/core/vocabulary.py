@@ -25,7 +25,7 @@ class RequestPlan:
     running: the running configuration; None: it is not known.
     in_background: the optimal plan is wanted, however long it takes; otherwise a legal plan is wanted immediately.
     target: the configuration that a script of the operator makes (`held_script`); the plan is compared with it, and no
-        contingency answers. None: there is no script.
+        contingency is given as the answer. None: there is no script.
     """
 
     request: int

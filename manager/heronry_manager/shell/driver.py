@@ -150,7 +150,7 @@ class ManagerDriver:
                 self._telling.tell_until(self._now_ns() - HELD_NS if self._frozen_ns is None else None)
 
     def _emit(self, told: dict[str, Any]) -> None:
-        """Give an event to the stream of this process, and to all followers."""
+        """Give an event to the stream of this process, and to all clients that follow the events."""
         if self._telling is None:
             self._tell_stream(told)
         else:
@@ -158,7 +158,7 @@ class ManagerDriver:
         self._control.followers.tell(told)
 
     def _status(self) -> dict[str, Any]:
-        """Make the first line for a follower: a status, with the plan that runs."""
+        """Make the first line for a client that begins to follow the events: a status, with the plan that runs."""
         plan = self._core.plan
         return {
             "v": VERSION,
@@ -274,9 +274,9 @@ class ManagerDriver:
             self._step(known)
 
     def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
-        """Give the followers the plan of the epoch that runs from now on.
+        """Send the plan that runs from now on to the clients that follow the events, if `told` says that one begins.
 
-        A follower that began to read after the plan was made has not received the plan before.
+        Such a client may lack this plan: it began to follow after the event `plan_ready`, or the epoch was adopted.
         """
         plan = self._core.plan
         if told["event"] in ("reconfigured", "adopted") and plan is not None:

@@ -59,7 +59,7 @@ class Followers:
         return True
 
     def readers(self) -> list[socket.socket]:
-        """Give the sockets that become readable when a reader closes its connection."""
+        """Give the sockets of all readers; a socket becomes readable when its reader closes the connection."""
         return list(self._of)
 
     def writers(self) -> list[socket.socket]:

@@ -145,7 +145,7 @@ class OutputAuthorization:
         return doubted_ns is None or now_ns - doubted_ns >= self._lease_ns
 
     def clashed(self, arrived_ns: int) -> None:
-        """Note a frame of another node with this PE's node-ID."""
+        """Note that another node has sent a frame under this PE's node-ID; this ends the authorization for T_lease."""
         was_clashed, self._clashed_ns = not self._is_past(self._clashed_ns, arrived_ns), arrived_ns
         if not was_clashed:
             self.revoked()

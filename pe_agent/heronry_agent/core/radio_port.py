@@ -7,10 +7,11 @@ tenth: if the measurement is a little too low, the data that the plan sends over
 reports the usable bandwidth to the manager, once in a heartbeat period of the radio, and immediately when the radio is
 gone or back.
 
-A frame that waits for more than T_lease is dropped, as on every bus; commands that have the same effect when they come
-late may wait for five periods of the radio. If no `Left` has come for a frame after a period, the port stops waiting
-for it and sends the next one. This also happens if the frame has left but the event `Left` was lost in an overrun of a
-receive queue; then the port has idled for that period.
+A frame without a time limit of its own is dropped when it has waited for T_lease (five heartbeat periods of the
+uplink), as on every bus. Commands that have the same effect when they come late may wait for five heartbeat periods of
+the radio instead, which may be longer. If no `Left` has come for a frame after a period of the radio, the port stops
+waiting for it and sends the next one. This also happens if the frame has left but the event `Left` was lost in an
+overrun of a receive queue; then the port has idled for that period.
 """
 
 from heronry_agent.core.link_meter import LinkMeter

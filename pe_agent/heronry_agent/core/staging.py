@@ -180,7 +180,7 @@ class Staging:
         return self.staged if self.staged.epoch != NO_EPOCH else None
 
     def _is_superseded(self, command: Prepare) -> bool:
-        """Tell whether a PREPARE of the same term with the same epoch or a newer one was accepted before."""
+        """Tell whether a PREPARE of the same term was accepted before, for the same epoch or for a newer epoch."""
         newest = self._newest()
         return newest is not None and command.term == self._term and not is_newer(command.epoch, newest.epoch)
 

@@ -4,7 +4,7 @@ _FEWEST = 3
 
 
 def steps_of(patience_ns: int, period_ns: int) -> int:
-    """Number of steps of a module in `patience_ns`, rounded up; at least three."""
+    """Number of steps of a module in the time `patience_ns`, rounded up; at least three."""
     return max(_FEWEST, -(-patience_ns // period_ns))
 
 

@@ -62,7 +62,7 @@ def load_spec_file(text: str) -> "Spec":
 
 
 def spec_text(text: str) -> SpecText:
-    """Read the text that SPEC names: a file, a shipped spec, `-`, a pipe, or REV:PATH.
+    """Read the spec that the argument SPEC (`text`) names: a file, a shipped spec, `-`, a pipe, or REV:PATH.
 
     Raises UserError or SpecError.
     """

@@ -81,7 +81,7 @@ def cut_text(mbit_per_s: int, sides: Mapping[str, Sequence[str]]) -> str:
 def errors_text(file: str, errors: Sequence[ScriptError], statements: int) -> str:
     """Write the errors of a script in the form of 'heronry check': FILE:LINE:COLUMN: CODE error: SENTENCE.
 
-    If a file has no statement, only its first errors are written.
+    If a file has no statement, it is probably no script: only its first errors are written.
     """
     most = len(errors) if statements else _MOST_OF_NO_SCRIPT
     lines = [f"{file}:{_place(error)}: {error.code} error: {on_one_line(error.sentence)}\n" for error in errors[:most]]

@@ -375,7 +375,7 @@ def _overtime(event: Mapping[str, Any]) -> Line:
 def _logs(event: Mapping[str, Any]) -> Line:
     if not event["kept"]:
         return Line(f"the logs of all processes are in {event['folder']}", "quiet")
-    return Line(f"the logs of this run stay in {event['folder']}, until the logs of {RUNS_KEPT} later runs are kept")
+    return Line(f"the logs of this run are kept in {event['folder']}, until {RUNS_KEPT} later runs have kept theirs")
 
 
 def _heartbeat(event: Mapping[str, Any]) -> Line:

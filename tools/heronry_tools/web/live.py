@@ -69,7 +69,7 @@ class Live:
         return self._state.snapshot
 
     def age_s(self) -> float:
-        """Give the time in seconds since something came from the system."""
+        """Give the time in seconds since an event, the connection or the bus last showed that the system is there."""
         return time.monotonic() - self._last_came_s
 
     def take_all(self, events: Iterable[Event], trouble: str | None, *, is_alive: bool) -> None:

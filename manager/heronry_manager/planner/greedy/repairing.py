@@ -157,7 +157,7 @@ class Repair:
         return True
 
     def _worsen(self, goal: Goal) -> bool:
-        """Put the output of a function into a cheaper mode; tell whether that was possible."""
+        """Put the output module of a function into a cheaper mode; tell whether that was possible."""
         module = self._output(goal)
         modes, price = self._tables.numbers.modes_of[module], self._tables.orders.price
         now = price[self.draft.mode[module]]

@@ -1,10 +1,11 @@
-"""The tables of the greedy planner: a spec in integers, worked out once.
+"""The tables of the greedy planner: a spec in integers.
 
-The tables depend on the spec, the phase and changed priorities alone; a `Scene` has what depends on faults. The parts
-are made in this order, each from the parts before it:
+All parts but `wanted` depend on the spec alone, and are worked out once for a spec. `wanted` also depends on the phase
+and on changed priorities. A `Scene` has what depends on faults. The parts are made in this order, each from the parts
+before it:
 
     numbering        the number of each element
-    sizes            the resources of modes and PEs, where a mode could run
+    sizes            the resources of modes and of PEs; the PEs on which each mode could run
     leaves           inputs and gates
     orders           the order in which the inputs of gates, and the modes that may feed them, are tried
     placement_rules  rules between modules

@@ -39,8 +39,8 @@ class FusedAltitude(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish an altitude.
 
-        Without a GPS height, mode `fused` uses the last offset and `gps_only` publishes nothing. Without a pressure,
-        and before its first GPS height, `fused` publishes nothing.
+        Without a GPS height, mode `fused` uses the last offset and `gps_only` publishes nothing. `fused` publishes
+        nothing without a pressure, or until a GPS height and a pressure have come together.
         """
         gps_m = number(inputs, "gps_altitude")
         if self.ctx.mode == "gps_only":

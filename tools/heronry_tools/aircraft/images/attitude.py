@@ -45,7 +45,11 @@ class AttitudeFilter(Module):
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the attitude; nothing if a rate is missing, and in `fused` nothing before the first accelerations."""
+        """Publish the attitude; nothing if a rate is missing.
+
+        After a start in mode `fused` there is an exception: the first attitude is the reference itself. It needs no
+        rate, but in `fused` it needs accelerations.
+        """
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG
         pull_s = _GRAVITY_PULL_S if self.ctx.mode == "fused" else _GLIDE_PULL_S

@@ -85,7 +85,10 @@ class PitchControl(_Loop):
 
 
 class CourseControl(Module):
-    """Computes the roll command from the error of the course over ground."""
+    """Computes the roll command from the error of the course over ground.
+
+    Without a landing stage, the roll command may be up to 25 degrees.
+    """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the roll command: at most 25 degrees, in the flare transition and the flare at most 8 degrees."""

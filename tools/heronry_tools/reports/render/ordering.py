@@ -28,7 +28,10 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Columns of symbols and way-points: the columns from left to right, the names in each from top to bottom."""
+    """Columns of symbols and way-points: the columns from left to right, the names in each from top to bottom.
+
+    segments: the pieces of the edges between them.
+    """
 
     columns: tuple[tuple[str, ...], ...]
     segments: tuple[Segment, ...]

@@ -89,6 +89,7 @@ def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
     """Give the sheet on which each variable is drawn solid.
 
     This is the first sheet on which the variable is given; if it is given on no sheet, the first on which it is read.
+    on: the sheet of each edge of the graph.
     """
     given: dict[str, int] = {}
     read: dict[str, int] = {}

@@ -7,8 +7,8 @@ element is kept, and given as soon as a manager is active.
 
 With two managers, a term can end before the other manager has heard of an order. The protocol does not promise that the
 next manager learns of this order. A real operator sees in the status that the order is missing, and repeats it. After
-`insist` this operator repeats the orders in each new term. With one manager nothing is repeated, since a manager that
-restarts reads the orders in its journal.
+`insist` this operator repeats in each new term the orders by which it has declared elements failed or cleared them.
+With one manager nothing is repeated, since a manager that restarts reads the orders in its journal.
 """
 
 from heronry_dg.losses import lost_elements
@@ -91,7 +91,10 @@ class Operator:
         return sorted(held - self._truth.declared.keys())
 
     def insist(self) -> None:
-        """From now on, repeat to each new active manager the orders that it may not know."""
+        """From now on, repeat to each new active manager the orders about failed elements that it may not know.
+
+        Nothing is repeated with one manager, or if no element has been declared failed or cleared before this call.
+        """
         self._insists = self._managers.are_two and bool(self._truth.declared or self._well)
         self._look()
 

@@ -38,14 +38,14 @@ InForce = Callable[[int, int], Iterable[Situation]]
 
 
 class LeftOut:
-    """Tells which functions an activated epoch rightly leaves out, or moves to another PE."""
+    """Tells which functions an activated epoch rightly leaves out, and which it serves on another PE than before."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch], in_force: InForce) -> None:
         """Begin with the activated epochs, by number; epochs that the caller adds later are used, too."""
         self._spec, self._epochs, self._in_force = spec, epochs, in_force
 
     def explains(self, outage: Outage, patience_ns: int) -> bool:
-        """Tell whether an activated epoch rightly leaves out, or moves, the function that has fallen silent.
+        """Tell whether an activated epoch rightly leaves the silent function out, or serves it on another PE.
 
         patience_ns: the time after the function's last output within which it had to be heard again
         """
