@@ -274,7 +274,7 @@ def test_a_fault_that_is_not_injected_as_it_is_written_fails(
         ("expect variable:elevator_deman heard within 1s", 4, "did you mean 'elevator_demand'?"),
         ("expect function:elevator silent by servo_driver_1 within 1s", 4, "only a function is served by a module"),
         ("expect pe:tail_a happy within 1s", 4, "write for example 'expect pe:NAME active within 1s'"),
-        ("expect pe:tail_c active within 1s", 4, "no pe is named 'tail_c'"),
+        ("expect pe:tail_c active within 1s", 4, "no PE is named 'tail_c'"),
         ("expect manager soon", 4, "write for example 'expect manager heard within 1s'"),
         ("expect bus:can0 reported throughout", 4, "cannot be read; write for example"),
         ("expect device:gps reported within 1s", 4, "no device is named 'gps'"),

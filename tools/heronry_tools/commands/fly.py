@@ -82,7 +82,11 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
     parser.add_argument(
-        "--runs", type=flights, default=1, metavar="N", help="fly the N seeds from --seed on (default: 1)"
+        "--runs",
+        type=flights,
+        default=1,
+        metavar="N",
+        help="number of flights (default: 1); the first has the seed of --seed, each further one the next seed",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
@@ -310,7 +314,8 @@ def _blow(spec: "Spec", text: str) -> "Blow":
             f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, for example pe:nav_a@20"
         )
     if name not in known:
-        raise UserError(f"--kill {text}: no {kind} is named '{name}'; {meant(name, known)}")
+        shown = "PE" if kind == "pe" else kind
+        raise UserError(f"--kill {text}: no {shown} is named '{name}'; {meant(name, known, there_is='the spec has')}")
     if how and kind != "device":
         raise UserError(f"--kill {text}: a {kind} takes no '={how}'; only a device may be {', '.join(_HOW)}")
     if how and how not in _HOW:

@@ -393,7 +393,7 @@ class _Reader:
     def _variable(self, name: str) -> None:
         assert self.spec is not None
         if name not in self.spec.variables:
-            self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables)}")
+            self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables, there_is='the spec has')}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
         """Return an expectation that ends (`until_ns`) with the next deed, or with the script if no deed follows.
