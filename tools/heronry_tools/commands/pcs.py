@@ -232,7 +232,8 @@ def _required(arguments: argparse.Namespace, subject: "Subject") -> Sequence[str
     known = (*PREDICATES, "cycle_bound", "control_path", "on_path")
     for name in arguments.require:
         if name not in known:
-            raise UserError(f"--require: there is no predicate '{name}'; {meant(name, known, there_is='the predicates are')}")
+            remedy = meant(name, known, there_is="the predicates are")
+            raise UserError(f"--require: there is no predicate '{name}'; {remedy}")
     if "control_path" in arguments.require and arguments.path is None:
         raise UserError("--require control_path needs --path with the members through which one loop must pass")
     required: list[str] = arguments.require
