@@ -258,7 +258,7 @@ def test_a_fault_that_is_not_injected_as_it_is_written_fails(
         ("at 1s kill pe:flight\nat 2s kill pe:flight", 5, "pe:flight does not run at that time"),
         ("without pe:tail_a\nat 1s kill pe:tail_a", 5, "pe:tail_a does not run at that time"),
         ("at 1s restore manager", 4, "manager runs at that time"),
-        ("at 1s kill standby", 4, "'kill standby': there is one manager; write 'manager', or 'standby' above"),
+        ("at 1s kill standby", 4, "'kill standby': the flight has only one manager; write 'manager', or a"),
         ("at 1s kill manager\nat 2s restore primary", 5, "the flight has only one manager"),
         ("at 1s manager_crash standby for 1s", 4, "the flight has only one manager"),
         ("at 1s phase landing", 4, "no phase is named 'landing'"),

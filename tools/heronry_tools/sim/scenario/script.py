@@ -283,7 +283,8 @@ class _Reader:
         self._not_before(at_ns)
         text = " ".join(words)
         if not self.has_standby and words[0] not in ("phase", "priority") and any(map(is_one_of_two, words[1:2])):
-            self._refuse(f"'{text}': the flight has only one manager; write 'manager', or a line 'standby' before this one")
+            remedy = "write 'manager', or a line 'standby' before this one"
+            self._refuse(f"'{text}': the flight has only one manager; {remedy}")
         match words:
             case ["kill" | "restore" as what, target]:
                 deed = Deed(self.number, at_ns, what, target if target in MANAGERS else self._pe(target), text)
