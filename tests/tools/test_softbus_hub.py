@@ -91,7 +91,7 @@ def test_what_is_no_frame_is_not_sent(hub: HubProcess, message: can.Message) -> 
 
 
 def test_a_second_hub_is_refused_and_the_first_goes_on(hub: HubProcess) -> None:
-    with pytest.raises(HubError, match="a software bus runs at .* already"):
+    with pytest.raises(HubError, match=r"a software bus runs at .* already"):
         start_hub(hub.path)
     assert_carries_frames(hub.path)
 
