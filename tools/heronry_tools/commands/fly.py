@@ -314,8 +314,7 @@ def _blow(spec: "Spec", text: str) -> "Blow":
             f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, for example pe:nav_a@20"
         )
     if name not in known:
-        shown = "PE" if kind == "pe" else kind
-        raise UserError(f"--kill {text}: no {shown} is named '{name}'; {meant(name, known, there_is='the spec has')}")
+        raise UserError(f"--kill {text}: no {kind} is named '{name}'; {meant(name, known)}")
     if how and kind != "device":
         raise UserError(f"--kill {text}: a {kind} takes no '={how}'; only a device may be {', '.join(_HOW)}")
     if how and how not in _HOW:
