@@ -193,7 +193,7 @@ def encode_data(can_id: int, datum: Datum, *, extended: bool = False) -> Frame:
         data = bytes(header)
     except ValueError:
         told = tuple(map(int, header))
-        raise WireError(f"header {told} does not fit: each of its four fields takes 0..255") from None
+        raise WireError(f"header {told} does not fit into a frame: each of its four fields takes 0..255") from None
     return Frame(can_id, data + _encode_value(datum.data_type, datum.value), extended)
 
 
@@ -203,7 +203,7 @@ def _encode_value(code: int, value: Value) -> bytes:
             raise WireError(f"user-defined type {code} takes 0 to 4 raw bytes, not {value!r}")
         return value
     if code >= len(_TYPES):
-        raise WireError(f"data type {code} is reserved: use 0..31, or 100..255 for your own")
+        raise WireError(f"data type {code} is reserved: use 0..31, or 100..255 for a user-defined type")
     layout = _LAYOUTS[code]
     try:
         if _IS_TEXT[code]:

@@ -72,7 +72,10 @@ def link_id(radio: int) -> int:
     radio: position of the radio among the wireless buses of the spec, from 0.
     """
     if not 0 <= radio < len(GATEWAY_IDS):
-        raise WireError(f"radio {radio} has no identifier for its reports: only {len(GATEWAY_IDS)} radios have one")
+        raise WireError(
+            f"radio number {radio}, counted from 0, has no identifier for the reports of its gateway: "
+            f"identifiers exist for {len(GATEWAY_IDS)} radios"
+        )
     return GATEWAY_IDS[radio]
 
 

@@ -36,7 +36,9 @@ def read_key(file: Path) -> Key:
             f"make a new key and keep it with 'chmod 600'"
         )
     if _TEXT.fullmatch(text) is None:
-        raise KeyFileError(f"{file} holds no key, which is {2 * KEY_BYTES} hexadecimal digits; 'heronry key' makes one")
+        raise KeyFileError(
+            f"{file} holds no key (a key is {2 * KEY_BYTES} hexadecimal digits); 'heronry key' makes one"
+        )
     return Key(bytes.fromhex(text))
 
 

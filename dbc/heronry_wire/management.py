@@ -230,7 +230,10 @@ class SliceBody:
     def encode(self) -> bytes:
         """Encode the payload of SLICE with index 1 or more."""
         if self.index == 0 or len(self.body) > SLICE_BYTES_PER_FRAME:
-            raise ValueError(f"SLICE {self.index} has {len(self.body)} bytes; send 5 at a time, from index 1 on")
+            raise ValueError(
+                f"SLICE with index {self.index} and {len(self.body)} bytes cannot be encoded: "
+                f"the index must be 1 or more, and the bytes at most {SLICE_BYTES_PER_FRAME}"
+            )
         number = int.from_bytes(self.body.ljust(SLICE_BYTES_PER_FRAME, b"\0"), "big")
         return SLICE_BODY.pack(self.node, self.epoch_low, self.index, number)
 

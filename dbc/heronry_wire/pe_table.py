@@ -28,7 +28,7 @@ from heronry_wire.packing import PackingError
 
 FORMAT = 1
 _REMEDY = "write the table anew with 'heronry table'"
-_COMPILE = "compile it first, on a computer with the manager: heronry table SPEC PE -o PE.table"
+_COMPILE = "compile the spec first, on a computer with the manager: heronry table SPEC PE -o PE.table"
 _SPEC = re.compile(r"^dg *:", re.MULTILINE)  # the key with which every spec begins
 _SHA_256 = re.compile("[0-9a-f]{64}")
 
@@ -170,7 +170,7 @@ class PeTable:
             raw = json.loads(text)
         except (ValueError, RecursionError) as error:
             if _SPEC.search(text):
-                raise TableError(f"this is a spec and no table; {_COMPILE}") from None
+                raise TableError(f"the text is a spec, not a table; {_COMPILE}") from None
             raise TableError(f"the table is not JSON ({error}); {_REMEDY}") from None
         if not isinstance(raw, dict) or raw.get("format") != FORMAT:
             raise TableError(f"the table is not of format {FORMAT}; {_REMEDY}")

@@ -57,7 +57,7 @@ def trusted_folder(folder: Path) -> Path:
     except OSError as error:
         raise RuntimeFolderError(f"{folder}: {error.strerror}") from error
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & _OTHERS_WRITE:
-        raise RuntimeFolderError(f"{folder} is not yours, or other users can write to it")
+        raise RuntimeFolderError(f"{folder} does not belong to you, or other users can write to it")
     return folder
 
 

@@ -11,15 +11,15 @@ def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
     return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=likeness)), None)
 
 
-def meant(word: str, known: Iterable[str], otherwise: str = "") -> str:
+def meant(word: str, known: Iterable[str], otherwise: str = "", *, there_is: str = "there is") -> str:
     """Give "did you mean ...?" with the known word most similar to `word`.
 
     Where no known word is similar, give `otherwise`; if `otherwise` is empty, give a sentence that lists the first
-    known words.
+    known words and begins with `there_is`.
     """
     names = list(known)
     found = close(word, names)
     if found:
         return f"did you mean '{found}'?"
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return otherwise or f"there is {', '.join(names[:_MOST_NAMES]) or 'none'}{more}"
+    return otherwise or f"{there_is} {', '.join(names[:_MOST_NAMES]) or 'none'}{more}"

@@ -102,7 +102,7 @@ class Findings:
         if not any(one.place == place for one in uses):
             uses.append(Use(place, kind, closest))
         hint = f"did you mean '{closest}'?" if closest is not None else _there_is(known)
-        self.add(rule, place, f"no {kind} is named {shown(name)}", hint)
+        self.add(rule, place, f"no {'PE' if kind == 'pe' else kind} is named {shown(name)}", hint)
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
         """Give the hint "did you mean ...?" with the most similar known name; empty where none is similar."""

@@ -347,7 +347,7 @@ def _reasons(document: Json) -> dict[str, str]:
 
 def _check_place(spec: Spec, name: str, mode: str, pe: str) -> None:
     if name not in spec.modules:
-        raise PlanError(f"modules.{name}: the spec has no such module")
+        raise PlanError(f"modules.{name}: the spec has no module '{name}'")
     if mode not in spec.modules[name].modes:
         raise PlanError(f"modules.{name}.mode: the module has no mode '{mode}'")
     if pe not in spec.pes:

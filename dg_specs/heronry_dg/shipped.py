@@ -35,4 +35,5 @@ def shipped_spec_path(name: str) -> Path:
     found = (path for folder in (*_FOLDERS, *_FLIGHTS) if (path := folder / f"{name}{SUFFIX}").is_file())
     for path in found:
         return path
-    raise UnknownSpecError(f"no spec named '{name}' is shipped; there are {', '.join(shipped_spec_names()) or 'none'}")
+    names = ", ".join(shipped_spec_names()) or "none"
+    raise UnknownSpecError(f"no spec named '{name}' is shipped; the shipped specs are {names}")

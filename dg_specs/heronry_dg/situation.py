@@ -188,7 +188,7 @@ def _what_was_meant(spec: Spec, text: str) -> str:
 
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    return f"no {kind} is named '{name}'; {meant(name, known)}"
+    return f"no {'PE' if kind == 'pe' else kind} is named '{name}'; {meant(name, known, there_is='the spec has')}"
 
 
 @dataclass(frozen=True, slots=True)

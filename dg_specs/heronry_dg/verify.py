@@ -117,7 +117,7 @@ def _sound(spec: Spec, known: Configuration) -> Configuration:
 
 def _unknown_names(spec: Spec, configuration: Configuration) -> Iterator[Violation]:
     for name in sorted(configuration.modules.keys() - spec.modules.keys()):
-        yield Violation("1.module", f"module {name}", "the spec has no such module")
+        yield Violation("1.module", f"module {name}", f"the spec has no module '{name}'")
     for name, module in spec.modules.items():
         running = configuration.modules.get(name)
         if running is not None and running.mode not in module.modes:
@@ -180,7 +180,7 @@ def _wires(case: _Case) -> Iterator[Violation]:
         for path, wire in running.inputs.items():
             where = f'module {name}, input "{path}"'
             if path not in accepted:
-                yield Violation("2.input", where, f"mode {running.mode} has no such input")
+                yield Violation("2.input", where, f'mode {running.mode} has no input "{path}"')
                 continue
             leaf = accepted[path]
             yield from (Violation(rule, where, text) for rule, text in _wire(case.spec, case.known, leaf, wire))
@@ -195,11 +195,11 @@ def _wires(case: _Case) -> Iterator[Violation]:
 def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[tuple[str, str]]:
     """Check one wire; yields (rule, sentence) for its first mistake, and nothing for a correct wire."""
     if wire.producer not in known.modules:
-        yield "2.producer", f"it is wired to {wire.producer}, which does not run"
+        yield "2.producer", f"the input is wired to {wire.producer}, which does not run"
         return
     mode = known.mode(spec, wire.producer)
     if wire.variable != leaf.variable:
-        yield "2.variable", f"it takes {leaf.variable} and is wired to {wire.variable}"
+        yield "2.variable", f"the input takes {leaf.variable} and is wired to {wire.variable}"
     elif wire.variable not in mode.gives:
         yield "2.gives", f"{wire.producer} does not give {wire.variable} in mode {mode.name}"
     elif wire.version != mode.gives[wire.variable]:
@@ -209,7 +209,7 @@ def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[
             f"{wire.producer} gives {wire.variable}@{given} in mode {mode.name}, not @{wire.version}",
         )
     elif not leaf.accepts(wire.version):
-        yield "2.accepts", f"it takes {leaf.variable}@{leaf.best} to @{leaf.worst}, not @{wire.version}"
+        yield "2.accepts", f"the input takes {leaf.variable}@{leaf.best} to @{leaf.worst}, not @{wire.version}"
 
 
 def _route(case: _Case, consumer_pe: str, producer: str, where: str) -> Iterator[Violation]:
@@ -370,7 +370,7 @@ def _placement_rules(case: _Case) -> Iterator[Violation]:
         for name in running[1:]:
             first, here = case.known.modules[running[0]].pe, case.known.modules[name].pe
             if here != first:
-                text = f"it must run on one PE with {running[0]}, which is on {first}; it is on {here}"
+                text = f"the module must share a PE with {running[0]}: {running[0]} is on {first}, the module on {here}"
                 yield Violation("8.together", f"module {name}", text)
 
 

@@ -55,7 +55,8 @@ class _Size(NamedTuple):
 def require_wire_limits(spec: Spec) -> None:
     """Raise WireLimitError if a spec exceeds a limit of the wire; the message names the first excess."""
     for excess in exceeded(spec):
-        raise WireLimitError(f"{spec.name}: {excess.sentence}; {excess.remedy} ('heronry check' names every place)")
+        where = "('heronry check' lists all such mistakes)"
+        raise WireLimitError(f"{spec.name}: {excess.sentence}; {excess.remedy} {where}")
 
 
 def exceeded(spec: Spec) -> Iterator[Excess]:

@@ -86,7 +86,7 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
             rules.TOO_LARGE,
             Place(1, 1),
             f"the file has more than {MOST_BYTES} bytes",
-            "look for pasted data, or divide the system into two specs",
+            "remove data that is no part of a spec, or divide the system into two specs",
         )
         return None
     if data.count(b":") + data.count(b",") + data.count(b"- ") > MOST_NODES:
@@ -94,7 +94,7 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
             rules.TOO_LARGE,
             Place(1, 1),
             f"the file has more than {MOST_NODES} values",
-            "look for pasted data, or divide the system into two specs",
+            "remove data that is no part of a spec, or divide the system into two specs",
         )
         return None
     text = _decoded(data, findings)
@@ -241,7 +241,10 @@ class _Builder:
             return _LimitError(rules.TOO_DEEP, place, _TOO_DEEP, _KEEP_FLAT)
         sentence = f"the file has more than {MOST_NODES} values"
         return _LimitError(
-            rules.TOO_LARGE, place, sentence, "look for pasted data, or divide the system into two specs"
+            rules.TOO_LARGE,
+            place,
+            sentence,
+            "remove data that is no part of a spec, or divide the system into two specs",
         )
 
     def _count_repeated(self, place: Place) -> None:
@@ -285,7 +288,7 @@ class _Builder:
                 sentence = f"the key {shown(event.value)} is not text"
                 self._findings.add(rules.KEY_NOT_TEXT, key.place, sentence, "put it in quotes")
             return str(event.value)
-        self._findings.add(rules.KEY_NOT_TEXT, key.place, "a key must be text", "write key: value")
+        self._findings.add(rules.KEY_NOT_TEXT, key.place, "the key of an entry must be text", "write key: value")
         return None
 
     def _left_over(self, place: Place, digits: str) -> None:

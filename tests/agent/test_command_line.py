@@ -55,7 +55,7 @@ def test_a_spec_in_the_place_of_a_table_is_to_be_compiled_first(
     code, line = complaint(capsys, "--table", str(file), "-i", "softbus", "-c", "/no/such.sock")
     assert code == 2
     assert line == (
-        f"pe-agent: {file}: this is a spec and no table; compile it first, on a computer with the manager: "
+        f"pe-agent: {file}: the text is a spec, not a table; compile the spec first, on a computer with the manager: "
         "heronry table SPEC PE -o PE.table"
     )
 

@@ -120,7 +120,7 @@ def test_rules_that_lead_in_a_circle_at_one_value_are_an_error() -> None:
     def rule(limit: str, origin: str) -> str:
         return f"{{variable: speed, {limit}, from: [{origin}]}}"
 
-    way = "all conditions of these rules hold at one value of 'speed'"
+    way = "at one value of 'speed', the rules of all these phases hold"
     round_three = [rule("above: 3", "land"), rule("above: 5", "climb"), rule("below: 9", "cruise")]
     assert said(*round_three) == [f"DG247: the phase changes without end (climb -> cruise -> land -> climb): {way}"]
     assert said(round_three[0], round_three[1], rule("below: 5", "cruise")) == []

@@ -36,7 +36,7 @@ def test_shipped_specs_are_sound(name: str) -> None:
 
 
 def test_a_spec_that_is_not_shipped() -> None:
-    with pytest.raises(UnknownSpecError, match=r"no spec named '\.\./x' is shipped; there are big_blue"):
+    with pytest.raises(UnknownSpecError, match=r"no spec named '\.\./x' is shipped; the shipped specs are big_blue"):
         shipped_spec_path("../x")
 
 

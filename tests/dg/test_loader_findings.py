@@ -82,7 +82,7 @@ PES = [
 ]
 
 DEVICES = [
-    ("{gps: {kind: sensor, pe: »nva}}", "no pe is named 'nva' (did you mean 'nav'?)"),
+    ("{gps: {kind: sensor, pe: »nva}}", "no PE is named 'nva' (did you mean 'nav'?)"),
     ("{gps: {kind: »radar, pe: nav}}", "must be 'sensor' or 'actuator', not 'radar'"),
     ("{»gps: {pe: nav}}", "device 'gps' lacks 'kind'"),
 ]
@@ -118,7 +118,7 @@ MODULES = [
     ("{driver: »[a]}", "module 'driver' must be a map, not a list"),
     (f"{{driver: {{{RUNS}, »gives_: {{}}}}}}", "module 'driver' has no field 'gives_' (did you mean 'gives'?)"),
     (f"{{driver: {{{RUNS}, device: »gsp}}}}", "no device is named 'gsp' (did you mean 'gps'?)"),
-    (f"{{driver: {{{RUNS}, runs_on: [»nva]}}}}", "no pe is named 'nva' (did you mean 'nav'?)"),
+    (f"{{driver: {{{RUNS}, runs_on: [»nva]}}}}", "no PE is named 'nva' (did you mean 'nav'?)"),
     (f"{{driver: {{{RUNS}, runs_on: »[]}}}}", "must be a list of 1 or more"),
     (f"{{driver: {{{RUNS}, checkpoint: »0.5}}}}", "must be true, false, a whole number or a name, not 0.5"),
     (f"{{driver: {{{RUNS}, gives: {{»altitud: 1}}}}}}", "no variable is named 'altitud' (did you mean 'altitude'?)"),

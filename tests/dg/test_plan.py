@@ -216,7 +216,7 @@ def test_a_foreign_plan_needs_modules_alone() -> None:
 def test_a_running_plan_needs_places_and_modes_alone() -> None:
     text = '{"modules": {"gps_driver": {"pe": "sensor_pe", "mode": "only", "inputs": 7}}}'
     assert read_running(text, FIGURE_3) == {"gps_driver": ("only", "sensor_pe")}
-    for wrong, sentence in (("gps_driver", "no such module"), ("only", "no mode"), ("sensor_pe", "no PE")):
+    for wrong, sentence in (("gps_driver", "no module"), ("only", "no mode"), ("sensor_pe", "no PE")):
         with pytest.raises(PlanError, match=sentence):
             read_running(text.replace(wrong, "another"), FIGURE_3)
 
@@ -261,7 +261,7 @@ def test_what_is_malformed_is_named(text: str, sentence: str) -> None:
         (("spec",), "0" * 64, "the plan was made for another spec, or another version of spec elevator_and_chute"),
         (("phase",), "glide", "no phase is named 'glide'"),
         (("phase",), 3, "phase is 3 and must be a string or null"),
-        (("down",), ["pe:tail"], "no pe is named 'tail'; did you mean 'tail_pe'?"),
+        (("down",), ["pe:tail"], "no PE is named 'tail'; did you mean 'tail_pe'?"),
         (("down",), [1], "down is [1] and must be a list of strings"),
         (("limits", "bus:can0"), 0.4, "limits: 'bus:can0' is 0.4 and must be a string"),
         (("limits", "bus:can0"), "much", "'bus:can0=much' is not a limit"),
@@ -300,7 +300,7 @@ def test_a_situation_of_another_spec_and_a_spec_in_place_of_a_plan_are_told() ->
 def test_a_module_that_the_spec_lacks_is_named() -> None:
     document = json.loads(chute_plan().to_json())
     document["modules"]["ghost"] = {"pe": "tail_pe", "mode": "only", "inputs": {}}
-    with pytest.raises(PlanError, match=r"^modules\.ghost: the spec has no such module$"):
+    with pytest.raises(PlanError, match=r"^modules\.ghost: the spec has no module 'ghost'$"):
         read_plan(json.dumps(document), FIGURE_3)
 
 

@@ -122,7 +122,7 @@ def test_everything_that_can_be_down_is_a_known_element() -> None:
     [
         (["nose"], [], None, "'nose' is not an element; did you mean 'pe:nose'?"),
         (["tail rotor"], [], None, "'tail rotor' is not an element; write KIND:NAME with KIND one of pe, device"),
-        (["pe:nosee"], [], None, "no pe is named 'nosee'; did you mean 'nose'?"),
+        (["pe:nosee"], [], None, "no PE is named 'nosee'; did you mean 'nose'?"),
         (["engine:left"], [], None, "'engine:left' is not an element"),
         (["channel:can0.1"], [], None, "no channel is named 'can0.1'; did you mean"),
         (["channel:can1.3"], [], None, "no channel is named 'can1.3'; did you mean"),
@@ -156,7 +156,7 @@ def test_a_module_can_be_down_on_one_of_its_pes() -> None:
     ("element", "sentence"),
     [
         ("module:filtre@mid", "no module is named 'filtre'; did you mean 'filter'?"),
-        ("module:filter@midd", "no pe is named 'midd'; did you mean 'mid'?"),
+        ("module:filter@midd", "no PE is named 'midd'; did you mean 'mid'?"),
         (
             "module:filter@tail",
             "module 'filter' has no place on 'tail'; write one of module:filter@mid, module:filter@ground",
@@ -165,7 +165,7 @@ def test_a_module_can_be_down_on_one_of_its_pes() -> None:
             "module:receiver@nose",
             "module 'receiver' has no place on 'nose'; write module:receiver: it has no choice of PEs",
         ),
-        ("device:gps@nose", "no device is named 'gps@nose'; there is gps"),
+        ("device:gps@nose", "no device is named 'gps@nose'; the spec has gps"),
     ],
 )
 def test_a_place_that_does_not_exist_is_refused(element: str, sentence: str) -> None:

@@ -90,7 +90,7 @@ def test_four_hundred_modules_on_one_pe_are_refused_before_the_flight(
 def test_the_compiler_of_tables_refuses_what_check_finds(rule: object) -> None:
     assert rule in (TOO_MANY, TOO_LONG_A_SLICE)
     bad, good = (spec_of(one) for one in (rule.bad, rule.good))  # type: ignore[attr-defined]
-    with pytest.raises(WireLimitError, match=re.escape("('heronry check' names every place)")):
+    with pytest.raises(WireLimitError, match=re.escape("('heronry check' lists all such mistakes)")):
         Compiler(bad).table("nav")
     assert Compiler(good).table("nav").name == "nav"
 

@@ -124,7 +124,7 @@ def test_scalars_on_which_programs_disagree_are_refused_with_a_remedy(text: str,
         (spec_text(contingency="{»on: 1}"), "some programs read 'on' as true"),
         (spec_text(contingency="{»1: 1}"), "the key '1' is not text (put it in quotes)"),
         (spec_text(contingency="{»null: 1}"), "the key 'null' is not text"),
-        (spec_text(contingency="{»[a]: 1}"), "a key must be text"),
+        (spec_text(contingency="{»[a]: 1}"), "the key of an entry must be text"),
         ("»%YAML 1.1\n---\n" + spec_text(), "a YAML directive (%...) is not allowed"),
     ],
 )

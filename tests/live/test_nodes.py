@@ -370,7 +370,7 @@ def test_an_interface_that_does_not_exist(command: list[str]) -> None:
     [
         (None, "No such file or directory; write the table with 'heronry table'"),
         ('{"format": 1, "name": "tail_pe"}', "write the table anew with 'heronry table'"),
-        ("dg: 1", "this is a spec and no table; compile it first"),
+        ("dg: 1", "the text is a spec, not a table; compile the spec first"),
     ],
 )
 def test_an_agent_without_a_table(complaint: Complaint, tmp_path: Path, content: str | None, says: str) -> None:

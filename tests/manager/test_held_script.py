@@ -162,7 +162,8 @@ def test_a_better_plan_found_on_the_way_flies_as_any_better_plan(manager: OneMan
 def test_without_a_plan_to_compare_it_with_it_is_refused(manager: OneManager) -> None:
     say(manager, FlyTarget(target()))
     actions = manager.give(PlanFailed(manager.requests[-1].request, "no memory"))
-    assert script(manager) == ("refused", "there is no plan to compare the script with: no memory")
+    why = "the planner gave no plan with which to compare the result of the script: no memory"
+    assert script(manager) == ("refused", why)
     assert [type(action) for action in actions if isinstance(action, Settled)] == [Settled]
 
 

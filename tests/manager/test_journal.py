@@ -283,7 +283,7 @@ def test_a_spec_that_has_changed_is_refused_until_told_otherwise(tmp_path: Path)
 def test_what_is_no_journal_is_left_alone(tmp_path: Path, data: bytes) -> None:
     file = tmp_path / "manager-126.journal"
     file.write_bytes(data)
-    with pytest.raises(JournalError, match="is no manager's journal; remove it"):
+    with pytest.raises(JournalError, match="is no manager's journal; remove the file"):
         Journal(tmp_path, NODE, SPEC)
     assert file.read_bytes() == data
 

@@ -35,7 +35,7 @@ def claim(*, node: int = 126, standby: bool = False) -> tuple[Turn, Claim]:
 
 def test_a_table_leads_where_its_rows_say_and_nowhere_else() -> None:
     assert DOOR.after(Door.SHUT, Push.OPENS) is Door.OPEN
-    with pytest.raises(InvariantError, match="SHUTS cannot happen in SHUT"):
+    with pytest.raises(InvariantError, match="SHUTS cannot happen in state SHUT"):
         DOOR.after(Door.SHUT, Push.SHUTS)
 
 

@@ -111,7 +111,7 @@ def test_a_question_that_cannot_be_answered_is_answered_with_the_reason(spec: Sp
     (failed,) = answers(client, 1)
     assert isinstance(failed, Failed)
     assert failed.request == 4
-    assert "no pe is named 'nowhere'" in failed.reason
+    assert "no PE is named 'nowhere'" in failed.reason
 
 
 def test_a_spec_that_has_changed_since_it_was_loaded_is_not_planned_with(spec: Spec, tmp_path: Path) -> None:

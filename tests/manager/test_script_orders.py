@@ -100,7 +100,7 @@ def test_it_is_followed_until_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_manager_of_another_spec_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
     Manager(monkeypatch, True)
     other = replace(two_tails(), digest="0" * 64)
-    with pytest.raises(UserError, match="the manager on x flies another spec, two_tails: name the right one with --of"):
+    with pytest.raises(UserError, match="flies another spec, two_tails: name the manager of two_tails with --of"):
         live_script.fly(Path("x"), MOVED, other)
 
 
@@ -113,7 +113,8 @@ def test_what_becomes_of_it_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -
     assert fly() == Answer(done=False, sentence="a reconfiguration is under way")
     Manager(monkeypatch, True, *[status("asked")] * 9)
     late = fly()
-    assert (late.done, late.sentence) == (False, "the script is not carried out after 30 s: see 'heronry status'")
+    sentence = "the script has not been completed within 30 s; it may still be running: see 'heronry status'"
+    assert (late.done, late.sentence) == (False, sentence)
 
 
 def test_the_status_says_what_became_of_a_script() -> None:

@@ -155,8 +155,8 @@ def test_too_much_or_too_late_is_said_and_makes_the_exit_code_1(
     ("arguments", "sentence"),
     [
         (("--bus", "can1"), "big_blue has no bus 'can1'; its buses are can0, radio"),
-        (("--plan", "PLAN"), "with this violation the messages of the plan are not defined: correct it"),
-        (("--down", "pe:nowhere"), "no pe is named 'nowhere'"),
+        (("--plan", "PLAN"), "the frames that it puts on the bus cannot be worked out: correct the plan"),
+        (("--down", "pe:nowhere"), "no PE is named 'nowhere'"),
     ],
 )
 def test_what_cannot_be_shown_is_reported_in_one_sentence(

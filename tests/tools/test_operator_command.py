@@ -73,8 +73,8 @@ def test_a_refusal_is_one_sentence_and_ends_with_1(manager: OneManager, capsys: 
 @pytest.mark.parametrize(
     ("order", "sentence"),
     [
-        (["phase", "glide"], "no phase is named 'glide'; there is none"),
-        (["fail", "pe:lefft"], "no pe is named 'lefft'; did you mean 'left'?"),
+        (["phase", "glide"], "no phase is named 'glide'; the spec has none"),
+        (["fail", "pe:lefft"], "no PE is named 'lefft'; did you mean 'left'?"),
         (["fail", "left"], "'left' is not an element; did you mean 'pe:left'?"),
         (["clear", "devise:servo_left"], "'devise:servo_left' is not an element; did you mean 'device:servo_left'?"),
         (["priority", "elevatr", "7"], "no function is named 'elevatr'; did you mean 'elevator'?"),

@@ -310,7 +310,7 @@ def test_one_edge_is_no_plural(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_misspelt_requirement_has_its_remedy(flat: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = Said(capsys, "check", flat, "--require", "confguration")
-    assert said.err == "heronry: --require: there is no 'confguration'; did you mean 'configuration'?\n"
+    assert said.err == "heronry: --require: there is no predicate 'confguration'; did you mean 'configuration'?\n"
     assert list(Said(capsys, "cut", "big_blue", "--json").json["sides"]) == ["side:flight", "side:ground"]
 
 

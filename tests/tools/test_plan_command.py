@@ -126,7 +126,7 @@ def test_the_next_plan_changes_little_of_what_runs(capsys: pytest.CaptureFixture
             ("plan", "missing.dg.yaml"),
             "missing.dg.yaml:1:1: DG001 error: the file cannot be read: No such file",
         ),
-        (("plan", "elevator_and_chute", "--down", "pe:tail"), "no pe is named 'tail'; did you mean 'tail_pe'?"),
+        (("plan", "elevator_and_chute", "--down", "pe:tail"), "no PE is named 'tail'; did you mean 'tail_pe'?"),
         (
             ("plan", "elevator_and_chute", "--down", "tail_pe"),
             "'tail_pe' is not an element; did you mean 'pe:tail_pe'?",
@@ -138,7 +138,7 @@ def test_the_next_plan_changes_little_of_what_runs(capsys: pytest.CaptureFixture
         (("plan", "elevator_and_chute", "--running", "{"), "plan.json: line 1, column 2: this is not JSON"),
         (
             ("plan", "elevator_and_chute", "--running", '{"modules": {"gps": {"pe": "tail_pe", "mode": "only"}}}'),
-            "plan.json: modules.gps: the spec has no such module",
+            "plan.json: modules.gps: the spec has no module 'gps'",
         ),
         (
             ("plan", "elevator_and_chute", "--running", '{"modules": {"gps_driver": {"pe": "tail_pe", "mode": "x"}}}'),

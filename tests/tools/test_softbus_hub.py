@@ -91,7 +91,7 @@ def test_what_is_no_frame_is_not_sent(hub: HubProcess, message: can.Message) -> 
 
 
 def test_a_second_hub_is_refused_and_the_first_goes_on(hub: HubProcess) -> None:
-    with pytest.raises(HubError, match="a bus runs there already"):
+    with pytest.raises(HubError, match=r"a software bus runs at .* already"):
         start_hub(hub.path)
     assert_carries_frames(hub.path)
 
@@ -120,7 +120,7 @@ def test_a_file_is_never_overwritten(path: Path) -> None:
 
 @pytest.mark.parametrize("place", ["missing/bus", "x" * 200])
 def test_an_impossible_place_is_refused_in_a_sentence(tmp_path: Path, place: str) -> None:
-    with pytest.raises(HubError, match="no bus can run there"):
+    with pytest.raises(HubError, match="no software bus can run at"):
         start_hub(tmp_path / place)
 
 

@@ -451,7 +451,7 @@ def test_acts_are_played_in_order_of_time() -> None:
         (["pe:nav@-1"], [], "--kill pe:nav@-1: write it as"),
         (["pe:nav@" + "9" * 400], [], "write it as"),
         (["device:gps@3"], [], "--kill device:gps@3: write it as"),
-        ([], ["pe:nva@3"], "--restore pe:nva@3: no pe is named 'nva'; did you mean 'nav'?"),
+        ([], ["pe:nva@3"], "--restore pe:nva@3: no PE is named 'nva'; did you mean 'nav'?"),
         (["pe:@3"], [], "--kill pe:@3: write it as"),
         (["pe:nav@٣"], [], "write it as"),
         (["pe:nav@1", "pe:nav@2"], [], "--kill pe:nav@2: nav does not run at that time; kill and restore in turn"),
@@ -509,7 +509,7 @@ def test_a_replicated_bus_is_two_of_whatever_it_is(tmp_path: Path) -> None:
 
 
 def test_a_bus_named_in_both_ways_is_one_clear_sentence(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="--bus can0: -i and -c name that bus already"):
+    with pytest.raises(UserError, match="--bus can0: -i and -c name this bus, too"):
         choose(BIG_BLUE, tmp_path, {"can0": ("softbus", "x")}, ("socketcan", "can7", None))
 
 

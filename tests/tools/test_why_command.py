@@ -112,7 +112,7 @@ def test_json_says_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "sentence"),
     [
         (["elevater"], "did you mean 'elevator'?"),
-        (["elevator", "--down", "pe:tail"], "no pe is named 'tail'; did you mean 'tail_pe'?"),
+        (["elevator", "--down", "pe:tail"], "no PE is named 'tail'; did you mean 'tail_pe'?"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -128,8 +128,8 @@ def test_what_cannot_be_opened_is_said_in_a_sentence(tmp_path: Path) -> None:
     empty = tmp_path / "empty.jsonl"
     empty.write_text("nothing\n")
     for path, spec, words in (
-        (tmp_path, None, "not one of 'heronry record'"),
-        (big_blue_log(), None, "write SPEC after it"),
+        (tmp_path, None, "is no folder of 'heronry record'"),
+        (big_blue_log(), None, "write SPEC after the file"),
         (empty, "big_blue", "holds no event"),
     ):
         with pytest.raises(UserError, match=words):
@@ -236,7 +236,7 @@ def test_the_command_line_of_top(capsys: pytest.CaptureFixture[str]) -> None:
         (["--once"], "add --json"),
         (["--log", log, "big_blue"], "no terminal"),
         (["--json", "big_blue"], "add -i and -c"),
-        (["--json", "--log", log], "write SPEC after it"),
+        (["--json", "--log", log], "write SPEC after the file"),
         (["--json", "--log", log, "big_blue", "-c", "x"], "only one of them"),
         (["--json", "-i", "socketcan", "-c", "x"], "does not name its spec"),
         (["--json", "--of", "nobody"], "no manager listens"),

@@ -97,8 +97,8 @@ def test_a_recording_that_is_not_there_or_is_no_recording_is_named(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["record", "big_blue", "-o", "f"], "big_blue is watched on a bus: add -i and -c; to follow the manager that"),
-        (["top", "big_blue", "--json"], "big_blue is watched on a bus or in a log: add -i and -c, or --log FILE; to"),
+        (["record", "big_blue", "-o", "f"], "to watch big_blue on a bus, add -i and -c; to follow the manager on"),
+        (["top", "big_blue", "--json"], "to watch big_blue on a bus or in a log, add -i and -c, or --log FILE; to"),
         (["record", "-o", "f", "--of", "x", "-c", "y"], "a manager (--of, --socket) and a bus (-i, -c, --bus): name"),
         (["top", "--json", "--of", "x", "--log", "y"], "and a recording (--log): name only one of them"),
     ],

@@ -44,14 +44,14 @@ def test_what_another_user_made_or_may_write_is_refused(
     folder = tmp_path / "heronry"
     folder.mkdir()
     (tmp_path / "link").symlink_to(folder)
-    with pytest.raises(RuntimeFolderError, match="is not yours"):
+    with pytest.raises(RuntimeFolderError, match="does not belong to you"):
         use(tmp_path / "link")
     folder.chmod(0o770)
     with pytest.raises(RuntimeFolderError, match="other users can write to it"):
         use(folder)
     folder.chmod(0o700)
     monkeypatch.setattr(os, "getuid", lambda: 4711)
-    with pytest.raises(RuntimeFolderError, match="is not yours"):
+    with pytest.raises(RuntimeFolderError, match="does not belong to you"):
         use(folder)
 
 

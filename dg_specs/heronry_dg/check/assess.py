@@ -115,7 +115,7 @@ def _unused(file: str, said: Instructions, used: set[Ignore], ran: tuple[str, ..
     for ignore in said.ignores:
         if ignore not in used and ignore.code.startswith(ran) and choice.includes(ignore.code):
             sentence = f"there is no {ignore.code} on line {ignore.line} to ignore"
-            unused.add(rule, ignore.place, sentence, "remove the code from the comment")
+            unused.add(rule, ignore.place, sentence, f"remove {ignore.code} from the comment")
     return list(unused) if choice.includes(rule.code) else []
 
 

@@ -146,7 +146,8 @@ def _watched(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
         if phase.when is not None and phase.when.variable not in wiring.givers:
             sentence = f"phase '{phase.name}' watches '{phase.when.variable}', which no module gives"
             place = subject.place("phases", phase.name, "when", "variable")
-            findings.add(rules.UNPRODUCED, place, sentence, "watch another variable, or let a module give this one")
+            hint = f"watch another variable, or let a module give '{phase.when.variable}'"
+            findings.add(rules.UNPRODUCED, place, sentence, hint)
 
 
 def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
@@ -178,8 +179,8 @@ def _circles(subject: Subject, findings: Findings) -> None:
                 rules.CIRCLE,
                 subject.place("phases", circle[0], "when"),
                 f"the phase changes without end ({way}): "
-                f"all conditions of these rules hold at one value of '{variable}'",
-                "choose thresholds so that no value fulfils the conditions of all these rules",
+                f"at one value of '{variable}', the rules of all these phases hold",
+                f"choose thresholds so that no value of '{variable}' fulfils the rules of all these phases",
             )
 
 

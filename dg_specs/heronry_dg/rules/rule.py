@@ -106,6 +106,6 @@ class Family:
 
     def _add(self, rule: Rule) -> Rule:
         if not rule.code.startswith(self.prefix) or len(rule.code) != 5 or rule.code in self.rules:
-            raise AssertionError(f"{rule.code} is no new code of family {self.prefix}")
+            raise AssertionError(f"code {rule.code} is used twice, or is not {self.prefix} followed by two characters")
         self.rules[rule.code] = rule
         return rule

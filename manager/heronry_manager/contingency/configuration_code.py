@@ -85,7 +85,8 @@ class ConfigurationCode:
 def _at(names: Sequence[_T], index: int) -> _T:
     if index >= len(names):
         raise PackingError(
-            f"a configuration names number {index} of a list in the spec that has only {len(names)} entries"
+            f"a configuration names entry number {index} of a list in the spec, "
+            f"but the list has only {len(names)} entries"
         )
     return names[index]
 

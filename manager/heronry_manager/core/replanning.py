@@ -202,7 +202,9 @@ class Replanning:
         """Note that the planner could not answer; a request is repeated unless it was made in the background."""
         if self.planning.failed(answer) and self.planning.in_background:
             if self._known.script.is_asked:
-                self._known.script.refuse(f"there is no plan to compare the script with: {answer.reason}")
+                self._known.script.refuse(
+                    f"the planner gave no plan with which to compare the result of the script: {answer.reason}"
+                )
             self.planning.causes.clear()
             self._settle()
 

@@ -30,7 +30,7 @@ class TransitionTable(Generic[State, Event]):
         """Give the state that an event leads to; raises InvariantError if the event cannot happen in this state."""
         found = self._after.get((state, event))
         if found is None:
-            raise InvariantError(f"{event.name} cannot happen in {state.name}")
+            raise InvariantError(f"event {event.name} cannot happen in state {state.name}")
         return found
 
     def may_be(self, state: State, event: Event | None) -> bool:

@@ -52,7 +52,7 @@ def found_sockets() -> list[Path]:
 def checked_length(path: Path) -> Path:
     """Give `path` back if it fits into a socket address; raises ControlError if it is too long."""
     if len(os.fsencode(path)) > _LONGEST_PATH_BYTES:
-        raise ControlError(f"{path} is longer than {_LONGEST_PATH_BYTES} bytes: name a shorter one with --socket")
+        raise ControlError(f"{path} is longer than {_LONGEST_PATH_BYTES} bytes: name a shorter path with --socket")
     return path
 
 

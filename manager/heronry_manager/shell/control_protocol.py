@@ -3,7 +3,7 @@
     {"v": 1, "do": "status"}                        {"v": 1, "done": true, "sentence": "", "status": {...}}
     {"v": 1, "do": "phase", "what": "glide"}        {"v": 1, "done": true, "sentence": "the phase is glide from now on"}
     {"v": 1, "do": "priority", "what": "imaging", "to": 90}          to: null for the priority of the spec
-    {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no pe is named 'nav'; ...",
+    {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no PE is named 'nav'; ...",
                                                      "unusable": true}      what the order names is not in the spec
     {"v": 1, "do": "clear", "what": "device:gps"}
     {"v": 1, "do": "unlock", "what": "pe:nav"}

@@ -243,7 +243,8 @@ class Journal:
         self.memory, digest = recovered(data)
         if digest is None and self.memory == NOTHING:
             raise JournalError(
-                f"{self.file} is no manager's journal; remove it, and restart the PEs so that they begin at term 1, too"
+                f"{self.file} is no manager's journal; remove the file, and restart the PEs: "
+                "manager and PEs then begin at term 1"
             )
         if digest == self._spec.digest:
             return

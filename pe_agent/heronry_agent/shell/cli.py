@@ -95,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="NAME=[INTERFACE:]CHANNEL",
-        help="the channel of one bus in the table; repeat it for each bus of a gateway",
+        help="the channel of a bus that the table names; repeat the option for each bus of a gateway",
     )
     parser.add_argument(
         "--state-dir",
@@ -216,7 +216,11 @@ def _print_counts(core: AgentCore, links: Sequence[AnyLink], table: PeTable) -> 
     for bus in links:
         if isinstance(bus, ReplicatedLink):
             _print_note(
-                Note("count", f"{bus.name}: copies dropped {bus.merge.copies}, late frames withheld {bus.merge.stale}")
+                Note(
+                    "count",
+                    f"{bus.name}: frames dropped as copies of the other channel's {bus.merge.copies}, "
+                    f"late frames withheld {bus.merge.stale}",
+                )
             )
     for link in (link for bus in links for link in (bus.links if isinstance(bus, ReplicatedLink) else (bus,))):
         lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}, too late {link.queue.expired}"

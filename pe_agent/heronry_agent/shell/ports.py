@@ -31,7 +31,7 @@ def bus_configs(table: PeTable, arguments: argparse.Namespace, named: Sequence[s
             config = flags
         else:
             remedy = f"add --bus {port.bus}=INTERFACE:CHANNEL"
-            raise BusArgumentError(f"bus {port.bus} of {table.name} has no channel; {remedy}")
+            raise BusArgumentError(f"no channel is given for bus {port.bus} of PE {table.name}; {remedy}")
         rate = {} if "timing" in config or port.wireless else {"bitrate": port.bitrate}
         config = {**rate, **{key: value for key, value in config.items() if value is not None}}
         configs.append(channel_configs(config, port.channels, f"bus {port.bus} of {table.name}"))

@@ -46,14 +46,14 @@ def add_parsers(subparsers: Any) -> None:
         "--limit",
         metavar="ELEMENT=PERCENT",
         action="append",
-        help="a PE or bus that has only this percentage of its capacity left, as pe:nav=50%%; may be repeated",
+        help="a PE or bus that has only this percentage of its capacity left, for example pe:nav=50%%; may be repeated",
     )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument(
         "--priority",
         metavar="FUNCTION=N",
         action="append",
-        help="the function's priority instead of the spec's, 0 to 32767; may be repeated",
+        help="a priority of a function, 0 to 32767, instead of that in the spec; may be repeated",
     )
     parser.add_argument("--bus", metavar="NAME", help="show this bus alone")
     add_output(parser, "write the messages as JSON")
@@ -110,7 +110,7 @@ def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Con
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
             raise UserError(
-                f"{arguments.plan}: {violation}; with this violation the messages of the plan are not defined: "
-                "correct it"
+                f"{arguments.plan}: {violation}; while the plan breaks this rule, "
+                "the frames that it puts on the bus cannot be worked out: correct the plan"
             )
     return now, configuration

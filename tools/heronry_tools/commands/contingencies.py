@@ -84,14 +84,15 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
     )
     print(
         f"{tally.searched} plans searched for, {tally.pruned_share():.1%} found without a search: "
-        f"{tally.by_plan} because a plan stays the best, {tally.by_twin} because another fault has the same effect"
+        f"{tally.by_plan} because the plan for one fault fewer stays the best, "
+        f"{tally.by_twin} because another fault has the same effect"
     )
     print(f"{len(made.configurations)} different configurations; {unproven} plans not proven to be the best")
     for one in on_board(spec, made):
         room = f"{len(one.block)} of {one.room} bytes"
         rest = len(made.configurations) - one.held
         where = "" if rest == 0 else f"; only the manager holds the other {rest}"
-        print(f"pe {one.pe}: {one.held} configurations on board, {room}{where}")
+        print(f"PE {one.pe}: {one.held} configurations on board, {room}{where}")
 
 
 def _document(spec: "Spec", file: Path, written: "Written") -> dict[str, Any]:

@@ -86,7 +86,7 @@ def _scope(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
 
     order = spec.contingency.faults if arguments.order is None else arguments.order
     if order < 1:
-        raise UserError(f"--order {order}: a set of faults has at least one; write 1 or more")
+        raise UserError(f"--order {order}: a set has at least one fault; write 1 or more")
     kinds = kinds_of(arguments.kinds)
     chosen = tuple(one for one in elements(spec) if one.partition(":")[0] in kinds)
     return feasible(Scope(chosen, order, (situation(spec, phase=arguments.phase).phase,)))

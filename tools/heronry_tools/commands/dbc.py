@@ -18,7 +18,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry dbc`."""
     parser = subparsers.add_parser(
         "dbc",
-        description="Write a DBC file: data frames by variable and unit, management frames by field.",
+        description="Write a DBC file, with which other tools decode the frames of a spec and of the management.",
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", nargs="?", help="a *.dg.yaml file, or a shipped spec")

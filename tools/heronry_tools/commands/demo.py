@@ -57,7 +57,8 @@ def add_parsers(subparsers: Any) -> None:
         dest="seconds",
         metavar="SECONDS",
         type=_seconds,
-        help=f"seconds to run (default {DEFAULT_SECONDS:.0f}), and up to 15 s more until a reconfiguration is complete",
+        help="seconds to run, and up to 15 s more if a reconfiguration is not complete then "
+        f"(default: {DEFAULT_SECONDS:.0f})",
     )
     parser.add_argument(
         "--from",
@@ -87,7 +88,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="NAME=[INTERFACE:]CHANNEL",
         action="append",
         default=[],
-        help="use this channel for another bus of the spec (default: a software bus)",
+        help="use this channel for a bus of the spec other than the manager's (default: a software bus)",
     )
     add_bus_arguments(parser, "the manager's bus (default: vcan0 where there is one, else a software bus)")
     parser.set_defaults(run=run)

@@ -82,7 +82,11 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
     parser.add_argument(
-        "--runs", type=flights, default=1, metavar="N", help="fly the N seeds from --seed on (default: 1)"
+        "--runs",
+        type=flights,
+        default=1,
+        metavar="N",
+        help="number of flights (default: 1); the first has the seed of --seed, each further one the next seed",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"

@@ -28,7 +28,9 @@ def add_parsers(subparsers: Any) -> None:
     convert.add_argument(
         "-o", "--output", dest="file", metavar="FILE", type=Path, required=True, help="*.mcap or *.mf4"
     )
-    convert.add_argument("--key", type=Path, metavar="FILE", help="the key file of the flight")
+    convert.add_argument(
+        "--key", type=Path, metavar="FILE", help="key file that verifies the frames, if the flight has a key"
+    )
     convert.set_defaults(run=run)
 
 

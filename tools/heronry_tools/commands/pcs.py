@@ -84,7 +84,7 @@ def _add_subject(parser: argparse.ArgumentParser) -> None:
 
 def _add_plan(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--plan", metavar="PLAN.json", help="the plan of a spec (- for standard input; default: the best one)"
+        "--plan", metavar="PLAN.json", help="the plan of a spec (- for standard input; default: the best plan)"
     )
 
 
@@ -93,7 +93,12 @@ def _add_write(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--at", metavar="K,..", type=_names, help="the members of the view (default: all members)")
+    parser.add_argument(
+        "--at",
+        metavar="K,..",
+        type=_names,
+        help="members (leaves or components) that together form the view of the graph (default: all members)",
+    )
 
 
 def _add_graph(commands: Any) -> None:
@@ -117,11 +122,16 @@ def _add_check(commands: Any) -> None:
         metavar="P,..",
         type=_names,
         help=(
-            "predicates that must hold for exit code 0 (default: configuration; for a spec: on_path of the plants of "
-            "class A and B)"
+            "predicates that must be true for exit code 0 (default for a graph: 'configuration'; for a spec: 'on_path' "
+            "for every plant of criticality A or B)"
         ),
     )
-    parser.add_argument("--path", metavar="K,..", type=_names, help="tell whether one loop runs through these members")
+    parser.add_argument(
+        "--path",
+        metavar="K,..",
+        type=_names,
+        help="tell whether one loop passes through all of these members (leaves or components) of the graph",
+    )
 
 
 def _add_edit(commands: Any) -> None:
@@ -135,10 +145,15 @@ def _add_edit(commands: Any) -> None:
     parser.add_argument("subject", metavar="FILE", help="a component graph")
     parser.add_argument("operation", choices=_OPERATIONS, metavar="OPERATION", help=", ".join(_OPERATIONS))
     parser.add_argument(
-        "arguments", nargs="*", metavar="ARGUMENT", help="edges, a file, or a member, as the operation needs"
+        "arguments",
+        nargs="*",
+        metavar="ARGUMENT",
+        help="edges, a file, or a member (a leaf or a component) of the graph, as the operation needs",
     )
     _add_view(parser)
-    parser.add_argument("--of", metavar="K,..", type=_names, help="contract: the members of the new component")
+    parser.add_argument(
+        "--of", metavar="K,..", type=_names, help="for contract: the members that become the new component"
+    )
     _add_write(parser)
 
 
@@ -181,7 +196,7 @@ def run_graph(arguments: argparse.Namespace) -> int:
 
     subject = _subject(arguments)
     if subject.planned is None and arguments.level != "module":
-        raise UserError(f"{arguments.subject} is a graph, without PEs: --level is for specs")
+        raise UserError(f"{arguments.subject} is a graph, without PEs: leave --level out, which is for specs")
     graph = subject.graph
     if arguments.level != "module":
         graph = view_graph(graph, level_view(graph, arguments.level))
@@ -217,9 +232,10 @@ def _required(arguments: argparse.Namespace, subject: "Subject") -> Sequence[str
     known = (*PREDICATES, "cycle_bound", "control_path", "on_path")
     for name in arguments.require:
         if name not in known:
-            raise UserError(f"--require: there is no '{name}'; {meant(name, known)}")
+            remedy = meant(name, known, there_is="the predicates are")
+            raise UserError(f"--require: there is no predicate '{name}'; {remedy}")
     if "control_path" in arguments.require and arguments.path is None:
-        raise UserError("--require control_path needs --path with the members through which one loop must run")
+        raise UserError("--require control_path needs --path with the members through which one loop must pass")
     required: list[str] = arguments.require
     return required
 
@@ -308,7 +324,10 @@ def _compared(text: str, spec: str | None) -> "Graph":
         return _load(text).graph
     of_plan = load_spec(spec) if spec is not None else shipped_spec_of(read_text(text))
     if of_plan is None:
-        raise UserError(f"{text} is no component graph, and no plan of a shipped spec; name its spec with --spec SPEC")
+        raise UserError(
+            f"{text} is no component graph, and no plan of a shipped spec; if it is a plan of another spec, name that "
+            "spec with --spec SPEC"
+        )
     planned = load_planned(of_plan, text)
     return module_graph(planned.spec, planned.configuration)
 

@@ -111,7 +111,7 @@ def _add_situation(parser: argparse.ArgumentParser) -> None:
         "--priority",
         metavar="FUNCTION=N",
         action="append",
-        help="the function's priority instead of the spec's, 0 to 32767; may be repeated",
+        help="a priority of a function, 0 to 32767, instead of that in the spec; may be repeated",
     )
 
 

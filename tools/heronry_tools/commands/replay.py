@@ -119,7 +119,7 @@ def _spec_of(recording: Path, text: str | None) -> "Spec":
     if recording.name.endswith((".yaml", ".yml")):
         raise UserError(f"{recording} is a spec, not a recording: write 'heronry replay FILE.log SPEC'")
     if text is None:
-        raise UserError(f"{recording} does not name its spec: write SPEC after it")
+        raise UserError(f"{recording} does not name its spec: write SPEC after the file")
     return load_spec(text)
 
 

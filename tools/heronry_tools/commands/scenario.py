@@ -77,7 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.rewrite and _is_live(arguments):
         raise UserError(
-            "--rewrite: only in the simulator are decisions the same each time; to fly there, leave -i and -c out"
+            "--rewrite: only in the simulator are decisions the same each time; to fly in the simulator, "
+            "leave -i and -c out"
         )
     if arguments.patience is not None and not _is_live(arguments):
         raise UserError("--patience is only for real processes; add -i and -c, or leave --patience out")

@@ -75,7 +75,11 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
     parser.add_argument(
-        "--runs", type=flights, default=1, metavar="N", help="fly the N seeds from --seed on (default: 1)"
+        "--runs",
+        type=flights,
+        default=1,
+        metavar="N",
+        help="number of flights (default: 1); the first has the seed of --seed, each further one the next seed",
     )
     parser.add_argument(
         "--seconds",
@@ -211,7 +215,8 @@ def _given_faults(spec: "Spec", arguments: argparse.Namespace) -> tuple["Fault",
     faults = [read_fault(spec, text) for text in texts]
     absent = [fault for fault in faults if is_one_of_two(fault.target)]
     if absent and not arguments.standby:
-        raise UserError(f"'{absent[0]}': there is one manager; name it 'manager', or add --standby for two")
+        remedy = "write 'manager', or add --standby for a second one"
+        raise UserError(f"'{absent[0]}': the flight has only one manager; {remedy}")
     script = read_script(spec, [text for text in arguments.kill if text not in seats], arguments.restore)
     for position, fault in enumerate(script):
         if fault.what == "kill":

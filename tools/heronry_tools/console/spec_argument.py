@@ -128,4 +128,4 @@ def named_function(spec: "Spec", name: str) -> "Function":
     """Give the function of this name; raises UserError."""
     if name in spec.functions:
         return spec.functions[name]
-    raise UserError(f"no function is named '{name}'; {meant(name, spec.functions)}")
+    raise UserError(f"no function is named '{name}'; {meant(name, spec.functions, there_is='the spec has')}")

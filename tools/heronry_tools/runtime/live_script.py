@@ -27,7 +27,9 @@ def fly(path: Path, text: str, spec: Spec) -> Answer:
     """
     flies = dict(call(path, AskStatus()).status or {})
     if flies["spec_digest"] != spec.digest:
-        raise UserError(f"the manager on {path} flies another spec, {flies['spec']}: name the right one with --of NAME")
+        raise UserError(
+            f"the manager on {path} flies another spec, {flies['spec']}: name the manager of {spec.name} with --of NAME"
+        )
     answer = call(path, FlyScript(text))
     until_s = time.monotonic() + PATIENCE_S
     while answer.done and time.monotonic() < until_s:
@@ -38,7 +40,8 @@ def fly(path: Path, text: str, spec: Spec) -> Answer:
         time.sleep(_LOOK_S)
     if not answer.done:
         return answer
-    return Answer(done=False, sentence=f"the script is not carried out after {PATIENCE_S:.0f} s: see 'heronry status'")
+    late = f"the script has not been completed within {PATIENCE_S:.0f} s; it may still be running"
+    return Answer(done=False, sentence=f"{late}: see 'heronry status'")
 
 
 def _outcome(status: dict[str, Any]) -> Answer | None:

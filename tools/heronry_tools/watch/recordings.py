@@ -62,9 +62,9 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
     if path.suffix == ".scenario":
         return _flown(path)
     if path.is_dir():
-        raise UserError(f"{path} is a folder, but not one of 'heronry record': name a log, or such a folder")
+        raise UserError(f"{path} is no folder of 'heronry record': name a log, or a folder of 'heronry record'")
     if spec is None:
-        raise UserError(f"{path} does not name its spec: write SPEC after it")
+        raise UserError(f"{path} does not name its spec: write SPEC after the file")
     loaded = load_spec(spec)
     if path.suffix == ".jsonl":
         events = list(read_events(path))

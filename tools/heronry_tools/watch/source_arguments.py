@@ -58,7 +58,7 @@ def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = Fal
         metavar="NAME=[INTERFACE:]CHANNEL",
         action="append",
         default=[],
-        help="another bus of SPEC to listen to",
+        help="a bus of SPEC to listen to; may be repeated",
     )
     add_manager_argument(parser)
     add_bus_arguments(parser, "the manager's bus, to listen to")
@@ -88,8 +88,8 @@ def opened_feed(arguments: argparse.Namespace) -> "Feed":
     if arguments.spec is not None:
         or_log = ("", "") if not hasattr(arguments, "log") else (" or in a log", ", or --log FILE")
         raise UserError(
-            f"{arguments.spec} is watched on a bus{or_log[0]}: add -i and -c{or_log[1]}; to follow the manager "
-            "that runs here, leave the spec out"
+            f"to watch {arguments.spec} on a bus{or_log[0]}, add -i and -c{or_log[1]}; to follow the manager on this "
+            "computer, leave the spec out"
         )
     from heronry_tools.watch.live_feeds import FollowedManager  # noqa: PLC0415
 
@@ -118,7 +118,7 @@ def _listened(arguments: argparse.Namespace, flags: dict[str, object], key: "Key
     from heronry_tools.watch.recordings import tables_of  # noqa: PLC0415
 
     if arguments.spec is None:
-        raise UserError("a bus does not name its spec: name it, as in 'heronry top big_blue -i socketcan -c can0'")
+        raise UserError("a bus does not name its spec: add the spec, as in 'heronry top big_blue -i socketcan -c can0'")
     spec = load_spec(arguments.spec)
     return ListenedBuses(spec, list(_choices(spec, arguments, flags)), key=key, tables=tables_of(spec))
 

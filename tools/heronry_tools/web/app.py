@@ -84,7 +84,7 @@ class Site:
         """Answer with a drawing (SVG) of the graph, or of the part that contributes to the `function` of the query."""
         function = request.query_params.get("function", "")
         if function and function not in self.spec.functions:
-            return _refused(404, "the spec has no such function")
+            return _refused(404, f"the spec has no function '{function}'")
         drawing = await asyncio.to_thread(self.picture, function)
         return Response(drawing, media_type="image/svg+xml", headers=_NO_STORE)
 
@@ -128,7 +128,7 @@ class Site:
         """Answer with what the planner's process answers; if the page gives the request up, the search ends."""
         question = await _json(request)
         if question is None:
-            return _refused(400, "a question must be a JSON object")
+            return _refused(400, "the body of a question must be a JSON object")
         answer = await self._awaited(request, self.questions.ask(question))
         return _NOBODY_WAITS if answer is None else JSONResponse(answer, headers=_NO_STORE)
 

@@ -13,7 +13,7 @@ in the middle of a search. Each question is shown with its answer; `...` stands 
     {"plan": {... the configuration that the script makes}, "graph": {...}}
     {"ask": "why", "function": "imaging", "down": [], "phase": null}
     {"why": {... as 'heronry why --json'}}
-    {"refused": "no pe is named 'nap'; did you mean 'nav'?"}
+    {"refused": "no PE is named 'nap'; did you mean 'nav'?"}
 """
 
 import json

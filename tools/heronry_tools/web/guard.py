@@ -116,16 +116,16 @@ def refusal(access: Access, asked: Asked) -> Refusal | None:
         return Refusal(405, f"this server does not accept the method {asked.method}")
     if asked.method == "POST":
         if origin is None:
-            return Refusal(403, "a question or an order must have a header Origin")
+            return Refusal(403, "a POST request must have the header Origin")
         if asked.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-            return Refusal(415, "a question or an order must be JSON")
+            return Refusal(415, "a POST request must have the content type application/json")
     return _without_token(access, asked)
 
 
 def _without_token(access: Access, asked: Asked) -> Refusal | None:
     is_order = asked.path == _ORDERS
     if is_order and not access.operates:
-        return Refusal(403, "this server only shows: start it with --operate to give orders")
+        return Refusal(403, "this server takes no orders: start the server with --operate to give orders")
     if not asked.path.startswith(_API) or (access.is_local and not is_order):
         return None
     given = asked.headers.get("authorization", "").removeprefix("Bearer ")

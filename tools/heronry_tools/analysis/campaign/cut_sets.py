@@ -79,7 +79,9 @@ class Servable:
             answer = self._planning.all_at_once((self._function,), down)
             if not answer.proven:
                 lost = ", ".join(sorted(down)) or "nothing"
-                raise UserError(f"with {lost} down the search did not decide whether {self._function} can be served")
+                raise UserError(
+                    f"the search did not decide whether function {self._function} can be served with {lost} down"
+                )
             self._by_rest[rest] = answer.configuration is not None
         return self._by_rest[rest]
 

@@ -49,7 +49,7 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = Fals
 
     faults = spec.contingency.faults if arguments.faults is None else arguments.faults
     if faults < 0:
-        raise UserError(f"--faults {faults}: write how many may be present at the same time, 0 or more")
+        raise UserError(f"--faults {faults}: write how many faults may be present at the same time, 0 or more")
     wanted = arguments.phase or phases_of(spec)
     phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in wanted))
     kinds = kinds_of(arguments.kinds)

@@ -126,7 +126,8 @@ def _xor(dependence: Dependence, findings: Findings, place: Place, module: Modul
     shared = frozenset.intersection(*gate.inputs)
     if shared:
         sentence = f"all inputs of a XOR of '{module.name}' are lost with {dependence.shown(shared)}"
-        findings.add(rules.XOR_SHARES, place, sentence, "feed one input from another PE, sensor and module")
+        hint = "feed one input from a PE, a sensor and a module that the others do not use"
+        findings.add(rules.XOR_SHARES, place, sentence, hint)
 
 
 def _voter(dependence: Dependence, findings: Findings, place: Place, module: Module, gate: Alternatives) -> None:
@@ -139,7 +140,8 @@ def _voter(dependence: Dependence, findings: Findings, place: Place, module: Mod
             f"the vote of {len(gate.inputs)} in '{module.name}' has {sources}: "
             f"inputs {first + 1} and {second + 1} are lost with {shared}"
         )
-        findings.add(rules.VOTER_SHARES, place, sentence, "feed each input from a PE and a sensor of its own")
+        hint = "feed each input from a PE and a sensor that no other input uses"
+        findings.add(rules.VOTER_SHARES, place, sentence, hint)
 
 
 def _gate_place(subject: Subject, module: Module, mode: str, path: str) -> Place:
@@ -161,7 +163,7 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
                     rules.SEPARATE_AND_TOGETHER,
                     place,
                     sentence,
-                    "remove one of the rules: now only one of the two can run",
+                    f"remove one of these rules: with both, '{one}' and '{other}' never run at the same time",
                 )
         _room_to_separate(spec, findings, place, group)
     for index, group in enumerate(spec.together):

@@ -61,7 +61,8 @@ def choose(
     Raises UserError for a bus that is named in both ways.
     """
     if spec.manager.bus in named and first is not None:
-        raise UserError(f"--bus {spec.manager.bus}: -i and -c name that bus already; give only one of the two")
+        remedy = "leave --bus out, or leave -i and -c out"
+        raise UserError(f"--bus {spec.manager.bus}: -i and -c name this bus, too; {remedy}")
     choices = {}
     for name, bus in spec.buses.items():
         if name == spec.manager.bus and first is not None:

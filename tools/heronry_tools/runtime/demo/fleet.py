@@ -212,7 +212,8 @@ class Fleet:
     def _process(self, node: str | int) -> subprocess.Popen[bytes]:
         process = self._pes.get(node) if isinstance(node, str) else self._managers.get(node)
         if process is None:
-            raise UserError(f"{f'pe:{node}' if isinstance(node, str) else f'manager {node}'} does not run")
+            name = f"pe:{node}" if isinstance(node, str) else f"manager {node}"
+            raise UserError(f"{name} does not run, so its process cannot be stopped or continued")
         return process
 
     def start_pe(self, pe: str) -> int:

@@ -42,7 +42,7 @@ class Address:
             raise
         except OSError as error:
             self.listener.close()
-            raise HubError(f"{path}: no bus can run there: {error.strerror or error}") from error
+            raise HubError(f"no software bus can run at {path}: {error.strerror or error}") from error
         self.listener.setblocking(False)
 
     def close(self) -> None:
@@ -69,7 +69,7 @@ def _clear(path: Path) -> None:
     except FileNotFoundError:
         return
     if not stat.S_ISSOCK(mode):
-        raise HubError(f"{path}: there is a file already, which is not a socket; choose another path")
+        raise HubError(f"{path} exists already and is not a socket; choose another path")
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
         probe.setblocking(False)
         try:
@@ -79,4 +79,4 @@ def _clear(path: Path) -> None:
             return
         except BlockingIOError:
             pass  # it listens, and is busy
-    raise HubError(f"{path}: a bus runs there already; use it, or choose another path")
+    raise HubError(f"a software bus runs at {path} already; use that bus, or choose another path")

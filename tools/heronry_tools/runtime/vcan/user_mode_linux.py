@@ -98,7 +98,7 @@ def _modules(kernel: Path) -> list[str]:
     missing = [name for name in MODULES if name not in found]
     if missing:
         raise CannotRunError(
-            f"Debian's user-mode-linux of this release has no module {missing[0]}: use another release"
+            f"Debian's user-mode-linux of this release has no kernel module {missing[0]}: use another release"
         )
     return [str(found[name]) for name in MODULES]
 

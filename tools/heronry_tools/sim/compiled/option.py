@@ -8,7 +8,7 @@ def add_compiled_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--compiled",
         action="store_true",
-        help="run the simulator as machine code, four times as fast; its first use compiles the simulator",
+        help="run the simulator as machine code, four times as fast; the first run with this option compiles it",
     )
 
 

@@ -39,7 +39,7 @@ def head_of(folder: Path) -> dict[str, Any]:
         version = head["v"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(
-            f"{folder / HEAD} cannot be read ({error}): instead of the folder, give a log in it and its spec"
+            f"{folder / HEAD} cannot be read ({error}): name a log of the folder, and its spec, instead of the folder"
         ) from None
     if version != FORMAT:
         raise UserError(

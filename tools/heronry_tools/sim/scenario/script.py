@@ -283,7 +283,8 @@ class _Reader:
         self._not_before(at_ns)
         text = " ".join(words)
         if not self.has_standby and words[0] not in ("phase", "priority") and any(map(is_one_of_two, words[1:2])):
-            self._refuse(f"'{text}': there is one manager; write 'manager', or 'standby' above for two managers")
+            remedy = "write 'manager', or a line 'standby' before this one"
+            self._refuse(f"'{text}': the flight has only one manager; {remedy}")
         match words:
             case ["kill" | "restore" as what, target]:
                 deed = Deed(self.number, at_ns, what, target if target in MANAGERS else self._pe(target), text)
@@ -393,7 +394,7 @@ class _Reader:
     def _variable(self, name: str) -> None:
         assert self.spec is not None
         if name not in self.spec.variables:
-            self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables)}")
+            self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables, there_is='the spec has')}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
         """Return an expectation that ends (`until_ns`) with the next deed, or with the script if no deed follows.
