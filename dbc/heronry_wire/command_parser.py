@@ -56,7 +56,7 @@ class CommandParser(argparse.ArgumentParser):
             known = [str(choice) for choice in action.choices]
             if action.nargs == argparse.PARSER:  # a command among those of a command
                 raise argparse.ArgumentError(None, f"there is no command '{value}'; {meant(str(value), known)}")
-            raise argparse.ArgumentError(action, f"there is no '{value}'; {meant(str(value), known)}")
+            raise argparse.ArgumentError(action, f"'{value}' is none of the choices; {meant(str(value), known)}")
 
     def _misspelt(self) -> str | None:
         """Give a sentence about the first unknown option that resembles a known one; None if no option does."""

@@ -98,7 +98,7 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
         raise SliceError(f"{numbers.left()} bytes follow the end of the slice")
     modules = {module.module for module in decoded.modules}
     if decoded.encode() != body or len(modules) != len(decoded.modules):
-        raise SliceError("an index is out of order or given twice, or a number is longer than needed")
+        raise SliceError("the slice has an index out of order or given twice, or a number in more bytes than needed")
     if not decoded.expendable <= modules:
         raise SliceError(
             f"modules {sorted(decoded.expendable - modules)} are marked as expendable, but are not in the slice"

@@ -97,7 +97,7 @@ def service_id(channel: int, *, is_answer: bool) -> int:
     low = channel >= _FIRST_LOW_CHANNEL
     ids, index = (LOW_SERVICE_IDS, channel - _FIRST_LOW_CHANNEL) if low else (HIGH_SERVICE_IDS, channel)
     if not 0 <= 2 * index < len(ids) or ids[2 * index] in LSS_IDS:
-        raise WireError(f"service channel {channel} does not exist here: use 0..35 or 100..115, without 110")
+        raise WireError(f"service channel {channel} does not exist here: use 0..35 or 100..115, except 110")
     return ids[2 * index] + is_answer
 
 

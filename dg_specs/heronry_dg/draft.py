@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from heronry_dg import schema, yaml_source
 from heronry_dg.field_types import NAME_PATTERN
 from heronry_dg.findings import Findings, Place, listed, shown
-from heronry_dg.quantities import UnfitError
+from heronry_dg.quantities import THE_VALUE, UnfitError
 from heronry_dg.rules import schema as rules
 from heronry_dg.rules.rule import Rule
 from heronry_dg.schema import Form, field_names
@@ -109,7 +109,7 @@ def read_draft(root: Node, findings: Findings) -> Draft | None:
     """Read all elements of a file; None, with a finding, if the file is not a map or is of another kind."""
     if not isinstance(root, yaml_source.Mapping):
         hint = "begin with dg: 1, then buses:, pes:, modules: ..."
-        findings.add(rules.NOT_A_MAP, root.place, "a spec is a map of sections", hint)
+        findings.add(rules.NOT_A_MAP, root.place, "a spec must be a map of sections", hint)
         return None
     other = _other_kind(root.entries)
     if other is not None:
@@ -303,7 +303,7 @@ class _FormFindings:
             return
         reason = error.get("ctx", {}).get("error")
         if isinstance(reason, UnfitError):
-            rule, sentence, hint = reason.rule, str(reason), reason.hint
+            rule, sentence, hint = reason.rule, str(reason).removeprefix(f"{THE_VALUE} "), reason.hint
         else:
             rule, sentence, hint = _translated(error)
         node, steps = yaml_source.follow(self._node, loc)

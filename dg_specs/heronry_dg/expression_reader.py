@@ -92,9 +92,8 @@ class ExpressionReader:
     def _refuse_cycle(self, cycle: list[str]) -> None:
         place = self._draft.shorthands[cycle[0]].place
         sentence = f"gate '{cycle[0]}' contains itself: {shown_cycle(cycle)}"
-        self._findings.add(
-            rules.GATE_IN_ITSELF, place, sentence, "in one of these gates, write variables instead of a gate"
-        )
+        hint = f"write variables instead of a gate in '{cycle[0]}', or in another gate of the cycle"
+        self._findings.add(rules.GATE_IN_ITSELF, place, sentence, hint)
 
     def _expression(self, node: Node, below_choice: bool) -> Reading | None:
         match node:
@@ -249,8 +248,8 @@ class ExpressionReader:
                 hint = "declare the DEMUX under gates:, and write its name here"
                 self._findings.add(rules.DEMUX_MISPLACED, entry.place, "a DEMUX must have a name", hint)
             case _:
-                hint = self._findings.suggestion(operator, _OPERATORS) or f"there is {listed(_OPERATORS)}"
-                self._findings.add(rules.UNKNOWN_GATE, entry.place, f"there is no gate {shown(operator)}", hint)
+                hint = self._findings.suggestion(operator, _OPERATORS) or f"the kinds are {listed(_OPERATORS)}"
+                self._findings.add(rules.UNKNOWN_GATE, entry.place, f"{shown(operator)} is no kind of gate", hint)
         return None
 
     def _and(self, entry: yaml_source.Entry, below_choice: bool) -> Reading | None:
@@ -279,9 +278,9 @@ class ExpressionReader:
         k = node.value if isinstance(node, yaml_source.Scalar) else None
         fits = isinstance(k, int) and not isinstance(k, bool) and k >= 0 and (inputs is None or k <= len(inputs))
         if not fits:
-            most = f" to {len(inputs)}" if inputs is not None else ""
+            fit = f"from 0 to {len(inputs)}" if inputs is not None else "of 0 or more"
             hint = "at least k of the inputs hold; with 0 all are optional"
-            self._findings.add(rules.BAD_K, node.place, f"'k' must be a whole number from 0{most}", hint)
+            self._findings.add(rules.BAD_K, node.place, f"'k' must be a whole number {fit}", hint)
         return k if fits and isinstance(k, int) else None
 
     def _xor(self, entry: yaml_source.Entry) -> Reading | None:

@@ -85,7 +85,9 @@ def read_file(path: Path, findings: Findings) -> bytes | None:
             return file.read(yaml_source.MOST_BYTES + 1)
     except OSError as failure:
         sentence = f"the file cannot be read: {failure.strerror or failure}"
-        findings.add(file_rules.UNREADABLE, Place(1, 1), sentence, "check the path and the permissions")
+        findings.add(
+            file_rules.UNREADABLE, Place(1, 1), sentence, "check the path and the permissions of the spec's file"
+        )
         return None
 
 
@@ -276,5 +278,5 @@ def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
 def _of(value: V | None) -> V:
     """Return `value`; raises AssertionError for None, which can occur only in a spec with findings."""
     if value is None:
-        raise AssertionError("a spec without findings lacks a value")
+        raise AssertionError("a field of the spec has no value, although the check found no mistake")
     return value

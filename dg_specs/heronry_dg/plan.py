@@ -243,7 +243,7 @@ def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[Level
     claimed: list[object] = _field(document, "levels", list, "the plan")
     levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
-        raise PlanError("the plan's levels are not those of its objective: plan again")
+        raise PlanError("the plan's levels have other values than its objective: plan again")
     if _field(document, "optimal", bool, "the plan") != all(one.proven for one in levels):
         raise PlanError("the plan's 'optimal' does not agree with its levels: plan again")
     return levels
@@ -268,13 +268,13 @@ def read_situation(text: str, spec: Spec) -> Situation:
     document = _document(text)
     phase = document.get("phase")
     if phase is not None and not isinstance(phase, str):
-        raise PlanError(f"phase is {_shown(phase)} and must be a string or null")
+        raise PlanError(f"the plan's 'phase' is {_shown(phase)} and must be a string or null")
     down: list[object] = _field({"down": [], **document}, "down", list, "the plan")
     limits = _object({"limits": {}, **document}, "limits", "the plan")
     priorities = _object({"priorities": {}, **document}, "priorities", "the plan")
     names = [element for element in down if isinstance(element, str)]
     if len(names) != len(down):
-        raise PlanError(f"down is {_shown(down)} and must be a list of strings")
+        raise PlanError(f"the plan's 'down' is {_shown(down)} and must be a list of strings")
     try:
         return situation(
             spec,
@@ -389,7 +389,7 @@ def _fields(pairs: list[tuple[str, object]]) -> Json:
     fields: Json = {}
     for key, value in pairs:
         if key in fields:
-            raise PlanError(f"{_shown(key)} is given twice in one object")
+            raise PlanError(f"{_shown(key)} is given twice in one JSON object")
         if not all(text.isprintable() for text in (key, value) if isinstance(text, str)):
             raise PlanError(f"{_shown(key)}: {_shown(value)} holds characters that cannot be printed")
         fields[key] = value

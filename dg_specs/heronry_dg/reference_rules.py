@@ -134,7 +134,7 @@ class _ReferenceRules:
             other = holders.setdefault(form.identifier, variable.name) if form.identifier is not None else variable.name
             if other != variable.name:
                 sentence = f"variable '{variable.name}' has the identifier of '{other}', {form.identifier}"
-                hint = "leave 'identifier' out: then one is allocated"
+                hint = "leave 'identifier' out: then heronry allocates an identifier"
                 self._findings.add(graph.IDENTIFIER_TWICE, _value_place(variable, "identifier"), sentence, hint)
         for name, place in self._gate_names():
             if name in self._draft.variables:
@@ -169,7 +169,7 @@ class _ReferenceRules:
             place = _value_place(function, "output")
             if form.output in self._draft.shorthands:
                 sentence = f"gate '{form.output}' is no DEMUX, so it cannot be the output of a function"
-                self._findings.add(graph.BAD_OUTPUT, place, sentence, "name a module, or a DEMUX")
+                self._findings.add(graph.BAD_OUTPUT, place, sentence, "name a module or a DEMUX as the output")
             elif form.output in self._draft.modules and form.output in self._draft.demuxes:
                 sentence = f"'{form.output}' is the name of a module and of a DEMUX"
                 self._findings.add(graph.BAD_OUTPUT, place, sentence, "rename one of them")

@@ -185,7 +185,7 @@ class VariableForm(Form):
         default=None,
         ge=STANDARD_DATA_IDS.start,
         le=STANDARD_DATA_IDS.stop - 1,
-        description="Standard CANaerospace identifier; one is allocated if left out.",
+        description="Standard CANaerospace identifier; if left out, heronry allocates an identifier.",
         examples=[322],
     )
     initial: Any = Field(
@@ -196,7 +196,7 @@ class VariableForm(Form):
     deadline_ns: Period | None = Field(
         default=None,
         alias="deadline_ms",
-        description="Longest time in ms from source to consumer; if left out, the producer's period.",
+        description="Longest time in ms from producer to consumer; if left out, the producer's period.",
         examples=[25],
     )
 
@@ -224,7 +224,8 @@ class ModuleForm(Fallible):
 
     image: PrintableText | None = Field(
         default=None,
-        description="Code of the module: an image or package.module:Class; the module's name if left out.",
+        description="Code of the module: an image or package.module:Class; "
+        "if left out, the image with the module's name.",
         examples=["servo_driver"],
     )
     device: str | None = Field(
@@ -279,23 +280,26 @@ class FunctionForm(Form):
     criticality: CriticalityByPhase = Field(
         default="E",
         validate_default=True,
-        description="A (served first) to E (not critical): one for all phases, or classes by phase with a `default`.",
+        description="Class A (served first) to E (not critical): one class for all phases, "
+        "or classes by phase with a `default`.",
         examples=["A", {"default": "C", "landing": "B"}],
     )
     priority: PriorityByPhase = Field(
         default=1,
         validate_default=True,
-        description="Weight in the class (0: not wanted): one for all phases, or weights by phase with a `default`.",
+        description="Weight in the class (0: not wanted): one weight for all phases, "
+        "or weights by phase with a `default`.",
         examples=[100, {"default": 20, "landing": 0}],
     )
     value: list[Points] | None = Field(
         default=None,
-        description="Points for each mode of the output, best first; by default mode i (from 0) of m has 100 (m-i)/m.",
+        description="Points for each mode of the output, best first; "
+        "by default mode i of m modes (i from 0) has 100 (m-i)/m.",
         examples=[[100, 40]],
     )
     priority_range: PriorityRange | None = Field(
         default=None,
-        description="Lowest and highest priority that a module may request in flight; left out: no module may.",
+        description="Lowest and highest priority that a module may request in flight; if left out, no module may.",
         examples=[[0, 100]],
     )
 
@@ -359,7 +363,7 @@ class ContingencyForm(Form):
         examples=[2],
     )
     phases: Names | None = Field(
-        default=None, description="Phases to plan for; all if left out.", examples=[["landing"]]
+        default=None, description="Phases to plan for; all phases if left out.", examples=[["landing"]]
     )
 
 
@@ -370,7 +374,7 @@ class DemuxForm(Form):
     to: Names = Field(
         default=[],
         description="Modules at which the branches end, one for each branch, the preferred module first. "
-        "Left out: each branch is its own end.",
+        "If left out, each branch is its own end.",
         examples=[["driver_1", "driver_2"]],
     )
 
@@ -386,10 +390,14 @@ class HeaderForm(Form):
         examples=["big_blue"],
     )
     separate: list[Annotated[Names, Field(min_length=2)]] = Field(
-        default=[], description="Groups of modules that must run on pairwise different PEs.", examples=[[["a", "b"]]]
+        default=[],
+        description="Groups of modules; all modules of a group must run on different PEs.",
+        examples=[[["a", "b"]]],
     )
     together: list[Annotated[Names, Field(min_length=2)]] = Field(
-        default=[], description="Groups of modules that must run on one PE.", examples=[[["a", "b"]]]
+        default=[],
+        description="Groups of modules; all modules of a group must run on the same PE.",
+        examples=[[["a", "b"]]],
     )
 
 

@@ -124,13 +124,17 @@ def _runs(spec: Spec, running: Configuration | Placement) -> Placement:
 
 def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
     steps = list(way.steps)
+    names = ", ".join(step.name for step in steps) or "none"
     if steps != sorted(set(steps)) or Step.PREPARED in steps or not steps or steps[-1] is not Step.GO_ALL:
-        yield Violation("t.steps", "transition", f"{[step.name for step in steps]} is not a legal order of steps")
+        yield Violation("t.steps", "transition", f"{names} is not a legal sequence of activation steps")
     if (Step.BREAK in steps) != bool(way.wait_for):
-        yield Violation("t.wait", "transition", "there must be a step BREAK if and only if there are PEs to wait for")
+        sentence = "the transition has a step BREAK but waits for no PE, or waits for PEs but has no step BREAK"
+        yield Violation("t.wait", "transition", sentence)
     for pe in way.wait_for:
         if pe not in left.pe_cpu_millis:
-            yield Violation("t.wait", f"pe {pe}", "the transition waits for this PE, which cannot answer")
+            yield Violation(
+                "t.wait", f"pe {pe}", f"the transition waits for PE {pe}, which cannot answer in this situation"
+            )
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
@@ -149,15 +153,14 @@ def _pe_budgets(case: _Way) -> Iterator[Violation]:
         held = case.modules(name, BEFORE)
         for state in (BROKEN, HELD, AFTER):
             there = case.modules(name, state)
-            for rule, used, before, capacity in (
-                ("t.cpu", _cpu(there), _cpu(held), cpu_millis),
-                ("t.ram", _ram(there), _ram(held), pe.ram),
-                ("t.flash", _flash(case, there), _flash(case, held), pe.flash),
+            for rule, unit, used, before, capacity in (
+                ("t.cpu", "thousandths of a reference core", _cpu(there), _cpu(held), cpu_millis),
+                ("t.ram", "bytes of RAM", _ram(there), _ram(held), pe.ram),
+                ("t.flash", "bytes of flash", _flash(case, there), _flash(case, held), pe.flash),
             ):
                 if used > max(capacity, before):
-                    yield Violation(
-                        rule, f"pe {name}", f"in state {state} the modules take {used}, but there is only {capacity}"
-                    )
+                    sentence = f"in state '{state}' its modules take {used} {unit}, but the PE has only {capacity}"
+                    yield Violation(rule, f"pe {name}", sentence)
 
 
 def _cpu(there: Mapping[str, Mode]) -> int:
@@ -192,9 +195,8 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
                 could.setdefault(f"{part} of demux {demux}", set()).add(pe)
     for thing in begins:
         if len(could[thing]) > 1:
-            yield Violation(
-                "t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive this at the same time"
-            )
+            pes = " and ".join(sorted(could[thing]))
+            yield Violation("t.exclusive", thing, f"PEs {pes} could run {thing} at the same time")
 
 
 def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:

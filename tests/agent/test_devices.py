@@ -93,9 +93,7 @@ def test_a_driver_that_cannot_tell_what_it_follows_is_one_sentence() -> None:
             raise KeyError(*sensors)
 
     devices = Devices(TABLE, dict.fromkeys(("left", "right"), Confused()))
-    with pytest.raises(
-        DeviceDriverError, match="the driver of left, right does not tell which actuators it follows: Key"
-    ):
+    with pytest.raises(DeviceDriverError, match=r"the device driver of left, right failed in follows\(\): Key"):
         devices.followed()
 
 

@@ -34,8 +34,11 @@ def with_version(version: int) -> PeTable:
         (with_source(period_ns=0), "no period"),
         (replace(TABLE, ports=(replace(TABLE.ports[0], heartbeat_ns=0),)), "no heartbeat period"),
         (replace(TABLE, devices=(DeviceEntry("x", "sensor", 12),)), "not a PE"),
-        (replace(TABLE, sources=TABLE.sources[:1]), "which is not a source"),
-        (replace(TABLE, sources=(*TABLE.sources[:2], SourceEntry("monitor", "rate", 5, 1))), "which is not a source"),
+        (replace(TABLE, sources=TABLE.sources[:1]), "but the table has no source for it"),
+        (
+            replace(TABLE, sources=(*TABLE.sources[:2], SourceEntry("monitor", "rate", 5, 1))),
+            "but the table has no source for it",
+        ),
         (with_version(16), "gives version 16"),
     ],
 )

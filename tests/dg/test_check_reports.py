@@ -48,7 +48,7 @@ def test_json_has_all_that_is_known_of_a_finding() -> None:
         "name": "bad-memory-size",
         "severity": "error",
         "sentence": "'ram' of pe 'nav' must be a size of memory, not '64 kB'",
-        "hint": "write 64KiB, 2MiB, or a number of bytes",
+        "hint": "write a size such as 64KiB or 2MiB, or a number of bytes",
     }
     assert (second["file"], second["line"], second["severity"]) == ("b.dg.yaml", 11, "warning")
 
@@ -85,7 +85,7 @@ def test_junit_fails_for_errors_and_lets_warnings_pass() -> None:
     (failure,) = wrong.result
     assert isinstance(failure, Failure)
     assert failure.type == "DG113"
-    assert "write 64KiB" in (failure.text or "")
+    assert "write a size such as 64KiB" in (failure.text or "")
     assert wrong.name == "DG113 4:50"
     assert warned.is_passed
     assert "DG240 warning" in warned.system_out

@@ -151,7 +151,7 @@ def test_a_plan_of_before_levels_is_read_as_far_as_it_says() -> None:
     [
         ([7], "levels.0 is 7 and must be an object"),
         ([{"level": "critical A"}], "levels.0 has no 'value'"),
-        ([], "the plan's levels are not those of its objective: plan again"),
+        ([], "the plan's levels have other values than its objective: plan again"),
     ],
 )
 def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
@@ -244,7 +244,7 @@ WIRED = '{"modules": {"a": {"pe": "p", "mode": "m", "inputs": {"0.1": %s}}}}'
             WIRED % '{"producer": "b", "variable": "v", "version": true}',
             "modules.a.inputs[\"0.1\"]: 'version' is true and must be an integer",
         ),
-        ('{"modules": {}, "modules": {}}', '"modules" is given twice in one object'),
+        ('{"modules": {}, "modules": {}}', '"modules" is given twice in one JSON object'),
         ('{"modules": {"a\\nb": {}}}', '"a\\nb": {} holds characters that cannot be printed'),
         ('{"modules": {"\\ud800": {}}}', '"\\ud800": {} holds characters that cannot be printed'),
     ],
@@ -260,9 +260,9 @@ def test_what_is_malformed_is_named(text: str, sentence: str) -> None:
     [
         (("spec",), "0" * 64, "the plan was made for another spec, or another version of spec elevator_and_chute"),
         (("phase",), "glide", "no phase is named 'glide'"),
-        (("phase",), 3, "phase is 3 and must be a string or null"),
+        (("phase",), 3, "the plan's 'phase' is 3 and must be a string or null"),
         (("down",), ["pe:tail"], "no PE is named 'tail'; did you mean 'tail_pe'?"),
-        (("down",), [1], "down is [1] and must be a list of strings"),
+        (("down",), [1], "the plan's 'down' is [1] and must be a list of strings"),
         (("limits", "bus:can0"), 0.4, "limits: 'bus:can0' is 0.4 and must be a string"),
         (("limits", "bus:can0"), "much", "'bus:can0=much' is not a limit"),
         (("priorities", "elevator"), "7", "priorities: 'elevator' is \"7\" and must be an integer"),

@@ -74,7 +74,7 @@ def test_what_does_not_fit_is_an_error_and_never_rounded(
 ) -> None:
     with pytest.raises(UnfitError) as caught:
         read(value)
-    assert str(caught.value) == sentence
+    assert str(caught.value) == f"the value {sentence}"
 
 
 @given(st.integers(0, 1_000_000))

@@ -362,7 +362,7 @@ def test_an_interface_that_does_not_exist(command: list[str]) -> None:
     """It is refused in one sentence, as every mistyped flag is; the sentence says what there is."""
     done = subprocess.run([*command, "-i", "nonsense", "-c", "x"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert re.search(r"-i/--interface: there is no 'nonsense'; there is .*softbus.*\n$", done.stderr)
+    assert re.search(r"-i/--interface: 'nonsense' is none of the choices; there is .*softbus.*\n$", done.stderr)
 
 
 @pytest.mark.parametrize(

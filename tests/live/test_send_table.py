@@ -99,7 +99,7 @@ def test_without_a_waiting_pe_the_command_reports_it(
     assert send(hub, SPEC) == 2
     assert f"node {NODE} did not take the table (No SDO response received)" in capsys.readouterr().err
     assert send(hub, SPEC, "nobody") == 2
-    assert "no pe is named 'nobody'" in capsys.readouterr().err
+    assert "no PE is named 'nobody'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("node", ["91", "126", "x"])

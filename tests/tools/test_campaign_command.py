@@ -109,7 +109,7 @@ def test_a_page_stands_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[s
     [
         (["--require", "A"], "write WHAT after N"),
         (["--require", "lasers after 1"], "'lasers' is neither a class (A to E) nor a function"),
-        (["--require", "A after 1 in glide"], "no phase is named 'glide'; there is none"),
+        (["--require", "A after 1 in glide"], "no phase is named 'glide'; the spec has none"),
         (["--require", "A after 20"], "sets of faults, and at most 10000000 are tried: choose fewer"),
         (["--scheduler", ""], "no Dask scheduler answers at"),
     ],
@@ -138,7 +138,7 @@ def test_a_requirement_covers_what_its_phase_wants() -> None:
     ]
     assert offences(BIG_BLUE, read_requirement(BIG_BLUE, "guidance after 1 in ascent"), outcomes) == []
     assert offences(BIG_BLUE, read_requirement(BIG_BLUE, "guidance after 0"), outcomes) == []
-    with pytest.raises(UserError, match="there is ascent"):
+    with pytest.raises(UserError, match="the spec has ascent"):
         read_requirement(BIG_BLUE, "A after 1 in orbit")
 
 

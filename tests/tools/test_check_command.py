@@ -143,7 +143,7 @@ def test_a_file_that_cannot_be_read_below_a_folder_is_a_finding_among_others(
         (["."], "there is no *.dg.yaml in this folder"),
         (["--select", "DG999", "-"], "--select: no code begins with 'DG999'"),
         (["--error", "x", "-"], "--error: no code begins with 'x'"),
-        (["-o", "no/such/folder/file", "big_blue"], "no/such/folder is not a folder; make it first"),
+        (["-o", "no/such/folder/file", "big_blue"], "no/such/folder is not a folder; make this folder first"),
     ],
 )
 def test_wrong_usage_is_one_sentence_and_exit_code_2(
@@ -181,7 +181,7 @@ def test_a_family_that_solves_says_what_is_missing_where_there_is_no_solver(
     monkeypatch.setattr(registry, "CHECKS", {"DG3": need_a_solver})
     assert main(["check", write(SPARE)]) == 2
     assert (
-        "the rules that need a solver need ortools, too: install heronry[manager], or use --fast"
+        "the rules that need a solver cannot be checked without ortools: install heronry[manager], or use --fast"
         in capsys.readouterr().err
     )
 

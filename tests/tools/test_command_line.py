@@ -194,7 +194,7 @@ def test_a_command_is_in_the_file_that_the_table_says(name: str) -> None:
         (["why"], "heronry why: SPEC, FUNCTION are missing; see 'heronry why --help'"),
         (
             ["plan", "a", "--planner", "exat"],
-            "heronry plan: --planner: there is no 'exat'; did you mean 'exact'?",
+            "heronry plan: --planner: 'exat' is none of the choices; did you mean 'exact'?",
         ),
         (
             ["bound", "a", "--decide", "soon"],
@@ -206,7 +206,7 @@ def test_a_command_is_in_the_file_that_the_table_says(name: str) -> None:
         ),
         (
             ["demo", "-i", "socketcn"],
-            "heronry demo: -i/--interface: there is no 'socketcn'; did you mean 'socketcan'?",
+            "heronry demo: -i/--interface: 'socketcn' is none of the choices; did you mean 'socketcan'?",
         ),
         (
             ["explain", "lost-with-hardwar"],
@@ -383,7 +383,7 @@ def test_the_ending_of_the_file_chooses_the_form(capsys: pytest.CaptureFixture[s
         ),
         (
             ["render", "elevator_and_chute", "--format", "dot", "-o", "g.svg"],
-            "g.svg: a file with this ending is svg, and dot was asked for; name another file",
+            "g.svg would be written as dot, but its ending is that of svg; name another file",
         ),
         (
             ["plan", "elevator_and_chute", "-o", "plan.svg"],

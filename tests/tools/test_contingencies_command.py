@@ -148,7 +148,7 @@ def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture
         (["elevator_and_chute", "-o", "FILE", "--jobs", "0"], "at least one process must plan"),
         (["elevator_and_chute", "-o", "FILE", "--kinds", "pes"], "'pes' is no kind of element; the kinds are pe, "),
         (["elevator_and_chute", "-o", "FILE", "--phase", "glide"], "no phase is named 'glide'"),
-        (["elevator_and_chute", "-o", "missing/FILE"], "missing is not a folder; make it first"),
+        (["elevator_and_chute", "-o", "missing/FILE"], "missing is not a folder; make this folder first"),
         (["big_blue", "--check", "FILE"], "another spec, or another version of spec big_blue"),
         (["elevator_and_chute", "--check", "missing"], "No such file"),
     ],

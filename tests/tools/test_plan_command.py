@@ -228,7 +228,7 @@ def test_without_a_solver_there_is_the_greedy_planner(
     monkeypatch.setitem(sys.modules, "ortools", None)
     code, out, err = run(capsys, "plan", "elevator_and_chute")
     assert (code, out) == (2, "")
-    assert "ortools is not installed; add it with" in err
+    assert "ortools, which is not installed; add it with" in err
     assert "use --planner greedy" in err
     assert run(capsys, "plan", "elevator_and_chute", "--planner", "greedy")[0] == 0
 

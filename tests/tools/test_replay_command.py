@@ -263,7 +263,7 @@ def test_repetitions_are_no_decisions_and_lines_that_are_no_frames_are_counted(
     code, document = replayed(capsys, file)
     assert (code, document["lines_that_are_no_frames"]) == (0, 1)
     assert main(["replay", str(file), SPEC]) == 0
-    assert capsys.readouterr().out.startswith("lines without a frame: 1\n")
+    assert capsys.readouterr().out.startswith("lines of the recording without a frame: 1\n")
 
 
 @pytest.mark.parametrize("channel", ["can0", "vcan7"])

@@ -217,7 +217,7 @@ def test_where_no_junit_can_be_written_that_is_said_first(tmp_path: Path, capsys
     file = written(tmp_path, FAILS)
     assert main(["scenario", str(file), "--junit", str(tmp_path / "none" / "results.xml")]) == 2
     told = capsys.readouterr()
-    assert (told.out, "make it first" in told.err) == ("", True)
+    assert (told.out, "make this folder first" in told.err) == ("", True)
     assert main(["scenario", str(file), "--junit", str(tmp_path)]) == 2
     told = capsys.readouterr()
     assert (told.out, told.err) == ("", f"heronry: {tmp_path} is a folder; name another file\n")

@@ -95,11 +95,13 @@ class _Reader:
     def _raise(self, place: Place, codes: str, *, in_head: bool) -> None:
         if not in_head:
             sentence = "a warning can be raised to an error only for a whole spec, not for a line"
-            self._findings.add(rules.BAD_COMMENT, place, sentence, "move the comment above the first line of the spec")
+            hint = f"move # dg: error[{codes}] above the first line of the spec"
+            self._findings.add(rules.BAD_COMMENT, place, sentence, hint)
             return
         for rule in self._rules(place, codes):
             if rule.severity is Severity.ERROR:
-                self._findings.add(rules.UNKNOWN_CODE, place, f"{rule.code} is always an error", "remove the code")
+                sentence = f"findings of {rule.code} are always errors, so error[{rule.code}] changes nothing"
+                self._findings.add(rules.UNKNOWN_CODE, place, sentence, f"remove {rule.code} from the comment")
             self.found.raised.add(rule.code)
 
     def _ignore(self, place: Place, codes: str, reason: str, line: int) -> None:
@@ -109,7 +111,8 @@ class _Reader:
         for rule in self._rules(place, codes):
             if rule.stops or rule.code in _ABOUT_COMMENTS:
                 sentence = f"{rule.code} cannot be ignored"
-                self._findings.add(rules.UNKNOWN_CODE, place, sentence, "correct the mistake, and remove the comment")
+                hint = f"correct the mistake that {rule.code} reports, and remove the code from the comment"
+                self._findings.add(rules.UNKNOWN_CODE, place, sentence, hint)
             else:
                 self.found.ignores.append(Ignore(place, rule.code, line))
 

@@ -129,11 +129,12 @@ def _standard_identifiers(subject: Subject, findings: Findings) -> None:
         standard = standard_identifier(variable.identifier)
         if standard is None:
             sentence = f"identifier {variable.identifier} of variable '{name}' is not in CANaerospace's list"
-            findings.add(rules.UNASSIGNED_IDENTIFIER, place, sentence, "leave 'identifier' out: then one is allocated")
+            hint = "leave 'identifier' out: then heronry allocates an identifier"
+            findings.add(rules.UNASSIGNED_IDENTIFIER, place, sentence, hint)
             continue
         if standard.byte_2_is_an_index:
             sentence = f"byte 2 of identifier {standard.can_id} ({standard.name}) is an index, and not the version"
-            hint = f"leave the identifier of '{name}' out: then one is allocated"
+            hint = f"leave the identifier of '{name}' out: then heronry allocates an identifier"
             findings.add(rules.BYTE_2_IS_AN_INDEX, place, sentence, hint)
         _type(subject, findings, name, standard)
         _unit(subject, findings, name, standard)
@@ -146,7 +147,8 @@ def _type(subject: Subject, findings: Findings, name: str, standard: StandardIde
             f"variable '{name}' is of type {given}; {standard.can_id} ({standard.name}) is {listed(allowed, last='or')}"
         )
         place = subject.place("variables", name, "type")
-        findings.add(rules.STANDARD_TYPE, place, sentence, "give the variable that type, or leave the identifier out")
+        hint = f"give '{name}' the type {listed(allowed, last='or')}, or leave 'identifier' out"
+        findings.add(rules.STANDARD_TYPE, place, sentence, hint)
 
 
 def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIdentifier) -> None:

@@ -227,7 +227,7 @@ IDENTIFIER_TWICE = FAMILY.stop(
     "identifier-twice",
     what="Two variables have the same `identifier`.",
     why="The identifier of a frame tells its receivers which variable it carries.",
-    fix="Leave `identifier` out where it need not be a standard one: then one is allocated.",
+    fix="Leave `identifier` out where it need not be a standard one: then heronry allocates an identifier.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 315}\n  height: {type: FLOAT, identifier: 315}\n"
     f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {RUNS}}}\n"
     f"  display: {{device: lamp, needs: {{and: [speed, height]}}, {RUNS}}}\n",

@@ -94,7 +94,7 @@ STANDARD_TYPE = FAMILY.error(
     "standard-type",
     what="A variable with a standard identifier has another type than CANaerospace gives that identifier.",
     why=f"{_STANDARD}; they refuse the frame, or show what its bytes happen to mean in the type that they expect.",
-    fix="Use one of the types that the message names, or leave `identifier` out: then one is allocated.",
+    fix="Use one of the types that the message names, or leave `identifier` out: then heronry allocates an identifier.",
     bad="variables:\n  speed: {type: LONG, identifier: 315}\n",
     good="variables:\n  speed: {type: FLOAT, identifier: 315}\n",
 )
@@ -114,7 +114,7 @@ UNASSIGNED_IDENTIFIER = FAMILY.warning(
     what="A variable has a standard identifier to which CANaerospace's default list gives no meaning.",
     why="The identifier is reserved, or free for a later edition of the list; a receiver that follows the list cannot "
     "tell what the frame means.",
-    fix="Leave `identifier` out: then a free one is allocated.",
+    fix="Leave `identifier` out: then heronry allocates a free identifier.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 1300}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )

@@ -129,7 +129,7 @@ def _read(numbers: Unpacker, spec: Spec) -> Contingencies:
     configurations = tuple(code.decode(numbers.text()) for _ in range(numbers.number()))
     tables = tuple(_read_phase(numbers, phase, scope, configurations, spec) for phase in phases)
     if numbers.left():
-        raise PackingError("bytes follow the last phase")
+        raise PackingError("bytes follow the last phase of the file")
     return Contingencies(spec.digest, scope, configurations, tables)
 
 
@@ -147,7 +147,7 @@ def _read_phase(
         for pe, module, index in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
     )
     if any(index >= len(plans) for _, index in by_place):
-        raise PackingError(f"phase {phase} lacks the plan that the file names for a module that fails on one PE")
+        raise PackingError(f"phase {phase} names a plan for the failure of a module on a PE, but lacks this plan")
     return PhasePlans(phase, safe_mode, plans, by_fault_set, by_place)
 
 

@@ -142,7 +142,9 @@ class PlannerClient:
     def ask(self, now: Situation, running: Placement | None = None) -> Plan:
         """Request a plan and wait for it; raises PlannerError if planning fails, or another request is under way."""
         if self._inside is not None or self._waiting:
-            raise PlannerError("a request is under way: take its answer from poll, or cancel it")
+            raise PlannerError(
+                "another request for a plan is under way: take its answer from poll(), or cancel the request"
+            )
         self.request(0, now, running)
         while True:
             self._wait()

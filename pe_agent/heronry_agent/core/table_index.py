@@ -112,8 +112,10 @@ def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
         for mode in module.modes:
             for variable, version in mode.gives.items():
                 if (module.name, variable) not in source_of:
-                    raise TableError(f"module {module.name} gives {variable}, which is not a source; {_REMEDY}")
+                    raise TableError(
+                        f"module {module.name} gives {variable}, but the table has no source for it; {_REMEDY}"
+                    )
                 if not 1 <= version <= 15:
                     raise TableError(
-                        f"module {module.name} gives version {version} of {variable}, which is not 1 to 15; {_REMEDY}"
+                        f"module {module.name} gives version {version} of {variable}, not 1 to 15; {_REMEDY}"
                     )

@@ -100,7 +100,7 @@ class Devices:
                 followed |= driver.follows(names)
             except Exception as error:
                 raise DeviceDriverError(
-                    f"the driver of {', '.join(names)} does not tell which actuators it follows: {one_line(error)}"
+                    f"the device driver of {', '.join(names)} failed in follows(): {one_line(error)}"
                 ) from error
         return followed
 

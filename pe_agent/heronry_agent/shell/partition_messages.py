@@ -248,7 +248,7 @@ def _read(head: bytes) -> _Layout:
     reader = _Reader(head)
     shape = [tuple(reader.list(reader.text)) for _ in range(5)]
     if reader.at != len(head) or len(shape[0]) > len(shape[1]):
-        raise ValueError("the names in the answer do not match the types")
+        raise ValueError("the answer to a step has more outputs than types, or bytes after its names")
     return _layout(*shape)
 
 
@@ -296,7 +296,7 @@ def _done(packet: bytes) -> Done:
     head = packet[_STEPPED.size : begin]
     layout = _read(head) if length <= _LAYOUT_BYTES else _read.__wrapped__(head)
     if len(packet) != begin + layout.values.size:
-        raise ValueError("the answer does not have the length that its layout needs")
+        raise ValueError("the answer to a step is longer or shorter than its names and types say")
     numbers = layout.values.unpack_from(packet, begin)
     values = numbers[: len(layout.types)] if layout.is_plain else tuple(_values(layout.types, iter(numbers)))
     count = len(layout.outputs)

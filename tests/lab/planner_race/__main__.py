@@ -65,7 +65,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     if not 0 < arguments.work <= _MOST_WORK:
         raise UserError(f"--work {arguments.work:g}: write a share of the CPU, above 0 and up to {_MOST_WORK:g}")
     if not 0 <= arguments.effort < float("inf"):
-        raise UserError(f"--effort {arguments.effort:g} is not a limit; write a number of 0 or more")
+        raise UserError(f"--effort {arguments.effort:g} is not a limit of the search; write a number of 0 or more")
     rivals = _rivals(arguments.rivals)
     races = []
     for size in _sizes(arguments):

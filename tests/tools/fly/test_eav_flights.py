@@ -83,22 +83,26 @@ def test_the_command_tells_how_it_ended_and_draws_it(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--kill", "pe:nobody@3", "--kill pe:nobody@3: no pe is named 'nobody'; there is nav_a, "),
+        ("--kill", "pe:nobody@3", "--kill pe:nobody@3: no PE is named 'nobody'; there is nav_a, "),
         (
             "--kill",
             "pe:nav_a=stuck@3",
-            "a pe takes no '=stuck'; only a device may be dead, stuck, bias, loose",
+            "'=stuck' can stand only after a device; leave '=stuck' out",
         ),
         ("--kill", "pe:nav_a@soon", "is not a number"),
         ("--kill", "pe:nav_a@-2m", "is not between"),
         ("--kill", "nav_a@3", "write pe:NAME@WHEN"),
-        ("--kill", "pe:flght@3", "no pe is named 'flght'; did you mean 'flight'?"),
-        ("--kill", "device:elevator_1=stuk@3", "a device may be dead, stuck, bias, loose"),
+        ("--kill", "pe:flght@3", "no PE is named 'flght'; did you mean 'flight'?"),
+        (
+            "--kill",
+            "device:elevator_1=stuk@3",
+            "a device cannot fail in the way 'stuk'; write one of dead, stuck, bias, loose",
+        ),
         ("--kill", "pe:nav_a@100001", "is not between 0 and 100000"),  # a flight of big_blue has 5 400 s and 20 000 m
         ("--report", "landing.pdf", "landing.pdf: this command writes no PDF; what it writes ends in .html"),
         ("--report", "my.dg.yaml", "no command writes specs"),
         ("--record", "nosuch/landing.json", "nosuch is not a folder"),
-        ("--wind", "99", "the model is made for"),
+        ("--wind", "99", "the flight model is made for"),
         ("--corrections-lost", "early", "is not a number"),
     ],
 )

@@ -60,7 +60,7 @@ def test_a_file_without_a_snapshot_is_not_there(tmp_path, writer):
 
 
 def test_readings_that_do_not_fit_are_refused(writer):
-    with pytest.raises(ValueError, match="and a slot has"):
+    with pytest.raises(ValueError, match="too many for a slot"):
         writer.write(snapshot(**{f"device_{i}": "x" * 100 for i in range(50)}))
 
 

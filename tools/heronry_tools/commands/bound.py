@@ -107,7 +107,7 @@ def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
             longest_ns = max(longest_ns, time.perf_counter_ns() - begun_ns)
         made += 1
         if shows:
-            print(f"\r{made} of at most {most} plans", end="", file=sys.stderr, flush=True)
+            print(f"\r{made} of at most {most} plans are made", end="", file=sys.stderr, flush=True)
         return found
 
     cases = list(fault_cases(spec, phase, timed))

@@ -61,7 +61,11 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--fast", action="store_true", help="check only the rules that need no solver")
     parser.add_argument(
-        "--select", metavar="CODES", type=_codes, default=["DG"], help="report only these codes, for example DG2,DG401"
+        "--select",
+        metavar="CODES",
+        type=_codes,
+        default=["DG"],
+        help="report only findings with these codes or beginnings of codes, for example DG2,DG401",
     )
     parser.add_argument("--ignore", metavar="CODES", type=_codes, default=[], help="leave out these codes")
     parser.add_argument(
@@ -226,7 +230,7 @@ def _defects_of(what: str) -> Iterator[None]:
         raise
     except ModuleNotFoundError as missing:
         hint = "install heronry[manager], or use --fast"
-        raise UserError(f"the rules that need a solver need {missing.name}, too: {hint}") from missing
+        raise UserError(f"the rules that need a solver cannot be checked without {missing.name}: {hint}") from missing
     except Exception as error:
         trace = traceback.extract_tb(error.__traceback__)[-1]
         said = f"the check itself failed ({type(error).__name__} at {Path(trace.filename).name}:{trace.lineno})"

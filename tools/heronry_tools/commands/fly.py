@@ -91,7 +91,11 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
-    parser.add_argument("--without-rover", action="store_true", help="eav: no rover stands beside the runway")
+    parser.add_argument(
+        "--without-rover",
+        action="store_true",
+        help="eav: no rover stands beside the runway to watch the landing with its camera",
+    )
     parser.add_argument(
         "--must-land",
         action="store_true",
@@ -101,14 +105,15 @@ def add_parsers(subparsers: Any) -> None:
         "--corrections-lost",
         default="2",
         metavar="S",
-        help=f"eav: the differential receiver becomes inaccurate S s after the start, or {_NEVER} (default: 2)",
+        help=f"eav: the differential receiver loses its corrections after S s; S may be '{_NEVER}' (default: 2)",
     )
     parser.add_argument(
         "--height-bias",
         type=float,
         default=0.0,
         metavar="M",
-        help="eav: add a constant error to the receiver's height, drawn from -M to M metres; no monitor finds it",
+        help="eav: add a constant error to the height of the differential receiver, drawn from -M to M metres; "
+        "no monitor finds this error",
     )
     parser.add_argument(
         "--wind", type=float, metavar="M/S", help="strongest wind that is drawn, in m/s (default: EAV 7.7, BIG BLUE 5)"
@@ -191,7 +196,7 @@ def _run_live(arguments: argparse.Namespace) -> int:
         raise UserError("--record writes the record of one flight; leave --runs out")
     spec = load_spec_file(arguments.spec)
     if aircraft_of(spec) != "eav":
-        raise UserError("--live: only the EAV's flight has processes of its own; big_blue flies live by 'heronry demo'")
+        raise UserError("--live flies only the EAV; to fly BIG BLUE in real time, use 'heronry demo'")
     drawn, ends = _drawn(spec, arguments), []
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
         ends.append(fly_live(spec, spec_path(arguments.spec), drawn.of(spec, seed), arguments.record))
@@ -277,7 +282,7 @@ def _glider_missions(spec: "Spec", arguments: argparse.Namespace) -> Sequence[An
 def _wind(arguments: argparse.Namespace, default: float) -> float:
     wind: float = default if arguments.wind is None else arguments.wind
     if not 0.0 <= wind <= 15.0:
-        raise UserError(f"--wind {wind:g}: the model is made for 0 to 15 m/s")
+        raise UserError(f"--wind {wind:g}: the flight model is made for 0 to 15 m/s; write a number in this range")
     return wind
 
 
@@ -314,11 +319,11 @@ def _blow(spec: "Spec", text: str) -> "Blow":
             f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, for example pe:nav_a@20"
         )
     if name not in known:
-        raise UserError(f"--kill {text}: no {kind} is named '{name}'; {meant(name, known)}")
+        raise UserError(f"--kill {text}: no {'PE' if kind == 'pe' else kind} is named '{name}'; {meant(name, known)}")
     if how and kind != "device":
-        raise UserError(f"--kill {text}: a {kind} takes no '={how}'; only a device may be {', '.join(_HOW)}")
+        raise UserError(f"--kill {text}: '={how}' can stand only after a device; leave '={how}' out")
     if how and how not in _HOW:
-        raise UserError(f"--kill {text}: a device may be {', '.join(_HOW)}")
+        raise UserError(f"--kill {text}: a device cannot fail in the way '{how}'; write one of {', '.join(_HOW)}")
     if when.endswith("m"):
         return Blow(element, below_m=_number(when[:-1], f"--kill {text}"), how=how or "dead")
     return Blow(element, at_s=_number(when, f"--kill {text}"), how=how or "dead")

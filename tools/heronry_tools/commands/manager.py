@@ -45,7 +45,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--changed-spec",
         action="store_true",
-        help="accept a journal written for an older SPEC: continue its numbers, forget its faults and phase",
+        help="accept a journal written for an older SPEC: continue its terms and epochs, forget its faults and phase",
     )
     parser.add_argument(
         "--key",
@@ -68,7 +68,7 @@ def add_parsers(subparsers: Any) -> None:
         "--socket",
         type=Path,
         metavar="PATH",
-        help="the socket on which 'heronry status' and other commands reach this manager (default: one per spec)",
+        help="the socket on which 'heronry status' and other commands reach this manager (default: named after SPEC)",
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--slower-heartbeat-ns", type=int, default=0, help=argparse.SUPPRESS)  # as the PEs of a demo

@@ -104,7 +104,7 @@ def _add_situation(parser: argparse.ArgumentParser) -> None:
         "--limit",
         metavar="ELEMENT=PERCENT",
         action="append",
-        help="a PE or bus that has only this percentage of its capacity left, as pe:nav=50%%; may be repeated",
+        help="a PE or bus that has only this percentage of its capacity left, for example pe:nav=50%%; may be repeated",
     )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument(
@@ -145,7 +145,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
 def _effort(text: str) -> float:
     effort = float(text)
     if not 0 <= effort < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a limit; write a number of 0 or more")
+        raise argparse.ArgumentTypeError(f"{text} is not a limit of the search; write a number of 0 or more")
     return effort
 
 
@@ -163,7 +163,7 @@ def _best(spec: "Spec", now: "Situation", running: "Placement | None", effort: f
         if str(error.name).partition(".")[0] != "ortools":
             raise
         how = 'add it with: pip install "heronry[manager]", or use --planner greedy'
-        raise UserError(f"ortools is not installed; {how}") from error
+        raise UserError(f"the exact planner needs ortools, which is not installed; {how}") from error
     return explained(spec, plan(spec, now, running, effort=DEFAULT_EFFORT if effort is None else effort))
 
 

@@ -37,7 +37,9 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("--function", metavar="NAME", help="draw only what may contribute to this function")
     parser.add_argument(
-        "--plan", metavar="PLAN.json", help="mark what a plan runs and wires, and what is down in it (- for stdin)"
+        "--plan",
+        metavar="PLAN.json",
+        help="mark what this plan runs and wires, and what is down in the plan's situation (- for stdin)",
     )
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
     add_output(parser, forms={"svg": (".svg",), "mermaid": (".mmd", ".mermaid"), "dot": (".dot", ".gv")})

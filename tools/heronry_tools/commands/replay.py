@@ -155,7 +155,7 @@ def _print(comparisons: "list[Comparison]", no_frames: int, stretched: str | Non
     from heronry_tools.sim.replay.comparison import Compared  # noqa: PLC0415
 
     if no_frames:
-        print(f"lines without a frame: {no_frames}\n")
+        print(f"lines of the recording without a frame: {no_frames}\n")
     if stretched is not None:
         print(f"{stretched}\n")
     for comparison in comparisons:

@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     spec, pe = load_spec(arguments.spec), arguments.pe
     if pe not in spec.pes:
-        raise UserError(f"no pe is named '{pe}'; there is {', '.join(spec.pes)}")
+        raise UserError(f"no PE is named '{pe}'; the spec has {', '.join(spec.pes)}")
     key = None if arguments.key is None else read_key(arguments.key)
     flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
 

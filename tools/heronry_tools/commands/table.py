@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     if (arguments.pe is None) == (arguments.all is None):
         raise UserError("name one PE, or write --all DIR")
     if arguments.pe is not None and arguments.pe not in spec.pes:
-        raise UserError(f"no pe is named '{arguments.pe}'; there is {', '.join(spec.pes)}")
+        raise UserError(f"no PE is named '{arguments.pe}'; the spec has {', '.join(spec.pes)}")
     made = contingencies_of(spec, arguments.contingencies)
     if arguments.all is not None:
         write_tables(spec, spec.pes, arguments.all, made)

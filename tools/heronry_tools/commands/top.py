@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.write(schema_text())
         return 0
     if arguments.once and not arguments.json:
-        raise UserError("--once prints a snapshot: add --json")
+        raise UserError("--once prints one snapshot as JSON: add --json")
     if not arguments.json and not (sys.stdout.isatty() and sys.stderr.isatty()):  # Textual writes to both
         raise UserError("there is no terminal to show the system in: add --json, for snapshots as JSON lines")
     from heronry_tools.watch.source_arguments import opened_source  # noqa: PLC0415
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.at is not None:
         if not isinstance(source, RecordedSource):
             source.close()
-            raise UserError("--at is a time in a recording: add --log FILE, or leave it out")
+            raise UserError("--at is a time in a recording: add --log FILE, or leave --at out")
         source.move_to(source.timeline.begins_ns + round(arguments.at * 1e9))
     if arguments.json:
         return _print(source, once=arguments.once)

@@ -40,7 +40,7 @@ def add_parsers(subparsers: Any) -> None:
         "--port",
         type=_port,
         metavar="N",
-        help="the port (default 8321, or a free one if that is in use; 0: a free one)",
+        help="the port (default: 8321, or any free port if 8321 is in use; 0: any free port)",
     )
     parser.add_argument(
         "--operate", action="store_true", help="let the page give orders; it shows first what each order would change"

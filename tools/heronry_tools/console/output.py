@@ -47,7 +47,12 @@ def add_output_file(parser: argparse.ArgumentParser, form: str, ending: str) -> 
 
 def _add_file(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "-o", "--output", dest="report_file", metavar="FILE", type=Path, help="write here instead of to standard output"
+        "-o",
+        "--output",
+        dest="report_file",
+        metavar="FILE",
+        type=Path,
+        help="write to this file instead of standard output",
     )
 
 
@@ -74,7 +79,9 @@ def add_output(
     if len(forms) > len(TEXT_OR_JSON):
         default = usual or next(iter(forms))
         choice.add_argument(
-            "--format", choices=tuple(forms), help=f"form of the output (default: by ending of FILE, else {default})"
+            "--format",
+            choices=tuple(forms),
+            help=f"form of the output (default: the form that the ending of FILE names, otherwise {default})",
         )
     if "json" in forms:
         choice.add_argument("--json", dest="format", action="store_const", const="json", help=what)
@@ -97,7 +104,7 @@ def settled(arguments: argparse.Namespace) -> argparse.Namespace:
     named = None if file is None else _form_of(file, forms)
     form = getattr(arguments, "format", None)
     if file is not None and form is not None and named is not None and file.suffix.lower() not in forms[form]:
-        raise UserError(f"{file}: a file with this ending is {named}, and {form} was asked for; name another file")
+        raise UserError(f"{file} would be written as {form}, but its ending is that of {named}; name another file")
     usual = next(iter(forms)) if arguments.has_usual_form else None
     arguments.format = form or named or usual
     arguments.json = arguments.format == "json"

@@ -121,7 +121,7 @@ def _from_git(text: str) -> bytes:
     if done.returncode == 0:
         return done.stdout
     why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2].removeprefix("fatal: ")
-    raise UserError(f"{text}: {why} (git); PATH counts from the top of the repository, ./PATH from this folder")
+    raise UserError(f"{text}: {why} (git); PATH is relative to the top of the repository, ./PATH to this folder")
 
 
 def named_function(spec: "Spec", name: str) -> "Function":

@@ -16,7 +16,7 @@ from heronry_wire.ordinary_file import replace_ordinary
 def expect_writable(file: Path) -> None:
     """Raise UserError where `write_whole` could not write this file."""
     if not file.parent.is_dir():
-        raise UserError(f"{file.parent} is not a folder; make it first, or write elsewhere")
+        raise UserError(f"{file.parent} is not a folder; make this folder first, or name another file")
     if file.exists() and not file.is_file():
         raise UserError(f"{file} is {'a folder' if file.is_dir() else 'not an ordinary file'}; name another file")
     if not os.access(file.parent, os.W_OK):

@@ -147,7 +147,7 @@ class FollowedManager:
                 chunk = b""
             if not chunk:
                 raise ControlError(
-                    f"the manager on {self._path} gives no status: restart the manager with this version"
+                    f"the manager on {self._path} gives no status: restart the manager with this version of heronry"
                 )
             self._rest += chunk
         line, _, self._rest = self._rest.partition(b"\n")

@@ -49,13 +49,15 @@ def read_requirement(spec: Spec, text: str) -> Requirement:
     match = _FORM.fullmatch(text.strip())
     if match is None:
         raise UserError(
-            f"--require '{text}': write WHAT after N [in PHASE], as 'A after 1' or 'elevator after 2 in glide'"
+            f"--require '{text}': write WHAT after N [in PHASE], for example 'A after 1' or 'elevator after 2 in glide'"
         )
     what, phase = match["what"], match["phase"]
     if what not in CRITICALITIES and what not in spec.functions:
         raise UserError(f"--require '{text}': '{what}' is neither a class (A to E) nor a function of {spec.name}")
     if phase is not None and phase not in spec.phases:
-        raise UserError(f"--require '{text}': no phase is named '{phase}'; there is {', '.join(spec.phases) or 'none'}")
+        raise UserError(
+            f"--require '{text}': no phase is named '{phase}'; the spec has {', '.join(spec.phases) or 'none'}"
+        )
     return Requirement(text.strip(), what, int(match["faults"]), phase)
 
 

@@ -61,7 +61,7 @@ class Model:
         self.fdm.set_engine_path(str(models / "engine"))
         self.fdm.set_systems_path(str(models))
         if not self.fdm.load_model(aircraft):
-            raise UserError(f"JSBSim cannot load the aircraft '{aircraft}' below {models}")
+            raise UserError(f"JSBSim cannot load the aircraft '{aircraft}' from the folder {models}")
         self.fdm.set_dt(1.0 / STEPS_PER_S)
         self.fdm["simulation/randomseed"] = seed % 2**31
         self._aircraft, self._seed = aircraft, seed
@@ -88,7 +88,7 @@ class Model:
         fdm["ic/gamma-deg"] = 0.0
         fdm["ic/vt-fps"] = airspeed_m_per_s / M_PER_FT
         if not fdm.run_ic():
-            raise UserError("JSBSim does not start from these initial conditions")
+            raise UserError(f"JSBSim cannot start at {up_m:g} m above the runway with {airspeed_m_per_s:g} m/s")
         fdm["propulsion/engine[0]/set-running"] = 1
 
     def step(self) -> None:

@@ -132,7 +132,7 @@ class _Plant:
         """
         messages = self._messages.take(wait_s)
         if self._messages.has_ended:
-            raise UserError("the plant process has ended before the flight")
+            raise UserError("the plant process has ended during the flight")
         return messages
 
 

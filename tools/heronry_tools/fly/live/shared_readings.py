@@ -53,7 +53,9 @@ class Writer:
         form = [snapshot.time_ns, snapshot.height_m, readings, sorted(snapshot.refusing)]
         data = json.dumps(form, separators=(",", ":")).encode()
         if len(data) > _SLOT_BYTES - _LENGTH.size:
-            raise ValueError(f"the readings take {len(data)} bytes, and a slot has {_SLOT_BYTES}")
+            raise ValueError(
+                f"the readings of all devices take {len(data)} bytes, too many for a slot of {_SLOT_BYTES} bytes"
+            )
         start = _HEAD_BYTES + (self._count + 1) % _SLOTS * _SLOT_BYTES
         self._memory[start : start + _LENGTH.size + len(data)] = _LENGTH.pack(len(data)) + data
         self._count += 1

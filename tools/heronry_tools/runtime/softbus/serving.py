@@ -17,7 +17,7 @@ def serve(channel: str, bitrate: int, *, until_eof: bool) -> int:
     Raises HubError or RuntimeFolderError where that is not possible.
     """
     with closing(Hub(path_to_listen(channel), bitrate)) as hub, _woken_by_signals() as woken:
-        print(f"{time_of_day()} {channel}: {bitrate} bit/s; the flags for it: -i softbus -c {channel}", flush=True)
+        print(f"{time_of_day()} {channel}: {bitrate} bit/s; use this bus with -i softbus -c {channel}", flush=True)
         hub.run([woken, sys.stdin.fileno()] if until_eof else [woken])
     return 0
 

@@ -83,7 +83,7 @@ def _arguments(words: list[str]) -> argparse.Namespace:
         help="CAN interfaces that exist while COMMAND runs (default: vcan0)",
     )
     parser.add_argument(
-        "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="what to run, with its arguments"
+        "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="the command to run, with its arguments"
     )
     arguments = parser.parse_args(words)
     if arguments.command[:1] == ["--"]:

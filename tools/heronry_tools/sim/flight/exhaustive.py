@@ -192,7 +192,10 @@ def _fly(simulation: Simulation) -> None:
 def _read_frame_fault(victims: Sequence[str], text: str) -> FrameFault:
     match = _FRAME_FAULT.fullmatch(text.strip())
     if match is None or match["kind"] not in KINDS:
-        raise UserError(f"'{text}' is not a frame fault; write NUMBER KIND VICTIM; KIND is one of {', '.join(KINDS)}")
+        raise UserError(
+            f"'{text}' is not a fault; write NUMBER KIND VICTIM: NUMBER counts management frames from 0; "
+            f"KIND is one of {', '.join(KINDS)}"
+        )
     if match["victim"] not in victims:
         raise UserError(f"'{text}': there is no node '{match['victim']}'; VICTIM is one of {', '.join(victims)}")
     if match["kind"] in _DEATHS and match["victim"] == ALL_NODES:
