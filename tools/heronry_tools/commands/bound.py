@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.output import add_output
+from heronry_tools.console.situation_arguments import add_phase
 from heronry_tools.console.spec_argument import add_spec_argument
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_EPILOG,
     )
     add_spec_argument(parser)
-    parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
+    add_phase(parser)
     parser.add_argument(
         "--decide",
         type=_milliseconds,

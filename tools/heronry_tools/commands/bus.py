@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import add_output
+from heronry_tools.console.situation_arguments import add_situation, situation_of
 from heronry_tools.console.spec_argument import add_spec_argument
 
 if TYPE_CHECKING:
@@ -41,20 +42,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     add_spec_argument(parser)
     parser.add_argument("--plan", metavar="PLAN.json", help="the plan to show (- for standard input)")
-    parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
-    parser.add_argument(
-        "--limit",
-        metavar="ELEMENT=PERCENT",
-        action="append",
-        help="a PE or bus that has only this percentage of its capacity left, for example pe:nav=50%%; may be repeated",
-    )
-    parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
-    parser.add_argument(
-        "--priority",
-        metavar="FUNCTION=N",
-        action="append",
-        help="a priority of a function, 0 to 32767, instead of that in the spec; may be repeated",
-    )
+    add_situation(parser)
     parser.add_argument("--bus", metavar="NAME", help="show this bus alone")
     add_output(parser, "write the messages as JSON")
     parser.set_defaults(run=run)
@@ -89,13 +77,12 @@ def _check_bus(spec: "Spec", bus: str | None) -> None:
 
 
 def _planned(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Configuration]":
-    from heronry_dg.situation import situation  # noqa: PLC0415
 
     if arguments.plan is not None:
         return _given(spec, arguments)
     from heronry_manager.planner.exact import plan  # noqa: PLC0415
 
-    now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())
+    now = situation_of(spec, arguments)
     return now, plan(spec, now).configuration
 
 

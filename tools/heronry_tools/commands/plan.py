@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import add_output
 from heronry_tools.console.plan_argument import errors_name, evaluated_in, read_text
+from heronry_tools.console.situation_arguments import add_situation, situation_of
 
 if TYPE_CHECKING:
     from heronry_dg.configuration import Configuration
@@ -60,7 +61,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_PLAN_EPILOG,
     )
     _add_spec(plan)
-    _add_situation(plan)
+    add_situation(plan)
     plan.add_argument(
         "--running",
         metavar="PLAN.json",
@@ -89,7 +90,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     _add_spec(verify)
     verify.add_argument("plan", metavar="PLAN.json", help="the plan to verify (- for standard input)")
-    _add_situation(verify)
+    add_situation(verify)
     add_output(verify, "write the broken rules as JSON")
     verify.set_defaults(run=run_verify)
 
@@ -98,32 +99,14 @@ def _add_spec(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
 
 
-def _add_situation(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
-    parser.add_argument(
-        "--limit",
-        metavar="ELEMENT=PERCENT",
-        action="append",
-        help="a PE or bus that has only this percentage of its capacity left, for example pe:nav=50%%; may be repeated",
-    )
-    parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
-    parser.add_argument(
-        "--priority",
-        metavar="FUNCTION=N",
-        action="append",
-        help="a priority of a function, 0 to 32767, instead of that in the spec; may be repeated",
-    )
-
-
 def run_plan(arguments: argparse.Namespace) -> int:
     """Plan and show or write the plan; returns the exit code."""
     from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import; `--help` does not need it
-    from heronry_dg.situation import situation  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.plan import print_plan  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
-    now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())
+    now = situation_of(spec, arguments)
     text = read_text(arguments.running) if arguments.running else None
     with errors_name(arguments.running):
         running = read_running(text, spec) if text is not None else None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import add_output
+from heronry_tools.console.situation_arguments import add_down
 
 if TYPE_CHECKING:
     from heronry_tools.reports.render.graph import Graph
@@ -41,7 +42,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="PLAN.json",
         help="mark what this plan runs and wires, and what is down in the plan's situation (- for stdin)",
     )
-    parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
+    add_down(parser)
     add_output(parser, forms={"svg": (".svg",), "mermaid": (".mmd", ".mermaid"), "dot": (".dot", ".gv")})
     parser.set_defaults(run=run)
 

@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.output import add_output
+from heronry_tools.console.situation_arguments import add_down, add_phase
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -37,8 +38,8 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
-    parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
-    parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
+    add_down(parser)
+    add_phase(parser)
     add_output(parser, "write the answer as JSON")
     parser.set_defaults(run=run)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.situation_arguments import situation_of
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
 def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
     """Give the situation in which to evaluate a plan: the plan's own situation, with the parts that options replace."""
     from heronry_dg.plan import read_situation  # noqa: PLC0415
-    from heronry_dg.situation import Situation, situation  # noqa: PLC0415
+    from heronry_dg.situation import Situation  # noqa: PLC0415
 
-    said = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())
+    said = situation_of(spec, arguments)
     planned = read_situation(plan, spec)
     return Situation(
         down=planned.down if arguments.down is None else said.down,
