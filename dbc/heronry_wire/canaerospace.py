@@ -37,11 +37,17 @@ _FIRST_USER_TYPE = 100
 
 
 class DataType(IntEnum):
-    """The data types of [S p.5-7]; the value is the code in byte 1.
+    """The data types of [S p.5-7]; the number of a type is its code in byte 1.
 
-    The value of a datum is None for NODATA; float for FLOAT; `ErrorReport` for ERROR; int for the other types of one
-    value (B... types are unsigned bit fields) and for each half of a DOUBLE; a tuple of int for the types of 2, 3 or 4
-    values; str of exactly 1 to 4 characters for ACHAR to ACHAR4 (Latin-1, so that no byte is lost).
+    The Python type of a datum's value, by data type:
+
+        NODATA                      None
+        ERROR                       `ErrorReport`
+        FLOAT                       float
+        other types of one value    int; B... types are unsigned bit fields
+        halves of a DOUBLE          int, one for each half
+        types of 2, 3 or 4 values   tuple of int
+        ACHAR to ACHAR4             str of exactly 1 to 4 characters, in Latin-1, so that no byte is lost
     """
 
     NODATA = 0

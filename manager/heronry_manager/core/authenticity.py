@@ -165,9 +165,9 @@ class Authenticity:
     ) -> None:
         """Begin without any session.
 
-        digest_of: gives the digest of an epoch by its number; a standby manager knows the epochs of the manager that it
-        follows. None: the epoch is not known.
-        speaks: tells whether this manager sends LEASE; only a manager that sends LEASE also sends RENEW.
+        digest_of: gives the digest of an epoch by its number; None: the epoch is not known. A standby manager knows the
+            epochs of the manager that it follows.
+        speaks: tells whether this manager sends LEASE; only a manager that sends LEASE sends RENEW.
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
@@ -230,10 +230,11 @@ class Authenticity:
     # What comes in
 
     def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
-        """Check a state of a PE; gives its page, or None if the page is not believed.
+        """Check a page that a PE has sent; gives the page, or None if it is not believed.
 
-        In a page 0 or 1, the digest is put in the place of the tag. In a page 2, the nonce must have been made with the
-        key. A page 3 has no proof and is always given.
+        page 0, 1: believed if the tag is right; given with the digest in place of the tag.
+        page 2: believed if its nonce was made with the key.
+        page 3: has no proof, and is always given.
         """
         peer = self._peers[pe]
         match page:

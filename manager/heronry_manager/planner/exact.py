@@ -226,7 +226,7 @@ class Search:
         return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
-        """Keep the upper bound of each level of a group that follows from a bound of the whole group.
+        """Work out an upper bound for each level of a group; keep it if it is lower than the level's present bound.
 
         bound: upper bound that the solver has proven for the sum into which the levels of the group are merged.
         """

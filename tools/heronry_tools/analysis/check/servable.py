@@ -159,10 +159,10 @@ class Planning:
         down: frozenset[str] = frozenset(),
         least: Mapping[str, int] = NOTHING_ASKED,
     ) -> Candidates:
-        """Give all choices for a plan (`Candidates`) that wants only these functions, all with the same priority.
+        """Give all choices of the planner (`Candidates`) if only these functions are wanted, all with one priority.
 
-        least: the value with which each function must be served. A mode that reaches this value, if it is above 0, has
-        the value 1 in the candidates; all other modes have the value 0.
+        least: the lowest value with which each function may be served; 0 for a function that is not named. If it is
+        above 0, the modes that reach it have the value 1 in the candidates. All other modes have the value 0.
         """
         wanted = {
             name: replace(

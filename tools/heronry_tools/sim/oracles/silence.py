@@ -86,9 +86,9 @@ class LeftOut:
 def stopped_by_silence(
     spec: Spec, targets: Iterable[str], witness: Witness, span_ns: range, left_out: LeftOut
 ) -> list[Violation]:
-    """Return a violation for each function that was silent, though only managers failed and it must not stop then.
+    """Return a violation for each function that was silent, although it must not stop when only managers fail.
 
-    targets: all targets into which faults were injected; if one of them is not a manager, there is no violation
+    targets: all targets into which faults were injected; if one of them is not a manager, nothing is verified
     witness: has the silences of all functions
     span_ns: begin and end of the time that is verified
     """
