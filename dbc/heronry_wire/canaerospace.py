@@ -16,9 +16,9 @@ The status of a datum. V1.7 says that byte 2 "should continuously reflect the st
 for it. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its `Validity`. A few
 standard identifiers use byte 2 for a waypoint, tyre or brake number instead: `standard_identifiers` lists them.
 
-Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Arbitration does not compare
-these integers: the 11 bits that are sent first have the value n // 4. So channels 1 to 3 begin with the 11 bits of
-identifier 0, and have a higher priority than every other 11-bit frame, even than emergency events (see
+Redundancy. [S p.53] gives channel n of the identifier `id` the 29-bit identifier 65536 n + id. In arbitration the upper
+11 bits of this number are sent first, and they have the value n // 4. So the frames of channels 1 to 3 begin with 11
+zero bits. They have a higher priority than all 11-bit frames with identifiers above 0, even than emergency events (see
 `frame.arbitration_key`). This project sends and reads 11-bit frames only (docs/limits.md); it counts the 29-bit frames
 of other makers.
 """

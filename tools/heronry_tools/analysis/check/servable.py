@@ -1,8 +1,9 @@
 """What a check asks the planner: whether some functions can all be served, and which ones a phase's plan gives up.
 
-The exact planner answers both questions. It first gets a cheap problem: only these functions are wanted, all with the
-same priority. If all of them can be served together, every best plan of a phase that wants no other critical function
-serves them, too. The whole phase, with its priorities, is planned only if they cannot all be served.
+The exact planner answers both questions. It first gets a cheap problem: only the functions in question are wanted, all
+with the same priority. If they can all be served together, no plan of the phase is needed: every best plan of the phase
+serves them, provided that the phase wants no other critical function. If they cannot all be served, the whole phase is
+planned, with its priorities.
 
 Identifiers, and with them response times, are always taken from the whole spec, as they are used on the bus.
 """
