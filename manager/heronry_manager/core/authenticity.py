@@ -31,7 +31,8 @@ the nonce, now or earlier.
 such a page proves it, and tries all EMCYs that it holds. After a lost EMCY, page 0 cannot be believed until the PE has
 repeated the EMCY. When a page 0 reports no pending fault, the manager forgets the EMCYs of this PE. If an EMCY is
 forgotten without proof, each frame that brought it counts as forged. EMCYs with some codes (`_SENT_ONCE`) are never
-pending, so no page 0 proves them, and with a key they have no effect.
+pending, so no page 0 proves them, and with a key they have no effect. The EMCY about a lost channel counts without
+proof; it does not come here.
 
 *A PE that is not believed.* A restarted PE requests a session by itself: it sends its nonce until an answer comes. If a
 PE is heard, but cannot be believed for T_lease, the manager sends RENEW, and the PE requests a new session. The reason
@@ -87,7 +88,7 @@ from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send
 from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1, StatePage2, StatePage3, split_state
 
-GUESSES = 8  # wrong tags, after which a state counts only if the state before it was proven too
+GUESSES = 8  # wrong tags, after which a page 0 counts only if the page 0 before it was proven as well
 FORGIVEN_PERIODS = 256  # heartbeat periods without a wrong tag, after which the wrong tags are forgotten
 _OFFERS = 8  # answers to one PE that are remembered: as many as `NonceAnswers` allows in two periods
 _NAMED = 3
@@ -368,9 +369,10 @@ class Authenticity:
         return None
 
     def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
-        """Check the tag of a page 1; None: the tag is wrong, or the digest of the page's epoch is not known here.
+        """Check the tag of a page 1; gives the page with a digest in place of the tag.
 
-        In the page that is returned, the digest is that of the epoch if the PE has staged the epoch, and 0 if not.
+        This digest is that of the page's epoch if the PE has staged the epoch, and 0 if not. Returns None if the tag is
+        wrong, or if the digest of the epoch is not known here.
         """
         known = self._digest_of(page.staged_epoch)
         if known is None:

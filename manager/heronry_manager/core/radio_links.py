@@ -3,15 +3,15 @@
 Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps (`STEPS`), and plans use one of
 them. What changes the step of a radio depends on its state:
 
-    settling   from the start, or from the moment at which the radio is gone, until some PE beyond it is available. Each
+    settling   at the start, and when the radio is back after it was gone: until some PE beyond it is available. Each
                report sets the step directly. This interrupts no PE, and a PE that returns gets a plan that fits
-    steady     some PE beyond the radio has been available since then. The step falls and rises as said below
+    followed   some PE beyond the radio is available, or has been since then. The step falls and rises, see below
     gone       the gateway hears nothing from beyond the radio, so all PEs there are lost together
 
-In the state steady:
+In the state followed:
 
 - The step falls after two reports in a row that are more than a tenth below it. The new step is the largest one that is
-  not above the reported bandwidth. With a longer wait the queues of the gateway would grow.
+  not above the reported bandwidth; from 90 % on, it is 100 %. With a longer wait the queues of the gateway would grow.
 - The step rises when, for ten heartbeat periods of the radio, all reports were at least a twentieth above a higher
   step. If a fall comes within a minute of the fall before, these ten periods are doubled, to forty at most. After a
   minute without a fall, the next fall sets them to ten again.

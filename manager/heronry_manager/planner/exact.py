@@ -7,10 +7,10 @@ The planner starts from the greedy plan, builds one model for the solver, and ta
 2. It fixes the value that was reached: later groups must not make this value worse. So a value is fixed only when a
    legal configuration reaches it.
 
-A level whose value has reached its upper bound needs no search. As a rule this holds for the functions, since the
-greedy plan serves all that can be served. If the greedy plan serves less, the planner first chooses which modules run,
-and then finds PEs for them (`choosing`). If this result is below the bound, the planner searches over all modules and
-PEs together.
+A level whose value has reached its upper bound needs no search. As a rule this is so for the levels of the functions,
+since the greedy plan serves all that can be served. If the greedy plan serves less, the planner first chooses which
+modules run, and then finds PEs for them (`choosing`). If this result is below the bound, the planner searches over all
+modules and PEs together.
 
 The planner is deterministic: one worker, a fixed seed, no clock. The search is limited by the solver's own count of its
 work, `effort`. When this limit is reached, the planner returns the best configuration found so far; the plan then says

@@ -180,8 +180,8 @@ class Sweep:
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
         """Give the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
 
-        rest: the value of `what_is_left` for `down`, which is computed fast. Fault sets with an equal `rest` leave the
-        same choice. Only if no earlier set has an equal `rest`, the choices themselves are compared (`choice_of`).
+        rest: the value of `what_is_left` for `down`. Fault sets with an equal `rest` leave the same choice. Only if no
+        earlier set has an equal `rest`, the choices themselves are compared (`choice_of`), which takes longer.
         """
         twin = self._twins.get((phase, rest))
         if twin is None:

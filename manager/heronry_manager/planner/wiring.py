@@ -121,10 +121,10 @@ class Wiring:
     def _producers_run(self) -> None:
         """Add constraints: the producer of each wire runs in a mode that gives the wire's version (semantics rule 2).
 
-        One constraint is enough for each consumer and each version of a producer's variable: the sum of the literals of
-        all possible wires between them is at most 1 if the producer runs in such a mode, and otherwise 0. At most one
-        of these wires is in use, because a consumer runs in one mode, and inputs of one mode that take the same
-        variable accept different versions.
+        One constraint is enough for each consumer and each version of a producer's variable. It is about the sum of the
+        literals of all possible wires from this version to this consumer: at most 1 if the producer runs in a mode that
+        gives this version, and otherwise 0. More than one of these wires is never in use, because a consumer runs in
+        one mode, and inputs of one mode that take the same variable accept different versions.
         """
         alike: dict[tuple[str, Source, str], list[IntVar]] = {}
         for (consumer, _, _), wires in self.wires.items():

@@ -119,10 +119,11 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration, found for an earlier question, that serves these functions without the elements `down`.
+        """Give a configuration, found for an earlier question, that serves these functions although `down` are down.
 
-        least: the lowest value with which each function may be served; 0 for a function that is not named. Returns None
-        if no configuration found so far does this.
+        Returns None if no configuration found so far does this.
+
+        least: the lowest value with which each function may be served; 0 for a function that is not named.
         """
         lost = lost_elements(self.spec, Situation(down))
         alive = (known for known, used in self._known if used.isdisjoint(lost))
