@@ -1,7 +1,7 @@
 """The key of a fleet, and the tags that only its holders can make (protocol rule 11).
 
 A tag is a keyed BLAKE2s hash (RFC 7693), cut to the room in the frame: 48 bits for a command, 24 for a state. The tag
-covers the bytes of the frame. In addition it covers what the frame has no room for:
+covers the bytes of the frame and, in addition:
 
     command   - manager; kind of the command; term; number of the command in that term
               - in a WELCOME, the command by which a manager answers the nonce of a PE: this nonce
@@ -12,7 +12,7 @@ covers the bytes of the frame. In addition it covers what the frame has no room 
               - in page 0 with the flag FAULT_PENDING: one EMCY that waits to be acknowledged, because an EMCY has no
                 room for a tag of its own
 
-So a copied command or state is refused if it comes a second time, at another place in the sequence, in the other
+So the tag of a copied command or state is not valid a second time, at another place in the sequence, in the other
 direction, or from another node.
 
 A nonce is *plausible* if its last 16 bits are the tag of its other bits and its node. A manager answers only plausible

@@ -43,7 +43,8 @@ _STATES = (  # bits of byte 1 of a controller problem, the worst first
 class ControllerReport:
     """Content of one error frame.
 
-    state: the state of the controller; None: the frame names no state. kinds: the errors, as words for the log.
+    state: the state of the controller; None: the frame names no state.
+    kinds: the errors, as words for the log.
     """
 
     state: ControllerState | None

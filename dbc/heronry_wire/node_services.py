@@ -75,8 +75,8 @@ class Result(IntEnum):
 class ServiceMessage(NamedTuple):
     """A request or an answer of a node service.
 
-    datum: its `node_id` is that of the addressed node in a request, of the sender in an answer; its `service_code` is
-    the service.
+    datum: its `service_code` is the service. Its `node_id` is the addressed node in a request, and the sender in an
+        answer.
     """
 
     channel: int

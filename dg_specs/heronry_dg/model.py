@@ -8,7 +8,7 @@ Mappings keep the order of the file, and that order carries meaning:
 - The modes of a module are listed best first.
 - The first phase is the initial one.
 - The first branch of a DEMUX is its primary branch; with `to`, the first end is.
-- If identifiers could be allocated to two names with equal right, the earlier name gets the first identifier.
+- Ties in the allocation of identifiers go to the earlier name.
 
 The loader ensures of every `Spec`:
 

@@ -1,7 +1,7 @@
 """Authentication in a manager with a key: it tags every command, and accepts only proven states (protocol rule 11).
 
-A PE sends a nonce in page 2, and the manager answers it with WELCOME. The number of this answer names a *session*. From
-then on the PE tags its pages 0 and 1 in this session. For the manager, a PE is in one of three states:
+A PE sends a nonce in page 2, and the manager answers the nonce with WELCOME. The number of this answer names a
+*session*. From then on the PE tags its pages 0 and 1 in this session. For the manager, a PE is in one of three states:
 
     no session    nothing from this PE counts. The manager answers a nonce that was made with the key (`nonce_answers`)
     offered       one or more answers have gone out, and each offers a session. No page 0 that is tagged in one of these
@@ -12,8 +12,8 @@ A session is open until the PE tags a page 0 in a newer session. A PE begins a n
 in a new term, after RENEW, or when it has accepted no command for T_lease. Frames without proof end no session.
 
 *Commands out.* Each command is followed by its TAG, and the TAGs of a term are numbered (`command_tags`). The driver
-writes a term to disk before the manager sends anything in it, so a term is used once. So no number is used twice, even
-after a restart.
+writes a term to disk before the manager sends anything in this term. So even after a restart no term is used twice, and
+no number is used twice.
 
 *States in.* The 24 bits of the tag are in the page where its digest would be. The tag covers the content of the page,
 the session, and the digest of the running or staged configuration. A tag holds in one session only, so a state that was
@@ -31,8 +31,8 @@ the nonce, now or earlier.
 such a page proves it, and tries all EMCYs that it holds. After a lost EMCY, page 0 cannot be believed until the PE has
 repeated the EMCY. When a page 0 reports no pending fault, the manager forgets the EMCYs of this PE. If an EMCY is
 forgotten without proof, each frame that brought it counts as forged. EMCYs with some codes (`_SENT_ONCE`) are never
-pending, so no page 0 proves them, and with a key they have no effect. The EMCY about a lost channel counts without
-proof; it does not come here.
+pending, so no page 0 proves them, and with a key they have no effect. An EMCY about a lost channel counts without
+proof, and is not handed to this file.
 
 *A PE that is not believed.* A restarted PE requests a session by itself: it sends its nonce until an answer comes. If a
 PE is heard, but cannot be believed for T_lease, the manager sends RENEW, and the PE requests a new session. The reason

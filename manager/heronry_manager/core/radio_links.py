@@ -3,9 +3,10 @@
 Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps (`STEPS`), and plans use one of
 them. What changes the step of a radio depends on its state:
 
-    settling   at the start, and when the radio is back after it was gone: until some PE beyond it is available. Each
-               report sets the step directly. This interrupts no PE, and a PE that returns gets a plan that fits
-    followed   some PE beyond the radio is available, or has been since then. The step falls and rises, see below
+    settling   no PE beyond the radio has been available since the start, or since the radio was gone. Each report sets
+               the step directly. This interrupts no PE, and a PE that returns gets a plan that fits the radio
+    followed   some PE beyond the radio has been available since the start, or since the radio was gone. The step falls
+               and rises by the rules below
     gone       the gateway hears nothing from beyond the radio, so all PEs there are lost together
 
 In the state followed:
@@ -13,8 +14,8 @@ In the state followed:
 - The step falls after two reports in a row that are more than a tenth below it. The new step is the largest one that is
   not above the reported bandwidth; from 90 % on, it is 100 %. With a longer wait the queues of the gateway would grow.
 - The step rises when, for ten heartbeat periods of the radio, all reports were at least a twentieth above a higher
-  step. If a fall comes within a minute of the fall before, these ten periods are doubled, to forty at most. After a
-  minute without a fall, the next fall sets them to ten again.
+  step (for the step 100 %, at least 94.5 %). If a fall comes within a minute of the fall before, these ten periods are
+  doubled, to forty at most. After a minute without a fall, the next fall sets them to ten again.
 
 If a report is lost, the next one replaces it. A late or doubled report is recognized by its sequence number and
 dropped. A report from another node than the gateway is dropped as well. `heronry_wire.gateway_report` says what a

@@ -226,7 +226,7 @@ def what_is_left(left: Survivors) -> object:
 
 
 def choice_of(possible: Candidates) -> object:
-    """Give what a fault set leaves to choose, as one value: which modes may run on which PEs, and the routes.
+    """Give the choice that a fault set leaves, as one value: which modes may run on which PEs, and the routes.
 
     If no radio is limited, fault sets with equal values have the same best plan in a phase. PEs on which nothing may
     run, and routes to them, are left out, since no legal configuration uses them.

@@ -1,4 +1,4 @@
-"""Which producer each input is wired to, as variables of the solver's model; with the rules on gates and on purpose.
+"""The part of the solver's model about wires: which producer feeds each input, the gates, the purpose of modules.
 
 *Wires*. Each (consumer, mode, leaf, source) has a literal, which is true if this wire is in use.
 

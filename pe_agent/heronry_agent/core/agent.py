@@ -12,9 +12,10 @@ Each part of the agent has a file of its own, and decides one matter:
     gateway, radios                                    what to forward
     deadlines                                          when to act
 
-This file makes the parts. It hands each event to one part, steps the modules that are due, sends the state frames that
-the parts have requested, and queues the frames to a radio, in this order. A frame that no part takes is dropped after
-one look-up of its identifier. No part gets a frame with a 29-bit identifier, a remote frame or an error frame.
+This file makes the parts. At each event it hands the event to one part, then steps the modules that are due, then sends
+the state frames that the parts have requested, and then queues the frames to a radio. A frame that no part takes is
+dropped after one look-up of its identifier. No part gets a frame with a 29-bit identifier, a remote frame or an error
+frame.
 
 No frame raises an exception, whatever its bytes are and whenever it comes. A malformed frame is counted (`counts`) and
 changes nothing. An exception means a programming error: the caller's time went back, or an invariant is broken.

@@ -59,7 +59,9 @@ class Moves:
 class Reconfiguration:
     """The configuration that runs on one PE, and how far it is activated.
 
-    live: mode of each module that runs. held: DEMUX branches that wait for GO_ALL. failed: modules that stay stopped.
+    live: mode of each module that runs.
+    held: DEMUX branches that wait for GO_ALL.
+    failed: modules that have failed, and stay stopped.
     """
 
     index: TableIndex

@@ -8,7 +8,7 @@ The *head* of a slice gives its length and its digest; its *body* is the slice i
     staged       the slice is complete, has the digest of its head, and this PE can run it
 
 A newer epoch, or an epoch of a higher term, replaces what was collected or staged. A repeated command for a staged
-epoch is answered again and changes nothing. Two slices are complete without a body:
+epoch is answered again and changes nothing. In two cases a slice is complete without frames of a body:
 
 - PREPARE names a contingency on board. If the contingency is not on board, the PE requests its slice (NOT_ON_BOARD).
 - The head announces the slice that already runs on this PE.

@@ -119,7 +119,7 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration, found for an earlier question, that serves these functions although `down` are down.
+        """Give a configuration, found for an earlier question, that serves these functions without what is in `down`.
 
         Returns None if no configuration found so far does this.
 

@@ -4,9 +4,9 @@ A module stands on one sheet, together with its gates, its devices and the other
 sheet to sheet by the name of a variable. So a variable is drawn on every sheet where a module gives or reads it. It is
 drawn solid on the first sheet where a module gives it, and dashed on the others.
 
-To choose the sheets, the whole graph is first laid out in one wide picture. The symbols from its left end go to the
-first sheet, those to their right to the next sheet, and so on. So data flow from left to right on a sheet, and then on
-to the sheet below.
+To choose the sheets, the whole graph is first laid out in one wide picture. The symbols at the left end of this picture
+go to the first sheet, those to their right go to the next sheet, and so on. So data flow from left to right on a sheet,
+and then on to the sheet below.
 """
 
 from collections.abc import Collection, Iterator, Mapping

@@ -49,8 +49,9 @@ class ProcessorWaits:
     def longest(self, now_ns: int, pe: str, processes: Mapping[str, int]) -> Wait:
         """Give the longest wait that may have made a PE silent: that of its process, of a manager or of a bus.
 
-        The waits of a process are added up from the newest sample that is at least `window_ns` old. If the demo's own
-        process had to wait, it took no samples meanwhile, so this sample may be much older.
+        The waits of a process are added up from the newest sample that is at least `window_ns` old; if there is none,
+        from the first sample. If the demo's own process had to wait, it took no samples meanwhile, so the sample may be
+        much older than `window_ns`.
         """
         began_ns, before = self._samples[0] if self._samples else (now_ns, {})
         of_ns = now_ns - began_ns

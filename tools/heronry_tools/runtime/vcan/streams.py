@@ -6,7 +6,7 @@ How the output is carried depends on where this program's stdout or stderr goes:
     anything else   through a file that both sides see. This program follows the file as it grows, so no byte is lost
                     when the guest stops. The command sees no terminal
 
-If stdout and stderr go to one file, the command's outputs share one file as well, which keeps their order.
+If stdout and stderr go to the same place, the command's stdout and stderr share one file, which keeps their order.
 
 If stdin and stdout are a terminal, what the user types goes to the command through a second pipe into the same console.
 Meanwhile the user's terminal is raw, so that the guest's terminal interprets every key, Ctrl-C included. If stdin or

@@ -2,7 +2,7 @@
 
 `look` is called at intervals, and verifies two rules:
 
-- Since the call before, each bus must have been idle at some moment. A bus is never idle while a frame waits
+- Between two calls, each bus must have been idle at some moment. A bus is never idle while a frame waits
   (arbitration is work-conserving), so an idle moment proves that every queue was empty. If frames fill nearly the whole
   interval (`_FULL`), the bus was never idle. An error-passive controller pauses for 8 bits after each frame; this pause
   counts as idle.
