@@ -1,33 +1,36 @@
 """The key of a fleet, and the tags that only its holders can make (protocol rule 11).
 
-A tag is a keyed BLAKE2s hash (RFC 7693), cut to the room in the frame: 48 bits for a command, 24 for a state. BLAKE2s
-takes a key by design, in one pass where HMAC needs two: 0.6 us a tag against 2.8 us with HMAC-SHA-256 (`timeit`, on the
-machine of docs/limits.md). Its parameter `person` and its output length are part of what is hashed, so tags of
-different kinds differ. BLAKE2s comes with Python; nothing has to be installed on a node.
+A tag is a keyed BLAKE2s hash (RFC 7693), cut to the room in the frame: 48 bits for a command, 24 for a state. The tag
+covers the bytes of the frame and, in addition:
 
-One key serves the whole fleet, because a command is for all nodes and has room for one tag: an attacker who takes over
-one node has the key. A tag covers the bytes of the frame, and in addition:
+    command   - manager; kind of the command; term; number of the command in that term
+              - in a WELCOME, the command by which a manager answers the nonce of a PE: this nonce
+    state     - node; manager, term and number of the WELCOME that opened the node's session
+              - digest of the configuration that the PE runs (page 0) or has staged (page 1). In the frame, the tag
+                stands in place of this digest
+              - in page 0: the number of this page in the session
+              - in page 0 with the flag FAULT_PENDING: one EMCY that waits to be acknowledged, because an EMCY has no
+                room for a tag of its own
 
-    command   manager, kind of the command, term, number of the command in that term. In a WELCOME, by which a
-              manager answers the nonce of a PE, also this nonce
-    state     node; manager, term and number of the WELCOME that opened the node's session; digest of the configuration
-              that the PE runs (page 0) or has staged (page 1). The frame has the tag in place of this digest. The tag
-              of page 0 also covers the number of pages 0 since the WELCOME, and, with the flag FAULT_PENDING, one EMCY
-              that waits to be acknowledged, because an EMCY has no room for a tag of its own
+So the tag of a copied command or state is not valid a second time, at another place in the sequence, in the other
+direction, or from another node.
 
 A nonce is *plausible* if its last 16 bits are the tag of its other bits and its node. A manager answers only plausible
 nonces. So a nonce that an attacker invents costs the manager nothing, and delays no answer to a PE. A recorded nonce is
-plausible, too, but of no use: a PE accepts only the answer to the nonce that it has sent last.
+plausible, but of no use: a PE accepts only the answer to the nonce that it has sent last.
 
 A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table. This tag is not cut, because a
 table is long and decides which code runs. The text of a table names the node and the spec, and holds no nonce. So a
 recorded table can be sent again, but only to that node, and only while the node waits for a table and a manager has
 unlocked the node (operation UNLOCK of CONTROL).
 
-A copied command or state is not valid a second time, at another place in the sequence, in the other direction, or from
-another node.
+One key serves the whole fleet, because a command is for all nodes and has room for only one tag. So an attacker who
+takes over one node has the key. A key is never printed. Messages show its fingerprint, by which two keys can be told
+apart. This file keeps no state.
 
-This file keeps no state. A key is never printed; messages show its fingerprint, by which two keys can be told apart.
+Why BLAKE2s: it takes a key by design, and hashes in one pass where HMAC needs two. A tag takes 0.6 us, and 2.8 us with
+HMAC-SHA-256 (`timeit`, on the machine of docs/limits.md). BLAKE2s also hashes its parameter `person` and the length of
+its output, so tags of different kinds differ. It comes with Python; nothing has to be installed on a node.
 """
 
 from hashlib import blake2s
@@ -89,8 +92,10 @@ class Key:
     def command_tag(self, manager: int, kind: int, place: Place, payload: bytes, nonce: int = NO_NONCE) -> int:
         """Compute the 48-bit tag of a command.
 
-        kind: position of the command among the identifiers of its manager, or `management.WELCOME_KIND`. payload: all
-        bytes of the command. nonce: only for a WELCOME, the nonce that it answers.
+        kind: position of the command among the identifiers of its manager, or `management.WELCOME_KIND`.
+        place: term and number of the command.
+        payload: all bytes of the command.
+        nonce: for a WELCOME, the nonce that it answers.
         """
         tag = self._commands.copy()
         tag.update(_COMMAND.pack(manager, kind, *place, nonce))
@@ -102,9 +107,10 @@ class Key:
     ) -> int:
         """Compute the 24-bit tag of a state frame (page 0 or 1).
 
-        beat: number of this page 0 in its session; for page 1 the constant PAGE_1_BEAT. said: bytes of the page without
-        its digest, as `state_frames.split_state` gives them. digest: of the running configuration (page 0) or the
-        staged configuration (page 1). emergency: all bytes of an EMCY that waits to be acknowledged, if there is one.
+        beat: number of this page 0 in its session; for page 1 the constant PAGE_1_BEAT.
+        said: bytes of the page without its digest, as `state_frames.split_state` gives them.
+        digest: of the configuration that runs (page 0) or is staged (page 1).
+        emergency: all bytes of an EMCY that waits to be acknowledged; NO_EMERGENCY if none waits.
         """
         tag = self._states.copy()
         tag.update(_STATE.pack(node, *session, beat))

@@ -16,9 +16,9 @@ The status of a datum. V1.7 says that byte 2 "should continuously reflect the st
 for it. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its `Validity`. A few
 standard identifiers use byte 2 for a waypoint, tyre or brake number instead: `standard_identifiers` lists them.
 
-Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Arbitration does not compare
-these integers: the 11 bits that are sent first have the value n // 4. So channels 1 to 3 begin with the 11 bits of
-identifier 0, and have a higher priority than every other 11-bit frame, even than emergency events (see
+Redundancy. [S p.53] gives channel n of the identifier `id` the 29-bit identifier 65536 n + id. In arbitration the upper
+11 bits of this number are sent first, and they have the value n // 4. So the frames of channels 1 to 3 begin with 11
+zero bits. They have a higher priority than all 11-bit frames with identifiers above 0, even than emergency events (see
 `frame.arbitration_key`). This project sends and reads 11-bit frames only (docs/limits.md); it counts the 29-bit frames
 of other makers.
 """
@@ -37,11 +37,17 @@ _FIRST_USER_TYPE = 100
 
 
 class DataType(IntEnum):
-    """The data types of [S p.5-7]; the value is the code in byte 1.
+    """The data types of [S p.5-7]; the number of a type is its code in byte 1.
 
-    The value of a datum is None for NODATA; float for FLOAT; `ErrorReport` for ERROR; int for the other types of one
-    value (B... types are unsigned bit fields) and for each half of a DOUBLE; a tuple of int for the types of 2, 3 or 4
-    values; str of exactly 1 to 4 characters for ACHAR to ACHAR4 (Latin-1, so that no byte is lost).
+    The Python type of a datum's value, by data type:
+
+        NODATA                      None
+        ERROR                       `ErrorReport`
+        FLOAT                       float
+        other types of one value    int; B... types are unsigned bit fields
+        halves of a DOUBLE          int, one for each half
+        types of 2, 3 or 4 values   tuple of int
+        ACHAR to ACHAR4             str of exactly 1 to 4 characters, in Latin-1, so that no byte is lost
     """
 
     NODATA = 0

@@ -1,9 +1,9 @@
 """Reads the error frames in which Linux reports the state of a CAN controller (ISO 11898-1) and errors of the bus.
 
-An error frame is not a frame of the bus: the driver makes it for sockets that request error frames, so it says nothing
-about other nodes. The classes of errors are bits of the identifier; details are in the data bytes (Linux,
-include/uapi/linux/can/error.h). A driver may leave out any class or detail. If the driver gives no state, the state is
-None here and is not guessed.
+An error frame does not come from the bus. The CAN driver of Linux makes it from what this node's controller reports,
+for each socket that requests error frames. So an error frame says nothing about other nodes. The classes of errors are
+bits of the identifier; details are in the data bytes (Linux, include/uapi/linux/can/error.h). A driver may leave out
+any class or detail. If the driver gives no state, the state is None here and is not guessed.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,8 @@ _STATES = (  # bits of byte 1 of a controller problem, the worst first
 class ControllerReport:
     """Content of one error frame.
 
-    state: the state of the controller; None: the frame names no state. kinds: the errors, as words for the log.
+    state: the state of the controller; None: the frame names no state.
+    kinds: the errors, as words for the log.
     """
 
     state: ControllerState | None

@@ -1,8 +1,9 @@
-"""The electronic data sheet of a PE: its object dictionary in the format that CANopen tools read (CiA 306-1).
+"""The electronic data sheet (EDS) of a PE: its object dictionary in the format that CANopen tools read (CiA 306-1).
 
-The EDS is written from `canopen_objects`, without a time, a path or a node-ID: so the shipped file, the output of
-`heronry eds` and the file that a PE gives by SDO (object 1021h) are equal. `$NODEID` stands for the node-ID, and arrays
-with one element per module are written in the compact form, in which the node itself gives the number of elements.
+The EDS is written from `canopen_objects`, without a time, a path or a node-ID; `$NODEID` stands for the node-ID. So
+three files are equal: the shipped file, the output of `heronry eds`, and the file that a PE gives by SDO (object
+1021h). Arrays with one element per module are written in the compact form, in which the node itself gives the number of
+elements.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,6 +1,6 @@
 """Ends a command that a signal interrupts: SIGINT (Ctrl-C), SIGTERM, or SIGHUP (the command's terminal has closed).
 
-A command passes through these states. The functions in the diagram, and signals, lead from one state to the next.
+A command passes through these states. A function of this file, or a signal, leads from one state to the next:
 
     unguarded --begin()--> loading --running()--> running --finished()--> finished
                               |                      |                       |
@@ -8,21 +8,26 @@ A command passes through these states. The functions in the diagram, and signals
                               v                      v                       v
                           ended at once      interrupted --0.3 s--> ended    ignored
 
-- *Loading*: nothing has been done, so nothing is to be cleaned up. The handler ends the process at once. It raises no
-  exception, because code that runs during an import may swallow an exception, or turn it into an ImportError.
-- *Running*: the handler raises `Interrupted` in the main thread, so that `with` blocks clean up. This may fail: Python
-  raises only between two instructions, but native code is one long instruction (CP-SAT searches for seconds), and a
-  callback of the interpreter may swallow the exception. Hence there is a second thread, which Python's own C handler
-  wakes. After `_PATIENCE_S` the thread kills the worker processes of `multiprocessing` and ends the process.
-- *Interrupted*: no output of the command counts as a result any more. `expect_none` raises once more before a file is
-  written, and the exit code is that of the signal. A second signal ends the process at once.
+- *Unguarded*: the first milliseconds of Python itself. A signal has Python's usual effect.
+- *Loading*: nothing has been done, so nothing is to be cleaned up. The handler of the signal ends the process at once.
+  It raises no exception, because code that runs during an import may swallow an exception, or turn it into an
+  ImportError.
+- *Running*: the handler raises `Interrupted` in the main thread, so that `with` blocks clean up. Since this may fail, a
+  second thread ends the process after `_PATIENCE_S`, if it still runs.
+- *Interrupted*: no output of the command counts as a result any more. `expect_none`, which is called before a file is
+  written, raises `Interrupted` once more. A second signal ends the process at once.
 
-The exit code is 128 + the number of the signal: 130, 143, 129. A program that serves until it is stopped (the manager,
-an agent) installs its own handlers for these signals, and the thread does nothing when such a signal comes. For a
-command whose clean-up takes longer, `in_order` keeps the thread from ending the process. A signal that the parent
-process had ignored (`nohup`) stays ignored.
+The exit code is 128 + the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP.
 
-A signal in the first milliseconds of Python itself, before `begin`, has Python's usual effect.
+*Why `Interrupted` may fail.* Python raises an exception only between two instructions, but native code is one long
+instruction: CP-SAT searches for seconds. And a callback of the interpreter may swallow the exception.
+
+*The second thread.* Python's own C handler wakes it when a signal comes. Before the thread ends the process, it kills
+the worker processes of `multiprocessing`. If the clean-up of a command takes longer, the command uses `in_order`; then
+the thread does not end the process.
+
+*Other handlers.* A program that serves until it is stopped (the manager, an agent) installs its own handlers for these
+signals; then the thread does nothing. A signal that the parent process has ignored (`nohup`) stays ignored.
 """
 
 import os
@@ -45,7 +50,8 @@ class Interrupted(KeyboardInterrupt):
 class _State:
     """What is known of the signals of this process.
 
-    came: the signal that came; 0: none has come. takes_time: whether the command needs more time for its clean-up.
+    came: the signal that came; 0: none has come.
+    takes_time: whether the command needs more time for its clean-up.
     """
 
     came = 0

@@ -1,17 +1,21 @@
 """CANaerospace node services: requests to one node or to all, and their answers.
 
 This file encodes and decodes the channel, direction and service of a frame, and the bytes of a request or an answer
-(CANaerospace V1.7 p.10-23). A request carries the node-ID that it addresses (0: all nodes), an answer the node-ID of
-its sender. Requests on channel c have the identifier 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115). Answers
-have the identifier of the request plus 1. The identifiers of channel 110 belong to CANopen (LSS); the channel is never
-used here.
+(CANaerospace V1.7 p.10-23). It keeps no state.
 
-This file keeps no state. Every node of this project answers IDS (identification) on channel 0. A PE also executes TIS
-(transmission interval), STS (state transmission) and NSS (synchronisation) there. No program of this project sends the
-other services. To use another service with a unit of another maker, encode the request with `request`, and decode the
-answer as any node service frame. This file does not split or join the data blocks of DDS (data download) and DUS (data
-upload). If no answer comes within 100 ms (V1.7), the sender repeats the request. Every node answers a broadcast request
-of a service that has answers; node n waits (n - 92) ms first, so that the answers do not all start together.
+    request    carries the node-ID that it addresses (0: all nodes). Its identifier on channel c is 128 + 2c (c = 0..35)
+               or 2000 + 2(c - 100) (c = 100..115). The sender repeats it if no answer comes within 100 ms (V1.7)
+    answer     carries the node-ID of its sender. Its identifier is that of the request plus 1
+
+Every node answers a request to all nodes, if the service has answers. Node n waits (n - 92) ms first, so that the
+answers do not all start together.
+
+Every node of this project answers IDS (identification) on channel 0. A PE also executes TIS (transmission interval),
+STS (state transmission) and NSS (synchronisation) on this channel. No program of this project sends the other services.
+A program that needs them for a unit of another maker encodes the request with `request`, and decodes the answer as any
+node service frame. This file does not split or join the data blocks of DDS (data download) and DUS (data upload).
+
+Channel 110 is never used here, since its identifiers belong to CANopen (LSS).
 """
 
 from enum import IntEnum
@@ -71,8 +75,8 @@ class Result(IntEnum):
 class ServiceMessage(NamedTuple):
     """A request or an answer of a node service.
 
-    datum: its `node_id` is that of the addressed node in a request, of the sender in an answer; its `service_code` is
-    the service.
+    datum: its `service_code` is the service. Its `node_id` is the addressed node in a request, and the sender in an
+        answer.
     """
 
     channel: int

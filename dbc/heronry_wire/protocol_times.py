@@ -1,16 +1,26 @@
 """Times of the protocol: every period, limit and cadence that both sides, the tools and the documents use.
 
-Each time stands here once. `period_ns` is always the heartbeat period of a bus, as the spec gives it. A name ends in
-`_PERIODS` if it is a number of periods, in `_NS` if it is a time, and in `_EVERY` if something happens with one frame
-out of this number. A *beat* is a frame that a node sends in every period: the state of a PE, the LEASE of a manager.
+Each time stands here once. `period_ns` is always the heartbeat period of a bus, as the spec gives it. How a name ends
+tells what it is:
 
-    1 1/4 periods     `late_ns`      a beat has not come in time: a PE is sent PING, a channel has failed for its sender
+    _PERIODS   a number of periods
+    _NS        a time
+    _EVERY     something happens with one frame out of this number
+
+A *beat* is a frame that a node sends in every period: the state of a PE, the LEASE of a manager. These times count from
+the last beat of a node. k is the number of beats that a node may miss, as the spec gives it.
+
+    1 1/4 periods     `late_ns`      the next beat is late: the manager sends PING to a PE; on a replicated bus, the
+                                     channel has failed for the node whose beat is late on it
     k + 1/4 periods   `silent_ns`    k beats have not come: a PE is down, a channel is lost
     3 1/4 periods     `unsent_ns`    no frame of a silent PE can be on its way any more
-    k + 1 periods     `heard_ns`     a node that began to listen has heard every node that is alive
+
+These times count from another event:
+
+    k + 1 periods     `heard_ns`     after a node began to listen: it has heard every node that is alive
     5 periods         `t_lease_ns`   T_lease: how long a PE may drive exclusive outputs without hearing another node
 
-The oracles of the simulator do not use this file: they have numbers of their own (docs/protocol.md, "Times"), so that
+The oracles of the simulator do not use this file. They have numbers of their own (docs/protocol.md, "Times"), so that
 they find a wrong number in a core; a test compares both sets of numbers. A time that only one file uses (the patience
 of a transmit queue, the window of a radio's outage) is defined in that file.
 """
@@ -90,7 +100,7 @@ def silent_ns(period_ns: int, misses: int) -> int:
 
 
 def unsent_ns(period_ns: int) -> int:
-    """Time in ns after the last frame of a silent PE at which no frame of the PE can still be on its way.
+    """Time in ns from the last frame of a silent PE until no frame of that PE can be on its way any more.
 
     period_ns: heartbeat period of the slowest bus between the PE and the listener.
     """

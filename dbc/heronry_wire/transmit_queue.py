@@ -1,13 +1,16 @@
 """A node's own transmit queue, in the order of bus arbitration (protocol rule 13).
 
-SocketCAN's queue is first-in-first-out: a heartbeat behind twenty SLICE frames would wait for all of them, and the
-timing analysis would not hold. So every sender keeps its frames in this queue and hands over one at a time.
+Every sender keeps its frames in this queue, and hands over one frame at a time. The reason: SocketCAN's own queue is
+first-in-first-out. A heartbeat behind twenty SLICE frames would wait for all of them, and the timing analysis would not
+hold.
 
-Frames of one identifier stay in their order. The queue is bounded, so that a bus that carries no frames does not fill
-the memory: a full queue drops the newest of its least urgent frames, and counts the dropped frames. A frame may have an
-expiry time, after which it is dropped, too. So a frame that waited during a pause of its sender is not sent late.
-
-A sender may hold data back until `stands_back_until_ns`: data, and frames of a lower priority, then stay in the queue.
+- *Order.* Frames of one identifier stay in their order.
+- *Full queue.* The queue is bounded, so that the memory does not fill up while the bus carries no frames. A full queue
+  drops the newest of its least urgent frames, and counts this in `dropped`.
+- *Expiry.* A frame may have an expiry time, after which it is dropped and counts in `expired`. So a frame that waited
+  during a pause of its sender is not sent late.
+- *Standing back.* Until the time `stands_back_until_ns`, which a sender may set, data frames and all frames of a lower
+  priority than data stay in the queue.
 """
 
 from bisect import insort

@@ -1,9 +1,14 @@
 """The model of a spec, as the loader gives it to all other code: immutable, checked and exact.
 
 Quantities are integers: CPU in thousandths of a reference core, memory in bytes, rates in millihertz, bandwidth in
-bit/s, times in nanoseconds. Shares (`max_load`, `reserve`) are exact fractions. Mappings keep the order of the file,
-and that order carries meaning: modes are listed best first, the first phase is the initial one, the first branch of a
-DEMUX (with `to`: the first end) is its primary, and ties in identifier allocation go to the earlier name.
+bit/s, times in nanoseconds. Shares (`max_load`, `reserve`) are exact fractions.
+
+Mappings keep the order of the file, and that order carries meaning:
+
+- The modes of a module are listed best first.
+- The first phase is the initial one.
+- The first branch of a DEMUX is its primary branch; with `to`, the first end is.
+- Ties in the allocation of identifiers go to the earlier name.
 
 The loader ensures of every `Spec`:
 

@@ -62,9 +62,10 @@ def situation(
 ) -> Situation:
     """Make a situation from texts of a user: limits such as `bus:radio=40%`, priorities such as `chute=3`.
 
-    The last of several priorities of a function counts.
+    If a function has several priorities, the last one counts.
 
-    Raises UnknownElementError for a name that the spec does not have, and for an element that is limited twice.
+    Raises UnknownElementError for a name that the spec does not have, for a limit or priority that is not written as
+    above, and for an element that is limited twice.
     """
     if phase is not None:
         checked_phase(spec, phase)

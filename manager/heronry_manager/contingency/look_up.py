@@ -1,20 +1,20 @@
 """The look-up of a plan that was made ahead for the present faults: in microseconds, without a solver.
 
-A plan made ahead was verified when it was made and when its file was checked. In flight the look-up only checks its
-three preconditions:
+A plan made ahead was verified when it was made, and again when its file was checked. In flight the look-up only checks
+three preconditions of the plan:
 
-    faults           the elements that are down are those of the plan's fault set, or have the same effect: a PE behind
-                     a dead gateway, a device on a dead PE and a module without a working PE are down, whether a set
-                     names them or not
+    faults           the elements that are down have the same effect as the plan's fault set. Elements that are down as
+                     a consequence make no difference: a PE behind a dead gateway, a device on a dead PE, a module
+                     without a working PE
     phase            the phase is that of the plan
     configuration    the fault-free configuration of the phase runs, module by module. At the start, when nothing is
-                     down, no running configuration need be known, since changes cost nothing then
+                     down, the running configuration need not be known, since changes cost nothing then
 
-If a precondition is not met, the planner must answer. While another configuration runs, a plan made ahead would be
-legal, but not the plan with the fewest changes.
+If a precondition is not met, the planner must answer. For example, while another configuration runs, a plan made ahead
+would be legal, but not the plan with the fewest changes.
 
-The file holds configurations; a look-up makes a whole plan of a configuration, with its report, and keeps the plan. For
-single faults the plans are made at the start, since making one takes longer than a look-up may.
+The file holds configurations. A look-up makes a plan with its report from a configuration, and keeps the plan. This
+takes longer than a look-up may, so for single faults the plans are made at the start.
 """
 
 from heronry_dg.losses import lost_of

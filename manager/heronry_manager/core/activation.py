@@ -1,16 +1,22 @@
 """The activation of an epoch that every awaited PE has staged, in up to three steps: BREAK, GO, GO_ALL.
 
-With BREAK a PE stops what it has to give up; with GO it starts everything but new DEMUX branches, and with GO_ALL these
-too. A step is skipped if nothing has to wait for it. Some PEs must report BROKEN before the manager commands GO: a PE
-that gives up something exclusive (`exclusion`), a PE that has to make room on a bus (`heronry_dg.transition`), and a PE
-that is reached by wire and runs a configuration that this manager does not know. The manager also waits until an
-unavailable PE has certainly stopped: before GO, until that PE no longer sends under the identifiers of a module that
-moves; before GO_ALL, until it no longer drives a DEMUX. `reconfiguration` says how long each step is repeated, and
-which PEs must answer.
+    BREAK    a PE stops what it has to give up
+    GO       a PE starts everything but new DEMUX branches
+    GO_ALL   a PE also starts new DEMUX branches
 
-If a PE reports an epoch that the manager has forgotten, or an unexpected digest, the manager does not know the
-configuration of that PE. If the PE is reached by wire, the manager waits for its BROKEN, since without this wait two
-PEs could send under one identifier.
+A step is skipped if nothing has to wait for it. `reconfiguration` says how long each step is repeated, and which PEs
+must answer.
+
+Before the manager commands GO, it waits for the report BROKEN of
+
+- each PE that gives up something exclusive (`exclusion`);
+- each PE that has to make room on a bus (`heronry_dg.transition`);
+- each PE that is reached by wire and runs an unknown configuration: it reports an epoch that the manager has forgotten,
+  or an unexpected digest. Without this wait two PEs could send under one identifier.
+
+An unavailable PE does not answer, so the manager waits for the time after which that PE has certainly stopped. Before
+GO, the PE must no longer send under the identifiers of a module that moves. Before GO_ALL, it must no longer drive a
+DEMUX.
 """
 
 from heronry_dg.configuration import Configuration

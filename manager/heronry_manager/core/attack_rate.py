@@ -1,12 +1,18 @@
-"""The forged frames that a manager with a key receives: it reports an attack when they take a tenth of its bus.
+"""Counts the forged frames that a manager with a key receives; if they take a tenth of its bus, reports an attack.
 
-A received frame counts as forged if it cannot come from a holder of the key: a state, nonce or command whose tag does
-not fit, and an EMCY that no state has proven. A TAG that fits no command counts as two frames, the TAG and a forged
-command: the manager may not have seen that command, since it does not read all kinds of commands. Once in `_WINDOW_NS`
-the manager works out the share of its bus that the forged frames took. A share of a tenth or more is reported as an
-attack, with the rate of the frames. A smaller share does not harm the aircraft (protocol rule 11), and only the status
-shows the counts. A frame that was altered on its way counts, too: a bus that alters a tenth of its frames does the same
-harm as an attack.
+These frames count as forged:
+
+- a state, nonce or command whose tag is wrong;
+- an EMCY that no state has proven;
+- a TAG that fits no command. It counts as two frames, the TAG and a forged command. The manager does not read all kinds
+  of commands, so it has perhaps not seen this command.
+
+A frame that was altered on its way counts as well: a bus that alters a tenth of its frames does the same harm as an
+attack.
+
+Once in `_WINDOW_NS` the manager works out the share of its bus that the forged frames took. If the share is a tenth or
+more, the manager reports an attack, with the rate of these frames. A smaller share does not harm the aircraft (protocol
+rule 11): then only the status shows the counts.
 """
 
 from heronry_manager.core.turn import Turn

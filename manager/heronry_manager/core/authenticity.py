@@ -1,60 +1,62 @@
 """Authentication in a manager with a key: it tags every command, and accepts only proven states (protocol rule 11).
 
-*Commands out.* Each command is followed by its TAG; the TAGs of a term are numbered (`command_tags`). A term is used
-once, since the driver has written it to disk before the manager sends. So no number is used twice, even after a
-restart.
+A PE sends a nonce in page 2, and the manager answers the nonce with WELCOME. The number of this answer names a
+*session*. From then on the PE tags its pages 0 and 1 in this session. For the manager, a PE is in one of three states:
 
-*States in.* A PE's state counts if the 24 bits in its page are the tag of its content, in a *session*. The manager
-opens a session when it answers the nonce that the PE sends in page 2. A session is named by the number of that answer,
-and a tag holds in one session only, so a state recorded earlier proves nothing. The tag also covers the digest of the
-running or staged configuration, for which the frame has no room. The manager tries the digests that this PE may mean:
-the digest of the epoch as this manager knows it, and the digests that the PE has named in page 3.
+    no session    nothing from this PE counts. The manager answers a nonce that was made with the key (`nonce_answers`)
+    offered       one or more answers have gone out, and each offers a session. No page 0 that is tagged in one of these
+                  sessions has been believed yet
+    open          a page 0 that is tagged in the session has been believed
 
-The manager holds an EMCY until a page 0 with FAULT_PENDING proves it: the tag of such a page covers one EMCY. The
-manager tries every EMCY that it has heard from this PE, and forgets these EMCYs when a page 0 reports no pending fault.
-If an EMCY is forgotten without proof, each frame that brought it counts as forged. EMCYs with some codes (`_SENT_ONCE`)
-are never pending, so no page 0 proves them, and with a key they have no effect.
+A session is open until the PE tags a page 0 in a newer session. A PE begins a newer session only after its own restart,
+in a new term, after RENEW, or when it has accepted no command for T_lease. Frames without proof end no session.
 
-    no session    nothing from this PE counts; the manager answers a nonce that was made with the key (`nonce_answers`)
-    offered       answers have gone out, and each offers a session; no state that is tagged in one of these sessions has
-                  come
-    open          page 0 is believed, and its digest is put back where the tag was
+*Commands out.* Each command is followed by its TAG, and the TAGs of a term are numbered (`command_tags`). The driver
+writes a term to disk before the manager sends anything in this term. So even after a restart no term is used twice, and
+no number is used twice.
 
-A restarted PE requests a session by itself. If a PE is heard, but cannot be believed for T_lease, the manager sends
-RENEW, and the PE requests a new session. The reason may be that the PE has missed the answer that opened its session,
-or that this manager has missed too many states of the PE. If RENEW changes nothing, an event reports the PE: the PE has
-another key, or none, or its receiver has failed.
+*States in.* The 24 bits of the tag are in the page where its digest would be. The tag covers the content of the page,
+the session, and the digest of the running or staged configuration. A tag holds in one session only, so a state that was
+recorded earlier proves nothing. Since the digest is not in the frame, the manager tries the digests that this PE may
+mean: the digest of the epoch as this manager knows it, and for page 0 also the digests that the PE has named in page 3.
+If the tag is right, the digest is put back where the tag was. A late or doubled page 0 is refused, since its number is
+not above the last one. Page 1 needs no number, since what a PE reports on an epoch stays true as long as its session
+lasts. A recorded page 1 may come again, so a page 1 does not show that the PE lives.
 
-*Guessing.* A forger finds 24 bits by chance in 16 million tries. Once GUESSES tags of a PE were wrong, a state of that
-PE counts only if the tag of the state before was right as well: a forger cannot guess two tags in a row. This rule
-holds until no wrong tag has come for FORGIVEN_PERIODS. Meanwhile a lost frame makes the manager miss the PE for one
-more period; if no frame is lost, the rule has no effect.
+*Without a tag.* Page 3 and the reports of gateways on radios have no room for a proof; page 3 only names digests that
+the manager tries. Page 2 names a nonce. The nonce itself contains a tag, which shows that a holder of the key has made
+the nonce, now or earlier.
 
-*Standby.* A standby manager follows the sessions that the active manager opens: it hears the nonce and the answer, and
-the TAG of the answer proves both. An answer that the standby manager has missed, or that is older than the session that
-it knows, opens no session.
+*EMCY.* The tag of a page 0 with the flag FAULT_PENDING also covers one EMCY. The manager holds each EMCY of a PE until
+such a page proves it, and tries all EMCYs that it holds. After a lost EMCY, page 0 cannot be believed until the PE has
+repeated the EMCY. When a page 0 reports no pending fault, the manager forgets the EMCYs of this PE. If an EMCY is
+forgotten without proof, each frame that brought it counts as forged. EMCYs with some codes (`_SENT_ONCE`) are never
+pending, so no page 0 proves them, and with a key they have no effect. An EMCY about a lost channel counts without
+proof, and is not handed to this file.
+
+*A PE that is not believed.* A restarted PE requests a session by itself: it sends its nonce until an answer comes. If a
+PE is heard, but cannot be believed for T_lease, the manager sends RENEW, and the PE requests a new session. The reason
+may be that the PE has missed the answer that opened its session, or that this manager has missed too many states of the
+PE. If RENEW changes nothing, an event reports the PE: the PE has another key, or none, or its receiver has failed.
+
+*Guessing.* A forger finds 24 bits by chance in 16 million tries. Once GUESSES tags of a PE were wrong, a page 0 of that
+PE counts only if the tag of the page 0 before was right as well: a forger cannot guess two tags in a row. This rule
+holds until no wrong tag has come for FORGIVEN_PERIODS. While it holds, a lost frame makes the manager miss the PE for
+one more period; if no frame is lost, the rule has no effect.
+
+*Standby.* A standby manager follows the sessions that the active manager opens. It hears the nonce and the answer, and
+the TAG of the answer proves both. If the standby manager has missed an answer, or knows a newer session than that of
+the answer, the answer opens no session.
 
 *Other managers.* This manager believes another manager only if the commands of that manager carry right tags with
 rising numbers; commands without such tags end no mastership. A TAG carries only the lower bits of the number. A PE
-learns the upper bits from the answer to its nonce; a standby manager sends no nonce, and finds them by trying. A
-command under this manager's own node-ID comes from a second manager only if its number is above this manager's last
-one; any other command under this node-ID may be a replay of this manager's own commands.
+learns the upper bits from the answer to its nonce. A standby manager sends no nonce, and finds the upper bits by
+trying. A command under this manager's own node-ID comes from a second manager only if its number is above this
+manager's last one; any other command under this node-ID may be a replay of this manager's own commands.
 
-Page 1 needs no number, since what a PE reports on an epoch stays true as long as its session lasts. A recorded page 1
-may come again, so a page 1 does not show that the PE lives.
-
-Page 3 and the reports of gateways on radios have no room for a proof. Page 3 only names digests that the manager tries.
-Page 2 names a nonce. The nonce itself contains a tag, which shows that a holder of the key has made the nonce, now or
-earlier.
-
-*Denial.* Frames without proof end no session. A session is open until the PE tags a state in a newer session. A PE
-begins a newer session only after its own restart, in a new term, after RENEW, or when it has accepted no command for
-T_lease. `attack_rate` counts the frames without proof.
-
-`command_tags` says what follows if a command or its TAG is lost. A PE sends its nonce again until an answer comes.
-After a lost EMCY, page 0 cannot be believed until the PE has repeated the EMCY. A late or doubled page 0 is refused,
-since its number is not above the last one. A forged state is counted in `refused`, a forged EMCY in `unproven`, and the
-status shows both. After a restart the manager knows no session, and every PE that hears the new term requests one.
+*Counts.* A forged state is counted in `refused`, a forged EMCY in `unproven`, and the status shows both. `attack_rate`
+counts all frames without proof. `command_tags` says what follows if a command or its TAG is lost. After a restart the
+manager knows no session, and every PE that hears the new term requests one.
 """
 
 from collections import deque
@@ -86,7 +88,7 @@ from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send
 from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1, StatePage2, StatePage3, split_state
 
-GUESSES = 8  # wrong tags, after which a state counts only if the state before it was proven too
+GUESSES = 8  # wrong tags, after which a page 0 counts only if the page 0 before it was proven as well
 FORGIVEN_PERIODS = 256  # heartbeat periods without a wrong tag, after which the wrong tags are forgotten
 _OFFERS = 8  # answers to one PE that are remembered: as many as `NonceAnswers` allows in two periods
 _NAMED = 3
@@ -165,9 +167,9 @@ class Authenticity:
     ) -> None:
         """Begin without any session.
 
-        digest_of: gives the digest of an epoch by its number; a standby manager knows the epochs of the manager that it
-        follows. None: the epoch is not known.
-        speaks: tells whether this manager sends LEASE; only a manager that sends LEASE also sends RENEW.
+        digest_of: gives the digest of an epoch by its number; None: the epoch is not known. A standby manager knows the
+            epochs of the manager that it follows.
+        speaks: tells whether this manager sends LEASE; only a manager that sends LEASE sends RENEW.
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
@@ -230,10 +232,11 @@ class Authenticity:
     # What comes in
 
     def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
-        """Check a state of a PE; gives its page, or None if the page is not believed.
+        """Check a page that a PE has sent; gives the page, or None if it is not believed.
 
-        In a page 0 or 1, the digest is put in the place of the tag. In a page 2, the nonce must have been made with the
-        key. A page 3 has no proof and is always given.
+        page 0, 1: believed if the tag is right; given with the digest in place of the tag.
+        page 2: believed if its nonce was made with the key.
+        page 3: has no proof, and is always given.
         """
         peer = self._peers[pe]
         match page:
@@ -366,9 +369,10 @@ class Authenticity:
         return None
 
     def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
-        """Check the tag of a page 1; None: the tag is wrong, or the digest of the page's epoch is not known here.
+        """Check the tag of a page 1; gives the page with a digest in place of the tag.
 
-        In the page that is returned, the digest is that of the epoch if the PE has staged the epoch, and 0 if not.
+        This digest is that of the page's epoch if the PE has staged the epoch, and 0 if not. Returns None if the tag is
+        wrong, or if the digest of the epoch is not known here.
         """
         known = self._digest_of(page.staged_epoch)
         if known is None:

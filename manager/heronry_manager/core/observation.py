@@ -1,8 +1,8 @@
-"""What each PE reports that it runs; what was commanded is kept elsewhere (`reconfiguration`).
+"""The configuration that each PE runs, by the PE's own reports. `reconfiguration` keeps what was commanded.
 
-The next state makes up for a lost one. A state that comes twice, or late from a gateway, has no effect. After a pause
-of the manager, states are taken in the order in which they came, and the last one counts. A lost PE may still run the
-epoch that it reported last, so that epoch is kept (`newest_epoch`).
+If a state is lost, the next one replaces it. A state that comes twice, or late from a gateway, has no effect. After a
+pause of the manager, states are taken in the order in which they came, and the last one counts. A lost PE may still run
+the epoch that it reported last, so that epoch is kept (`newest_epoch`).
 """
 
 from collections.abc import Iterable

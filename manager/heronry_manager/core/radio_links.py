@@ -1,21 +1,26 @@
 """The share of each radio's bandwidth that plans may use, from the reports of its gateway.
 
-Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps, and plans use one of them. The
-step of a radio changes in three ways:
+Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps (`STEPS`), and plans use one of
+them. What changes the step of a radio depends on its state:
 
-    falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are more than
-             a tenth below the present step; with a longer wait the queues of the gateway would grow
-    rises    once all reports for ten heartbeat periods of the radio have been at least a twentieth above a higher step.
-             Each fall within a minute of the fall before doubles these ten periods, to forty at most. A later fall sets
-             them to ten again
-    gone     the gateway hears nothing from beyond the radio: all PEs there are lost together. Until some PE beyond the
-             radio is available again, and at the start, each report sets the step directly: this interrupts no PE, and
-             a PE that returns gets a plan that fits the radio
+    settling   no PE beyond the radio has been available since the start, or since the radio was gone. Each report sets
+               the step directly. This interrupts no PE, and a PE that returns gets a plan that fits the radio
+    followed   some PE beyond the radio has been available since the start, or since the radio was gone. The step falls
+               and rises by the rules below
+    gone       the gateway hears nothing from beyond the radio, so all PEs there are lost together
+
+In the state followed:
+
+- The step falls after two reports in a row that are more than a tenth below it. The new step is the largest one that is
+  not above the reported bandwidth; from 90 % on, it is 100 %. With a longer wait the queues of the gateway would grow.
+- The step rises when, for ten heartbeat periods of the radio, all reports were at least a twentieth above a higher
+  step (for the step 100 %, at least 94.5 %). If a fall comes within a minute of the fall before, these ten periods are
+  doubled, to forty at most. After a minute without a fall, the next fall sets them to ten again.
 
 If a report is lost, the next one replaces it. A late or doubled report is recognized by its sequence number and
-dropped; so is a report from another node than the gateway. `heronry_wire.gateway_report` says what a forged report can
-do. While a gateway is silent the step of its radio stays, and the state frames show which PEs beyond the radio are
-lost. A restart forgets everything here until the next report.
+dropped. A report from another node than the gateway is dropped as well. `heronry_wire.gateway_report` says what a
+forged report can do. While a gateway is silent the step of its radio stays, and the state frames show which PEs beyond
+the radio are lost. After a restart of the manager nothing is known here until the next report.
 """
 
 from collections.abc import Mapping

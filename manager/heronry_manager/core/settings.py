@@ -11,7 +11,7 @@ from heronry_wire.protocol_times import START_UP_WINDOW_NS, t_lease_ns
 
 @dataclass(frozen=True, slots=True)
 class ManagerSettings:
-    """One manager of one spec.
+    """The settings of one manager of a spec.
 
     node: 126 or 127.
     window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds.

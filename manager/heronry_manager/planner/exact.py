@@ -1,16 +1,21 @@
 """The exact planner: the best legal configuration by docs/semantics.md, proven level by level.
 
-The planner starts from the greedy plan, and builds one model. It maximises each group of levels, then fixes the value
-of that group: the search of later groups may not fall below it. Every solution is analysed before it counts. If a
-solution misses a deadline (semantics rule 9), the model excludes it, and the same group is solved again. So a value is
-fixed only when a legal configuration reaches it. A level that already stands at its bound needs no search: as a rule
-the greedy plan serves all that can be served. If the greedy plan serves less, the planner first chooses which modules
-run, and then finds places for them (`choosing`). If the result is below the bound, the planner searches over all
-modules and places together.
+The planner starts from the greedy plan, builds one model for the solver, and takes the groups of levels in their order:
 
-The planner is deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work,
-`effort`. When this limit is reached, the planner returns the best configuration found so far. The plan then says for
-each level whether its value is proven, or how good the value could be. There is always a plan: at worst the greedy one.
+1. It maximises the value of the group. Each solution is analysed before it counts. If a solution misses a deadline
+   (semantics rule 9), the model excludes it, and the group is solved again.
+2. It fixes the value that was reached: later groups must not make this value worse. So a value is fixed only when a
+   legal configuration reaches it.
+
+A level whose value has reached its upper bound needs no search. As a rule this is so for the levels of the functions,
+since the greedy plan serves all that can be served. If the greedy plan serves less, the planner first chooses which
+modules run, and then finds PEs for them (`choosing`). If this result is below the bound, the planner searches over all
+modules and PEs together.
+
+The planner is deterministic: one worker, a fixed seed, no clock. The search is limited by the solver's own count of its
+work, `effort`. When this limit is reached, the planner returns the best configuration found so far; the plan then says
+for each level whether its value is proven, or how good the value could be. There is always a plan: at worst the greedy
+one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -226,7 +231,7 @@ class Search:
         return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
-        """Keep the upper bound of each level of a group that follows from a bound of the whole group.
+        """Work out an upper bound for each level of a group; keep it if it is lower than the level's present bound.
 
         bound: upper bound that the solver has proven for the sum into which the levels of the group are merged.
         """

@@ -6,9 +6,9 @@ FD is the descriptor of an open file with the spec. Requests come on standard in
 their order on standard output; other output of the process goes to standard error. The verifier checks every plan
 before it is sent. If a request fails, its answer is the error, and the process goes on.
 
-The process ends without a message when standard input closes, since the client has ended then, or when an answer can no
-longer be written. A thread waits for the end of standard input, so that a search in progress ends with its client. A
-client cancels a request by ending the process.
+The process ends without a message when standard input closes (then its client has ended), or when an answer can no
+longer be written. A thread waits for the end of standard input, so that a search in progress ends with the client. To
+cancel a request, a client ends the process.
 """
 
 import os

@@ -1,22 +1,23 @@
 """The sweep: the best plan for every fault set up to a size, in several phases, with as few searches as possible.
 
-The sweep takes fault sets by size. For each set, the phase's fault-free plan counts as the running one
+The sweep takes the smaller fault sets first. For each set, the phase's fault-free plan counts as the running one
 (docs/semantics.md, faults). A set is settled without a search in two cases:
 
-    by a plan    without one of its elements the set is smaller, and has a best plan already. If that plan uses nothing
-                 that the whole set takes out of use, it is the best plan for the whole set, too (`heronry_dg.losses`
-                 has the proof), and the set inherits it with its value. If the plan is not proven to be the best, the
-                 inherited plan is not proven either; its upper bounds still hold, since more faults make no plan better
-    by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
-                 has a purpose, and the same routes between these PEs. The usual case is a device and its only driver
+    by a plan    The set without one of its elements was settled before. If its plan uses nothing that the whole set
+                 takes out of use, this plan is also the best one for the whole set (`heronry_dg.losses` has the proof).
+                 The whole set inherits the plan with its value. If the plan is not proven to be the best, it is not
+                 proven for the whole set either. Its upper bounds still hold, since more faults make no plan better
+    by a twin    Another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
+                 has a purpose, and the same routes between these PEs. Then both sets have the same plan. The usual case
+                 is a device and the only module that drives it
 
-So a device on a dead PE, a PE behind a dead gateway and all elements that a plan does not use need no search. Pruning
-never changes the value of a plan. Between plans of the same value at all seven levels it may choose another one than
-the planner would.
+So no search is needed for a device on a dead PE, for a PE behind a dead gateway, and for all elements that a plan does
+not use. To leave out searches never changes the value of a plan. If several plans have the same value at all seven
+levels, the sweep may choose another of them than the planner would.
 
-`Sweep` does not plan by itself: `run` gets a function that answers questions, in any order, from a journal, in this
-process or in many. The result does not depend on the order, because the questions of one size do not depend on each
-other.
+`Sweep` does not plan by itself. `run` gets a function that answers its questions; the answers may come from a journal,
+from this process or from other processes. The questions of one size do not depend on each other, so their answers may
+come in any order without an effect on the result.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -39,8 +40,8 @@ FaultSet = frozenset[str]
 class Scope:
     """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases.
 
-    places: if True, and single faults are planned for, the sweep also plans for the failure of each module of a phase's
-    fault-free plan on the PE where that plan runs it.
+    places: the sweep also plans for the failure of each place that a phase's fault-free plan uses, as a single fault.
+        No effect if `faults` is 0.
     """
 
     elements: tuple[str, ...]
@@ -179,8 +180,8 @@ class Sweep:
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
         """Give the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
 
-        rest: the value of `what_is_left` for `down`, which is computed fast. Fault sets with an equal `rest` leave the
-        same choice. Only if no earlier set has an equal `rest`, the choices themselves are compared (`choice_of`).
+        rest: the value of `what_is_left` for `down`. Fault sets with an equal `rest` leave the same choice. Only if no
+        earlier set has an equal `rest`, the choices themselves are compared (`choice_of`), which takes longer.
         """
         twin = self._twins.get((phase, rest))
         if twin is None:
@@ -225,11 +226,10 @@ def what_is_left(left: Survivors) -> object:
 
 
 def choice_of(possible: Candidates) -> object:
-    """Give as one value what decides the best plan of a phase: which modes may run on which PEs, and the routes.
+    """Give the choice that a fault set leaves, as one value: which modes may run on which PEs, and the routes.
 
-    This holds only if no radio is limited.
-
-    PEs on which nothing may run, and routes to them, make no difference: no legal configuration uses them.
+    If no radio is limited, fault sets with equal values have the same best plan in a phase. PEs on which nothing may
+    run, and routes to them, are left out, since no legal configuration uses them.
     """
     pes = {pe for candidate in possible.modules.values() for pe in candidate.pes()}
     return (

@@ -1,17 +1,23 @@
-"""The variables that say which producer each input is wired to; with the rules on gates and on the purpose of a module.
+"""The part of the solver's model about wires: which producer feeds each input, the gates, the purpose of modules.
 
-A wire is a literal for each (consumer, mode, leaf, source). Gates need a variable only for each input that may or may
-not hold: an input of an OR or a XOR. `_require` builds a gate that must hold if the literal `above` is true; if `above`
-is false nothing below the gate is wired. `_offer` builds an input that may hold while `above` is true; it returns
-literals of which exactly one is true if the input holds. A leaf with one possible source needs no variable: its wire is
-the literal `above` itself.
+*Wires*. Each (consumer, mode, leaf, source) has a literal, which is true if this wire is in use.
 
-A gate of the kind 0-of-n holds with nothing wired below it, so both values of its literal mean the same configuration.
+*Gates*. Only an input of an OR or a XOR may or may not hold, so only such an input needs a variable. A gate is built by
+two methods; `above` is the literal of what the gate belongs to:
+
+    _require   builds a gate that must hold if `above` is true. If `above` is false, nothing below the gate is wired
+    _offer     builds an input that may hold while `above` is true. It returns literals: if the input holds, exactly one
+               of them is true
+
+A leaf that must hold, with only one possible source, needs no variable: the literal of its wire is `above` itself.
+
+A gate of the kind 0-of-n holds with nothing wired below it. So both values of its literal mean the same configuration.
 This does no harm, since the loader allows no such gate in a XOR.
 
-*Purpose* (semantics rule 5): a module that serves no function by itself must feed a module that serves. Modules that
-feed each other in a circle must not justify each other, so the model has ranks: each module has a higher rank than some
-module that it feeds. There are ranks only for modules on such circles (strongly connected parts of "could feed").
+*Purpose* (semantics rule 5). A module that serves no function by itself must feed a module that has a purpose. Modules
+that feed each other in a circle must not get their purpose from each other alone. So the model has ranks: each module
+has a higher rank than some module that it feeds. Only modules on such circles have ranks (strongly connected components
+of the relation "could feed").
 """
 
 from collections.abc import Iterable, Iterator
@@ -115,9 +121,10 @@ class Wiring:
     def _producers_run(self) -> None:
         """Add constraints: the producer of each wire runs in a mode that gives the wire's version (semantics rule 2).
 
-        Inputs of one mode that take the same variable accept different versions, and a consumer runs in one mode. So at
-        most one wire leads from one version of a producer's variable to one consumer. One constraint on the sum of the
-        literals of these possible wires is enough for each such version and consumer.
+        One constraint is enough for each consumer and each version of a producer's variable. It is about the sum of the
+        literals of all possible wires from this version to this consumer: at most 1 if the producer runs in a mode that
+        gives this version, and otherwise 0. More than one of these wires is never in use, because a consumer runs in
+        one mode, and inputs of one mode that take the same variable accept different versions.
         """
         alike: dict[tuple[str, Source, str], list[IntVar]] = {}
         for (consumer, _, _), wires in self.wires.items():

@@ -1,21 +1,31 @@
-"""The agent of one PE as a state machine, which takes frames, the time and answers of modules, and returns actions.
+"""The agent of one PE as a state machine: it takes frames, the time and results of modules, and returns actions.
 
-Each part of the agent has a file of its own, and decides one matter: which part takes a frame (`inbound`), which
-commands to accept (`command_acceptance`, `mastership`), what to run next (`staging`) and how to get there
-(`reconfiguration`), what runs (`running_modules`), whether exclusive outputs are authorized (`output_authorization`),
-what to report (`condition`, `reporting`, `faults`, `canopen_node`), what to forward (`gateway`, `radios`) and when to
-act (`deadlines`). This file makes the parts and calls them in order: it hands each event to one part, steps the modules
-that are due, sends the state frames that the parts have requested, and queues the frames to a radio. A frame that no
-part takes is dropped after one look-up of its identifier. No part gets a frame with a 29-bit identifier, a remote frame
-or an error frame.
+Each part of the agent has a file of its own, and decides one matter:
 
-No frame raises an exception, whatever its bytes and its order: a malformed frame is counted (`counts`) and changes
-nothing. Only a programming error raises an exception: a caller whose time goes back, or a broken invariant.
+    inbound                                            which part takes a frame
+    command_acceptance, mastership                     which commands to accept
+    staging                                            what to run next
+    reconfiguration                                    how the next configuration replaces the present one
+    running_modules                                    what runs
+    output_authorization                               whether exclusive outputs are authorized
+    condition, reporting, faults, canopen_node         what to report
+    gateway, radios                                    what to forward
+    deadlines                                          when to act
+
+This file makes the parts. At each event it hands the event to one part, then steps the modules that are due, then sends
+the state frames that the parts have requested, and then queues the frames to a radio. A frame that no part takes is
+dropped after one look-up of its identifier. No part gets a frame with a 29-bit identifier, a remote frame or an error
+frame.
+
+No frame raises an exception, whatever its bytes are and whenever it comes. A malformed frame is counted (`counts`) and
+changes nothing. An exception means a programming error: the caller's time went back, or an invariant is broken.
 
 A PE that hears no other node continues to run its modules, but holds back its exclusive outputs (protocol rule 6). If
-the policy is `safe_mode`, it also stops its expendable modules (`without_manager`). Its state frames report that it
-hears no LEASE. The agent logs and counts frames of another node with the same node-ID; the driver does not start while
-it hears such a node.
+the policy is `safe_mode`, the PE also stops its expendable modules (`without_manager`). Its state frames report that it
+hears no LEASE.
+
+If another node uses this PE's node-ID, the agent logs and counts the frames of that node. The driver does not start the
+agent while such a node is heard.
 """
 
 from collections import Counter, deque

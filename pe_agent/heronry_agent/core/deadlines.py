@@ -13,7 +13,7 @@ from heronry_agent.core.without_manager import WithoutManager
 
 @dataclass
 class Deadlines:
-    """Calls the parts of one PE's agent, except its radios, when they are due.
+    """Calls each part of one PE's agent, except the radios, when the next deadline of that part is due.
 
     start_notes: lines to log when the PE boots up.
     """

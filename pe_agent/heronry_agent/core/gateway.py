@@ -7,19 +7,23 @@
                             reports about radios from the gateways beyond
     data                    the data of each source that the slice names, from its producing node to the named ports
 
-Some modules beyond the gateway may also run on the manager's side. Forwarding the data of such a module up is an
-exclusive output of this PE (protocol rule 6). The reason: a manager that considers this PE down considers all nodes
-beyond it down, and may have started the module on its own side.
+A module that runs beyond this gateway may have another possible PE on the manager's side. Then its data, when this PE
+forwards them up, are an exclusive output of this PE (protocol rule 6). The reason: if the manager considers this PE
+down, it considers all nodes beyond this PE down, and may have started the module on the other possible PE.
 
-Frames to a radio away from the manager go through `radio_port`, which measures the bandwidth of the radio.
+Frames to a radio that leads away from the manager go through `radio_port`, which measures the bandwidth of the radio.
 
-Between two PEs there is at most one route, and no frame is sent back to the bus it came from, so no frame goes in
+Between two PEs there is at most one route, and no frame is sent back to the bus from which it came. So no frame goes in
 circles. On a PE with one bus the gateway forwards nothing.
 
-If a command was not forwarded, the next LEASE or retry repeats it. Late, doubled and out-of-order frames are forwarded
-as they come; the receiver of a command, a state or a datum recognizes an old one. After a pause of the process the
-frames that waited are forwarded immediately, except exclusive ones. After a restart the gateway forwards only states
-and commands until it has a slice. A forged frame is forwarded like a true one.
+Special cases:
+
+- A command was not forwarded: the next LEASE, or the manager's retry, repeats it.
+- A frame comes late, twice or out of order: it is forwarded as it comes. The receiver of a command, a state or a datum
+  recognizes an old one.
+- The process has paused: the frames that waited are forwarded immediately, except exclusive ones.
+- The PE has restarted: the gateway forwards no data until it has a slice.
+- A frame is forged: it is forwarded like a true one.
 """
 
 from collections.abc import Callable, Mapping
@@ -96,8 +100,8 @@ class Gateway:
     def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
         """Return the copies of a data frame that has come in at `port`, for the other ports that the slice names.
 
-        exclusive_until_ns: called with `now_ns` if the frame is exclusive and is forwarded to the uplink. It returns
-        the time in ns until which the frame may leave there; None: the frame may not.
+        exclusive_until_ns: called with `now_ns` if the frame is exclusive. It returns the time in ns until which the
+        frame may leave on the uplink; None: the frame may not leave there.
         """
         entry = self._data.get(frame.can_id)
         if entry is None or node_of(frame.data) != entry[0]:

@@ -2,29 +2,32 @@
 
 Two things can be measured at any CAN interface:
 
-    carried     while a frame of this node is in the controller, the radio is never idle. So the bits of that frame, and
-                of all frames heard meanwhile, divided by the time in the controller, are the bit rate that the radio
-                achieves. This is not measured where the driver cannot tell how long a frame took
-    delivered   frames are numbered: state frames for each bus, data and output echoes for each identifier. A gap in the
-                numbers shows a loss
+    carried     the bit rate that the radio achieves. While a frame of this node is in the controller, the radio is
+                never idle. So this bit rate is the bits of the frame, and of all frames heard meanwhile, divided by the
+                time for which the frame was in the controller. Where the driver cannot tell this time, the carried bit
+                rate is not measured
+    delivered   the share of the frames that arrive. Frames are numbered: state frames for each bus, data and output
+                echoes for each identifier. A gap in the numbers shows a loss
 
-The usable bit rate is the carried bit rate times the share of the frames that were delivered, both over the last ten
-heartbeat periods. If this product over the last two periods alone is at most half of the product over ten, only the
-last two periods count: it is better to reduce the bandwidth too early than too late, since a late reduction lets a
-queue grow.
+The usable bit rate is the carried bit rate times the delivered share, both over the last ten heartbeat periods. If this
+product over the last two periods is at most half of the product over ten, only the last two periods count. The reason:
+if the bandwidth is reduced too late a queue grows, so it is better to reduce it too early.
 
 An *outage* is a time in which the radio carries nothing in either direction: no frame is heard for a period and a half
-or more. An outage shows nothing about the bandwidth before and after it. It counts as one lost frame of each sender;
-the frame of this node that was stuck in the controller is not counted.
+or more. An outage shows nothing about the bandwidth before and after it. So it counts as only one lost frame of each
+sender, and the frame of this node that was stuck in the controller does not count.
 
 The radio is *gone* when no frame has been heard for as many periods as a node of its bus may miss, plus an eighth of a
-period. So the manager learns that everything beyond the radio is lost before it would declare the first node there
-down. When a frame is heard again, the measurement begins anew.
+period. The manager declares a node down only an eighth of a period later. So the manager first learns that the radio is
+gone, and everything beyond it with it. When a frame is heard again, the measurement begins anew.
 
-Counting of a sequence begins anew if its numbers jump (its sender has rebooted), or if the sequence was not heard for
-ten periods (its frames may have taken another route). A doubled or late frame is not counted as a loss. A forged state
-frame looks like a loss: it reduces the bandwidth that the gateway uses toward the ground, and does not affect the
-aircraft.
+The numbers of a sequence are counted anew in two cases:
+
+- They jump: the sender has rebooted.
+- The sequence was not heard for ten periods: its frames may have taken another route.
+
+A doubled or late frame does not count as a loss. A forged state frame looks like a loss. It reduces the bandwidth that
+the gateway uses over this radio, and has no other effect on the aircraft.
 """
 
 from collections import deque

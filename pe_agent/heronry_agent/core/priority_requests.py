@@ -6,10 +6,12 @@ priority of one function, the last request counts. A request *stands* until anot
 its module stops.
 
 `faults` repeats a request until the manager acknowledges it, so a lost, late or doubled frame has no effect. The
-manager executes at most one requested change in a second, and acknowledges it then. Until the manager acknowledges the
-newest request for a function, this request is pending here. A request outside the spec's range is sent too: the manager
-refuses it, and reports the refusal. When a new term begins, the PE sends its standing requests again. Each keeps its
-number, so that no manager executes it twice. A restart of the PE drops its requests; the manager keeps the priorities.
+manager executes at most one requested change a second. Until the second is over it does not acknowledge the next
+request, which stays pending here; a newer request for the function replaces a pending one.
+
+A request outside the spec's range is sent as well; the manager refuses the request, and reports the refusal. When a new
+term begins, the PE sends its standing requests again. Each request keeps its number, so that no manager executes it
+twice. A restart of the PE drops its requests; the manager keeps the priorities.
 """
 
 from heronry_agent.core.faults import Faults

@@ -8,22 +8,23 @@
 
 In this file a *step* is an activation step: BREAK, GO or GO_ALL. A step contains the steps before it, so a PE that
 missed a step takes it together with the next one. A step already taken is not taken again, and the epoch never goes
-back: so lost, late and doubled commands do no harm, whether the manager repeats them as ACTIVATE or, each period, as
-LEASE. After a restart of the PE nothing runs.
+back. So lost, late and doubled commands do no harm. This holds for ACTIVATE and for LEASE, which names the step in each
+period. After a restart of the PE nothing runs.
 
-A module whose mode changes is stopped at BREAK and started at GO, because its old mode may read variables that no PE
-sends any more. It is built anew, unless it can go on with its present state. If GO_ALL is the first command that comes,
-the module is stopped and started in one step. A DEMUX branch that ran on this PE until BREAK is not held at GO,
-whatever its new mode. It may go on, since no other PE drives that DEMUX. While this PE is in doubt
-(`output_authorization`), the branch drives nothing.
+*A module whose mode changes* is stopped at BREAK and started at GO, because its old mode may read variables that no PE
+sends any more. The module is built anew, unless it can go on with its present state. If GO_ALL is the first command
+that comes, the module is stopped and started in one step.
 
-A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides where the
-module runs. There is one exception (`forgive`). If the operator has cleared the fault, and another manager becomes
-active before such an epoch, this manager may have missed both the fault and the CLEAR, and may open no new epoch. So
-the PE starts the module again in the present epoch.
+*A DEMUX branch that ran on this PE until BREAK* is not held at GO, even in a new mode. The branch may go on, since no
+other PE drives that DEMUX. While this PE is in doubt (`output_authorization`), the branch drives nothing.
 
-A module *rests* while it is stopped because no manager is heard. It starts again when a LEASE names this configuration
-again (`without_manager`), or when a new configuration contains it.
+*A module that failed* stays stopped until a later epoch contains it: the manager has the report, and decides where the
+module runs. There is one exception (`forgive`): a new term begins, and the operator has cleared the fault. The manager
+of the new term may know neither the fault nor that it was cleared, and may therefore make no new epoch. So the PE
+starts the module again in the present epoch.
+
+*A module rests* while it is stopped because no manager is heard. It starts again when a LEASE names this configuration
+again (`without_manager`), or when a new configuration contains the module.
 """
 
 from collections.abc import Iterable
@@ -58,7 +59,9 @@ class Moves:
 class Reconfiguration:
     """The configuration that runs on one PE, and how far it is activated.
 
-    live: mode of each module that runs. held: DEMUX branches that wait for GO_ALL. failed: modules that stay stopped.
+    live: mode of each module that runs.
+    held: DEMUX branches that wait for GO_ALL.
+    failed: modules that have failed, and stay stopped.
     """
 
     index: TableIndex

@@ -1,22 +1,27 @@
 """Collects the next configuration of a PE from PREPARE and SLICE frames, checks it, and stages it.
 
-    nothing      no PREPARE has been accepted, or the last one was refused
-    collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, and some frames may
-                 be doubled or missing. If PREPARE names a contingency on board, the slice is complete immediately; if
-                 the contingency is not on board, the PE requests the slice (NOT_ON_BOARD)
-    staged       the slice is complete, has its digest, and this PE can run it
+The *head* of a slice gives its length and its digest; its *body* is the slice itself, in frames of five bytes.
 
-The *head* of a slice gives its length and its digest; its *body* is the slice itself, in frames of five bytes. A newer
-epoch, or an epoch of a higher term, replaces what was collected or staged. A repeated command for a staged epoch is
-answered again and changes nothing. If the head announces the slice that already runs on this PE, this slice is staged
-at once, without a body. Otherwise the body must follow: if frames are missing and none has come for half a heartbeat
-period, the PE answers INCOMPLETE.
+    nothing      no PREPARE has been accepted, or the last one was refused
+    collecting   PREPARE has named an epoch. The head and the body of this PE's slice come in any order, and some frames
+                 may be doubled or missing
+    staged       the slice is complete, has the digest of its head, and this PE can run it
+
+A newer epoch, or an epoch of a higher term, replaces what was collected or staged. A repeated command for a staged
+epoch is answered again and changes nothing. In two cases a slice is complete without frames of a body:
+
+- PREPARE names a contingency on board. If the contingency is not on board, the PE requests its slice (NOT_ON_BOARD).
+- The head announces the slice that already runs on this PE.
+
+If frames of the body are missing, and none has come for half a heartbeat period, the PE answers INCOMPLETE.
 
 The PE answers by page 1 of its state; the methods that take commands return whether an answer is due now. Page 1 names
-the epoch of the last PREPARE, so that the manager can tell which command is answered. If the epoch is staged, page 1
-gives its digest, and otherwise the reason why it is not staged. A late PREPARE, of an older epoch than the one
-collected, is answered with STALE_EPOCH. After a pause of the process, the frames that have come meanwhile are handled
-in their order. After a restart the PE is unconfigured, and the manager begins anew.
+the epoch of the last PREPARE, so that the manager can tell which command is answered. If this epoch is staged, page 1
+gives its digest, and otherwise the reason why it is not staged. A PREPARE of an old epoch is answered with STALE_EPOCH:
+older than the epoch that runs or, in the same term, than the epoch that is collected or staged.
+
+After a pause of the process, the frames that have come meanwhile are handled in their order. After a restart the PE is
+unconfigured, and the manager begins anew.
 """
 
 from dataclasses import dataclass

@@ -1,15 +1,21 @@
 """How a PE with a key authenticates its states to its manager: sessions, and the tag of each page (protocol rule 11).
 
-With the command WELCOME a manager answers a nonce of this PE (`authenticity`), and begins a session with the PE. The
-number of the WELCOME identifies the session; a manager uses no number twice in a term. A further WELCOME in the same
-term does not begin another session, since forged frames can cause a PE to request a WELCOME. The command RENEW ends a
-session. Only the session with the active manager is used; without a session, pages carry the tag 0.
+A session with a manager
 
-Pages 0 are numbered within a session, but a page carries only the lowest byte of its number. So that the manager and
-the PE count alike, the first number of a session is rounded down to a multiple of 256.
+- begins with WELCOME, the command by which the manager answers a nonce of this PE (`authenticity`). The number of the
+  WELCOME identifies the session, since a manager uses no number twice in a term;
+- goes on when the manager sends another WELCOME in the same term. Forged frames can make a PE ask for a WELCOME, and
+  must not change the session;
+- ends with the command RENEW, or with the term.
 
-The tag of a page 0 also covers one EMCY that waits to be acknowledged; if there are several, the pages cover them in
-turn.
+Only the session with the active manager is used. Without a session, pages carry the tag 0.
+
+The tag of a page 0 covers the number of the page in its session. The page itself carries the lowest byte of another
+number, which counts all pages 0 since the PE started. To make both agree in the lowest byte, the first page 0 of a
+session does not get the number 0, but the byte that it carries.
+
+The tag of a page 0 also covers one EMCY that waits to be acknowledged. If several EMCYs wait, successive pages cover
+them in turn.
 """
 
 from collections.abc import Callable, Sequence

@@ -4,13 +4,13 @@ The agent's process reads and commands the devices; the partition of a module do
 at the last moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. Only the device drivers
 (`heronry_agent.device`) depend on the hardware.
 
-Each device has one driver. A PE may have several drivers, and loads only those that the devices of its modules need. A
-spec cannot name a driver yet, so all devices of a PE have the driver that `pe-agent --devices` names, by default the
-plant; only `open_drivers` depends on this.
+Each device has one driver. At present all devices of a PE have the same driver, since a spec cannot name a driver yet:
+the driver that `pe-agent --devices` names, by default the plant. Only `open_drivers` depends on this; all other code
+here allows several drivers on a PE.
 
 A driver is foreign code in the agent's process. Its exceptions do not end a running agent: after an exception a reading
-counts as missing, and a command as failed (`DriveFailed`). A driver that blocks also blocks the agent's loop; nothing
-here can prevent that.
+counts as missing, and a command as failed (`DriveFailed`). A driver that blocks also blocks the agent's loop; this file
+cannot prevent that.
 """
 
 from collections.abc import Callable, Mapping

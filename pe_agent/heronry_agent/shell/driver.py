@@ -90,7 +90,7 @@ class AgentDriver:
         """Make the first core.
 
         new_core: makes the core of a new incarnation.
-        host: runs the partitions, and has the devices read and commanded.
+        host: runs the partitions; reads and commands the devices.
         links: one for each port of the table, in the same order.
         tell: called with every line for the log, at once.
         service: reports to systemd, if systemd has started the agent.

@@ -4,7 +4,8 @@
 
 The partition has no bus, no table and no key. It executes the orders that come on the socket one after the other, and
 sends the answer to each step before it begins the next step (`partition_messages`). So the agent can tell which module
-was computing when the process ended. An exception of a module becomes an answer, and its traceback is printed.
+was computing when the process ended. If a module raises an exception, the answer reports it, and the traceback is
+printed.
 
 The tracebacks, and all text that modules print, go line by line to the standard error of the agent, each line with time
 and module name (`module_prints`). On a node this standard error is the journal of the agent's service; in a demo it is
@@ -12,8 +13,7 @@ the agent's log.
 
 No partition outlives its agent. The kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
 of a step. The process also ends when its socket is closed. If the agent hangs it sends no orders, so no module computes
-a further step. A step that was ordered before is skipped if its authorization (`until_ns`) has ended when the partition
-comes to it.
+a further step. If a step was ordered before, the partition skips it once its authorization (`until_ns`) has ended.
 
 A partition writes no core file, since writing one would take seconds.
 """

@@ -1,7 +1,11 @@
 """`heronry check`: checks specs as a linter checks code, for editors, hooks and CI.
 
-Exit codes: 0 no errors (perhaps warnings), 1 errors, 2 the input cannot be used, such as a file that does not exist, 3
-a defect of heronry. With --strict a warning is an error.
+Exit codes; with --strict a warning is an error:
+
+    0   no errors, perhaps warnings
+    1   errors
+    2   the input cannot be used: for example, a file does not exist
+    3   a defect of heronry
 """
 
 import argparse

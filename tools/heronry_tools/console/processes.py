@@ -1,11 +1,14 @@
 """Worker processes that simulate or plan for a command; if the command is interrupted, all processes end at once.
 
-A terminal sends Ctrl-C to all of these processes, but only the command's process handles Ctrl-C, SIGTERM and SIGHUP. A
-worker receives none of these signals, from its first instruction on: the command's process blocks the signals while it
-starts a worker, and the worker inherits the blocked signals. (A handler in the worker would come too late, since the
-imports before it take seconds.) The command's process kills the workers, which is safe, since a worker stores nothing.
-If the command's process is gone, the workers end by themselves. Each worker is a new Python process (spawn), since a
-process with the threads of a solver must not be forked.
+Only the command's own process handles Ctrl-C, SIGTERM and SIGHUP, although a terminal sends Ctrl-C to the workers as
+well. The command's process blocks these signals while it starts a worker, and the worker inherits the blocked signals.
+So a worker receives none of them, from its first instruction on. A handler in the worker would be installed too late,
+since the imports before it take seconds.
+
+If the command is interrupted, its process kills the workers. This is safe, since a worker stores nothing. If the
+command's process is gone, the workers end by themselves.
+
+Each worker is a new Python process (spawn), since a process with the threads of a solver must not be forked.
 """
 
 import os
@@ -65,8 +68,9 @@ def held_back() -> Iterator[None]:
 def in_order(tasks: deque[Future[R]]) -> Iterator[R]:
     """Yield the results of tasks of worker processes, in the order of `tasks`; a yielded result is not kept.
 
-    `Executor.map` cancels the tasks that are left when its caller stops. If the workers are killed, too, the executor's
-    thread then ends with a traceback on a cancelled task (Python 3.11). This function cancels no task.
+    Unlike `Executor.map`, this function cancels no task. `Executor.map` cancels the remaining tasks when its caller
+    stops; if the workers are killed as well, the executor's thread ends with a traceback about a cancelled task (Python
+    3.11).
     """
     while tasks:
         yield tasks.popleft().result()

@@ -1,4 +1,4 @@
-"""The aircraft that `heronry fly` knows, each with the functions that run its flights and report them.
+"""The aircraft that `heronry fly` knows, each with the code that runs and reports its flights.
 
 The aircraft of a spec is recognized by a device that no other aircraft has. To add another aircraft, add a `Kind` to
 this file (docs/flights.md says how).
@@ -24,8 +24,9 @@ _KNOWN_BY: dict[Name, str] = {"eav": "pan_tilt", "big_blue": "inflation_valve"}
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """The functions for one aircraft, which has its own types of missions and results.
+    """The code that runs and reports the flights of one aircraft.
 
+    Each aircraft has its own types of missions and results.
     A result must have a method `document()`, which gives JSON data, and an attribute `violations`.
 
     site: where the aircraft lands

@@ -4,6 +4,7 @@
     page ─► guard ─► questions ─► process of the planner         what if, why, what an order will cost
                   └► orders ─► operator's socket, or demo        only with --operate and the token
 
-The page is hand-written HTML, CSS and JavaScript in `page/`. Nothing is fetched from another computer, and neither the
-manager nor an agent imports this package.
+In this diagram `live`, `recording`, `changes`, `guard`, `questions` and `orders` are files of this package. The page is
+hand-written HTML, CSS and JavaScript in `page/`. Nothing is fetched from another computer. Neither the manager nor an
+agent imports this package.
 """

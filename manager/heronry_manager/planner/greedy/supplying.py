@@ -1,9 +1,11 @@
 """Level 3 of the greedy plan: optional inputs, and better versions for inputs that are wired already.
 
-Every running module is checked, including modules that are started here: its open inputs are tried, and its wired
-inputs are tried in a version that is worth more. No module is moved for an input, and no function changes. The first
-round wires inputs only to modules in the mode in which they ran before, so that new inputs do not take the room of old
-inputs. The second round tries all modules.
+Every running module is checked, including modules that are started here. For each of its open inputs a producer is
+tried. For each of its wired inputs a producer of a version that is worth more is tried. No module is moved for an
+input, and no function is served in another way.
+
+There are two rounds. In the first round only producers in the mode in which they ran before are tried, so that new
+inputs do not take the room of old inputs. In the second round all producers are tried.
 """
 
 from typing import Final

@@ -1,8 +1,9 @@
 """What a check asks the planner: whether some functions can all be served, and which ones a phase's plan gives up.
 
-The exact planner answers both questions. It first gets a cheap problem: only these functions are wanted, all with the
-same priority. If all of them can be served together, every best plan of a phase that wants no other critical function
-serves them, too. The whole phase, with its priorities, is planned only if they cannot all be served.
+The exact planner answers both questions. It first gets a cheap problem: only the functions in question are wanted, all
+with the same priority. If they can all be served together, no plan of the phase is needed: every best plan of the phase
+serves them, provided that the phase wants no other critical function. If they cannot all be served, the whole phase is
+planned, with its priorities.
 
 Identifiers, and with them response times, are always taken from the whole spec, as they are used on the bus.
 """
@@ -118,10 +119,11 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration, found for an earlier question, that serves these functions without the elements `down`.
+        """Give a configuration, found for an earlier question, that serves these functions without what is in `down`.
 
-        least: the lowest value with which each function may be served; 0 for a function that is not named. Returns None
-        if no configuration found so far does this.
+        Returns None if no configuration found so far does this.
+
+        least: the lowest value with which each function may be served; 0 for a function that is not named.
         """
         lost = lost_elements(self.spec, Situation(down))
         alive = (known for known, used in self._known if used.isdisjoint(lost))
@@ -162,10 +164,10 @@ class Planning:
         down: frozenset[str] = frozenset(),
         least: Mapping[str, int] = NOTHING_ASKED,
     ) -> Candidates:
-        """Give all choices for a plan (`Candidates`) that wants only these functions, all with the same priority.
+        """Give all choices of the planner (`Candidates`) if only these functions are wanted, all with one priority.
 
-        least: the value with which each function must be served. A mode that reaches this value, if it is above 0, has
-        the value 1 in the candidates; all other modes have the value 0.
+        least: the lowest value with which each function may be served; 0 for a function that is not named. If it is
+        above 0, the modes that reach it have the value 1 in the candidates. All other modes have the value 0.
         """
         wanted = {
             name: replace(

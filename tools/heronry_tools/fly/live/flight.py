@@ -1,9 +1,9 @@
 """One landing in real time: processes for the plant, for a manager and for an agent per PE, on software buses.
 
-The aircraft is held in place until the first configuration runs and all its surfaces are driven. Faults are injected at
-a time of the flight, or when the aircraft is below a height. A fault of a PE kills its process; a fault of a device
-happens in the plant process; a fault of a bus happens in its hub. All processes end with the flight, however the flight
-ends (`Fleet`).
+The aircraft is held in place until the first configuration runs and all control surfaces are driven. Faults are
+injected at a time of the flight, or when the aircraft is below a height. A fault of a PE kills its process; a fault of
+a device happens in the plant process; a fault of a bus happens in its hub. All processes end with the flight, however
+the flight ends (`Fleet`).
 """
 
 import json

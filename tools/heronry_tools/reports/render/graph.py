@@ -1,7 +1,8 @@
 """The dependency graph as nodes and edges: the content of a picture, without the places of the symbols.
 
-The symbols are those of the paper by Rawashdeh et al. (docs/semantics.md), section 3.1 and Figures 1 to 3: modules,
-variables, devices, and the four gates.
+There are symbols for modules, variables, devices, and the four gates. Source of the symbols: section 3.1 and Figures 1
+to 3 of the paper by Rawashdeh et al. (docs/semantics.md names the paper).
+
 `build` makes a Graph of a spec; `ranks`, `ordering` and `layout` place its symbols; `svg` and `text` write it.
 """
 

@@ -1,9 +1,12 @@
 """A wide graph on several sheets, one below the other, as a text is broken into lines.
 
 A module stands on one sheet, together with its gates, its devices and the other branches of its DEMUX. Data go from
-sheet to sheet by the name of a variable. A variable stands on every sheet on which it is given or read: solid where it
-is first given, and dashed on the other sheets. The sheet of a symbol follows from its place in a picture of the whole
-graph in one piece, so that data still flow from left to right, and then from top to bottom.
+sheet to sheet by the name of a variable. So a variable is drawn on every sheet where a module gives or reads it. It is
+drawn solid on the first sheet where a module gives it, and dashed on the others.
+
+To choose the sheets, the whole graph is first laid out in one wide picture. The symbols at the left end of this picture
+go to the first sheet, those to their right go to the next sheet, and so on. So data flow from left to right on a sheet,
+and then on to the sheet below.
 """
 
 from collections.abc import Collection, Iterator, Mapping

@@ -1,9 +1,12 @@
 """How long the processes of a demo have waited for a processor.
 
 In a demo each process stands for a computer of its own. When other programs keep the processors of this computer busy,
-a process waits for one, and a node that waits too long is lost to the others although it works. The kernel adds up
-these waits for each process (`/proc/PID/schedstat`, second number, in ns); a wait is added when it has ended. So when a
-PE is lost, the demo can say that its process waited; the agent's own report of the standstill comes later, on the bus.
+a process of the demo waits for a processor. If it waits too long, the other nodes count its node as lost, although
+nothing has failed. When a PE is lost, the demo can say how long the PE's process waited. The agent itself reports this
+standstill on the bus, but only later.
+
+The kernel adds up these waits for each process (`/proc/PID/schedstat`, second number, in ns). It adds a wait when the
+wait has ended.
 """
 
 from collections import deque
@@ -17,7 +20,7 @@ _PROC = Path("/proc")
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """For `for_ns` of the last `of_ns`, a process has waited for a processor.
+    """How long a process has waited for a processor: for `for_ns` in all, within the last `of_ns`.
 
     who: name of the process: 'pe:NAME', 'manager NODE', or 'bus NAME'.
     """
@@ -46,8 +49,9 @@ class ProcessorWaits:
     def longest(self, now_ns: int, pe: str, processes: Mapping[str, int]) -> Wait:
         """Give the longest wait that may have made a PE silent: that of its process, of a manager or of a bus.
 
-        A process counts with the sum of its waits since the last sample that is older than the window. That sample is
-        much older than the window if the demo's own process had to wait, and took no samples meanwhile.
+        The waits of a process are added up from the newest sample that is at least `window_ns` old; if there is none,
+        from the first sample. If the demo's own process had to wait, it took no samples meanwhile, so the sample may be
+        much older than `window_ns`.
         """
         began_ns, before = self._samples[0] if self._samples else (now_ns, {})
         of_ns = now_ns - began_ns

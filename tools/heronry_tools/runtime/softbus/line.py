@@ -1,20 +1,20 @@
 """The line: which of the offered frames is on the bus, and from when to when.
 
-As in CAN arbitration, the bus goes to the highest priority among the frames that are offered when it becomes idle. It
-is then busy for the exact length of that frame (stuff bits, intermission) at the bit rate.
+States: idle, or one frame on the air. A client has at most one frame offered or on the air.
+
+As in CAN arbitration, when the bus becomes idle the offered frame with the highest priority gets the bus. The bus is
+then busy for the exact length of that frame (stuff bits, intermission) at the bit rate.
 
 All times are those of the bus, not of the hub. A frame starts at max(end of the previous frame, time of its offer) and
 ends one frame time later. If the hub wakes late, it calls `advance` late and delivers frames late. But delays do not
-add up, and the bandwidth stays the same, because the next frame has started in time.
+add up, and the bandwidth stays the same: the next frame counts as started in time.
 
-States: idle, or one frame on the air. A client has at most one frame offered or on the air.
+The caller guarantees that it has handed in every offer made before `now_ns` when it calls `advance(now_ns)`. No frame
+is started later than `now_ns`. So no offer that comes afterwards could have won against a frame that was started.
 
-If a client leaves, its offered frame is withdrawn. Its frame on the air completes, as that of a controller whose
-processor has died. If two clients offer one identifier, the client that offered first wins; on a real bus this is an
-error where their data differ.
-
-The caller guarantees: when it calls `advance(now_ns)` it has handed in every offer made before `now_ns`. No frame is
-started later than `now_ns`, so no offer that comes afterwards could have won against it.
+If a client leaves, its offered frame is withdrawn. Its frame on the air is completed, as on a real bus, where the
+controller completes the frame although its processor has died. If two clients offer one identifier, the client that
+offered first wins; on a real bus this is an error if their data differ.
 """
 
 from typing import NamedTuple

@@ -1,13 +1,14 @@
-"""The command socket of a client: one frame in the mailbox, and one answer to each command.
+"""The command socket of a client of a software bus: it offers frames to the hub, and gives the hub commands.
 
-The link decides whether the next frame may be offered. The mailbox is full from the offer until the hub's `DONE` has
-been read, which happens when a caller sends, gives a command, or waits for the mailbox.
+A client has a mailbox for one frame. The mailbox is full from the offer of a frame until the client has read the hub's
+`DONE`; only then the next frame may be offered. A `DONE` is read when a caller sends, gives a command, or waits for the
+mailbox. The hub gives one answer to each command.
 
-Threads may share a link: a lock allows one send or command at a time, and the time spent waiting for the lock counts
+Threads may share a link: a lock allows one send or command at a time. The time spent waiting for the lock counts
 towards the caller's time-out. With the time-out None a call waits for ever, with 0 not at all.
 
 If the hub is gone (the socket ends) or refuses this client, a call raises CanOperationError of python-can with a
-sentence. If the hub is stopped, offers time out, and commands time out after some seconds.
+sentence. If the process of the hub is stopped, offers time out, and commands time out after `_ANSWER_TIMEOUT_S`.
 """
 
 import errno

@@ -1,13 +1,16 @@
-"""Carries a command's output from a user-mode Linux to this program's stdout and stderr while it is written.
+"""Carries the output of a command in a user-mode Linux (the guest) to this program's stdout and stderr, as it comes.
 
-Output to a terminal goes through a console of the guest and a pipe, so that the command sees a terminal of the same
-size. Any other output goes through a file that both sides see, and this program follows the file as it grows. So the
-command sees no terminal, and no byte is lost when the guest stops. If stdout and stderr go to one place they share one
-file, which keeps their order.
+How the output is carried depends on where this program's stdout or stderr goes:
 
-If stdin and stdout are a terminal, what the user types goes to the command, by a second pipe into the same console. The
-user's terminal is raw meanwhile, so that the guest's terminal interprets every key, Ctrl-C included. If stdin or stdout
-is no terminal, the command's standard input is empty.
+    terminal        through a console of the guest and a pipe, so that the command sees a terminal of the same size
+    anything else   through a file that both sides see. This program follows the file as it grows, so no byte is lost
+                    when the guest stops. The command sees no terminal
+
+If stdout and stderr go to the same place, the command's stdout and stderr share one file, which keeps their order.
+
+If stdin and stdout are a terminal, what the user types goes to the command through a second pipe into the same console.
+Meanwhile the user's terminal is raw, so that the guest's terminal interprets every key, Ctrl-C included. If stdin or
+stdout is no terminal, the command's standard input is empty.
 """
 
 import os

@@ -40,8 +40,10 @@ class Wiring:
     def watch(self, see: Callable[[Sent], None], channel: Callable[[int, Sent], None]) -> None:
         """Call `see` for every frame on every wire, and `channel` for every frame on a channel of a replicated bus.
 
-        The callback `channel` also gets the number of the channel, 0 or 1. Call this method once, before the first
-        `tap`: it also begins to determine which of the two copies of a frame on a replicated bus comes first.
+        The callback `channel` also gets the number of the channel, 0 or 1.
+
+        Call this method once, before the first `tap`. From this call on, the first of the two copies of each frame on a
+        replicated bus is recognized; only this copy goes to the taps.
         """
         for name, wires in self.wires.items():
             for number, wire in enumerate(wires):

@@ -58,9 +58,9 @@ class Checks:
         self._inspections: list[Violation] = []
 
     def rest(self) -> None:
-        """Report no more steps, movements and frames of single channels to the oracles, in a run that is not verified.
+        """Stop reporting steps, movements and frames of single channels to the oracles: this run is not verified.
 
-        The caller must not call `see` either. What the oracles record after this call has no meaning.
+        From now on the caller must not call `see`. What the oracles record after this call has no meaning.
         """
         self._of_copies = self._of_channels = self._of_driving = self._of_looks = self._of_moves = ()
 
@@ -276,7 +276,7 @@ class Checks:
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
-        """Return a violation for each function that stopped because managers failed, although it must not stop then.
+        """Return a violation for each function that was silent, although it must not stop when only managers fail.
 
         targets: all targets into which faults were injected; if one is not a manager, nothing is verified.
         span_ns: begin and end of the time that is verified.

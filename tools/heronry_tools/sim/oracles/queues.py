@@ -1,12 +1,13 @@
 """No queue of frames grows without end, and no frame is left behind, while no fault is present.
 
-`look` is called at intervals. Two rules hold between one call and the next:
+`look` is called at intervals, and verifies two rules:
 
-- A bus on which frames wait must have been idle at some moment in the interval. A bus is never idle while a frame waits
-  (arbitration is work-conserving), so an idle moment proves that every queue was empty. The bus was never idle if its
-  frames fill the interval. (An error-passive controller pauses for 8 bits after each frame; that counts as idle.)
-- On a bus within its budget, no frame may wait from one call of `look` to the second call after it. If a frame waits
-  so long, its sender has left it behind.
+- Between two calls, each bus must have been idle at some moment. A bus is never idle while a frame waits
+  (arbitration is work-conserving), so an idle moment proves that every queue was empty. If frames fill nearly the whole
+  interval (`_FULL`), the bus was never idle. An error-passive controller pauses for 8 bits after each frame; this pause
+  counts as idle.
+- No frame may wait from one call of `look` to the second call after it. If a frame waits so long on a bus within its
+  budget, its sender has left the frame behind.
 """
 
 from collections.abc import Mapping

@@ -6,15 +6,17 @@ A function counts as silent from its last output on. A waiver counts if it holds
 the moment at which the function had to be heard again.
 
 A function may fall silent because the phase or a priority has changed, if other functions are now more important. This
-is allowed under two conditions. An epoch that was activated before the next output was due leaves the function out. And
-the best plan for a phase and priorities in force while this epoch was planned also leaves the function out, or is no
-better than the plan of the epoch.
+is allowed if both hold:
 
-A function may fall silent while the module that serves it moves: the new PE of the module holds back its outputs until
-ALIVE names the PE (protocol rule 6), and a manager that falls silent right after ACTIVATE sends no ALIVE. This is
-allowed whatever the reason for the move. One such reason is that the operator's script begins or ends.
+- An epoch that was activated before the next output was due leaves the function out.
+- While this epoch was planned, a phase and priorities were in force for which the best plan also leaves the function
+  out, or is no better than the plan of the epoch.
 
-Not verified: a run in which a fault was injected into anything but managers.
+A function may also fall silent while the module that serves it moves. The new PE of the module holds back its outputs
+until ALIVE names the PE (protocol rule 6), and a manager that falls silent right after ACTIVATE sends no ALIVE. This is
+allowed whatever the reason for the move is, for example that the operator's script begins or ends.
+
+A run in which a fault was injected into anything but managers is not verified.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -86,9 +88,9 @@ class LeftOut:
 def stopped_by_silence(
     spec: Spec, targets: Iterable[str], witness: Witness, span_ns: range, left_out: LeftOut
 ) -> list[Violation]:
-    """Return a violation for each function that was silent, though only managers failed and it must not stop then.
+    """Return a violation for each function that was silent, although it must not stop when only managers fail.
 
-    targets: all targets into which faults were injected; if one of them is not a manager, there is no violation
+    targets: all targets into which faults were injected; if one of them is not a manager, nothing is verified
     witness: has the silences of all functions
     span_ns: begin and end of the time that is verified
     """

@@ -1,8 +1,8 @@
-"""Everything that was heard on the managers' bus, with times: expectations are evaluated by this alone.
+"""Everything that was heard on the managers' bus, with times. Expectations are evaluated from nothing else.
 
 Outputs come from the witness (echoes of actuators, frames of outputs). Data, states of PEs, EMCYs and LEASEs come from
-their frames. Events of a manager are not used. All observations are kept until the flight is over and evaluated then,
-so a flight in the simulator and a flight of real processes are evaluated alike.
+their frames. Events of a manager are not used. All observations are kept, and evaluated when the flight is over. So a
+flight in the simulator and a flight of real processes are evaluated alike.
 """
 
 from dataclasses import dataclass, field

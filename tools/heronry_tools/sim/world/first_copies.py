@@ -1,7 +1,8 @@
 """Merges the two channels of a replicated bus for observers: only the first copy of each transmission is passed on.
 
-The copies of one transmission are recognized by the Python object that both channels were given. The nodes do not use
-that object, but compare bytes and times; the oracles verify the result of that comparison.
+Two frames are copies of one transmission if they are the same Python object, which the sender has given to both
+channels. The nodes do not use this object, but compare bytes and times. The oracles verify the result of that
+comparison.
 """
 
 from collections import deque

@@ -1,13 +1,19 @@
 """Plans for simulated managers, and best plans for the oracles.
 
 Plans are kept for the life of the process. This changes no flight, since a plan depends only on the spec, the situation
-and what runs. As in flight, the verifier has accepted every plan. An oracle needs only levels 1 to 3 of the best plan.
-What runs has an effect only from level 4 on. So for an oracle any plan will do that is proven best at levels 1 to 3.
+and the running configuration. As in flight, the verifier has accepted every plan.
 
-The planning policy that flies (`heronry_manager.core.planning_policy`) decides which planner gets a request; `Planners`
-names the planners from which it can choose. By default (`BEST`) there is only the exact planner, so every answer is the
-best plan, as if every fault had been pre-planned. With `IMMEDIATE` nothing is pre-planned. `GREEDY` is a manager
-without a solver. `ALL` is a manager as equipped for a flight.
+An oracle needs only levels 1 to 3 of the best plan. The running configuration has an effect only from level 4 on. So an
+oracle may use any plan that is proven best at levels 1 to 3, whatever ran before.
+
+The planning policy is that of a real manager (`heronry_manager.core.planning_policy`): it decides which planner gets a
+request. `Planners` names the planners from which the policy can choose:
+
+    BEST        only the exact planner, so every answer is the best plan, as if every fault had been pre-planned; the
+                default
+    IMMEDIATE   the greedy planner, and in the background the exact one; nothing is pre-planned
+    GREEDY      only the greedy planner: a manager without a solver
+    ALL         the greedy planner, the exact one and a pre-planner: a manager as equipped for a flight
 """
 
 from collections.abc import Mapping
