@@ -57,8 +57,8 @@ class Finding:
 class SpecError(HeronryError, ValueError):
     """A spec cannot be loaded; `findings` says why, in the order of the file.
 
-    The text of the error has one line for each of the first findings, and the number of the others: a file that is no
-    spec may have hundreds.
+    The text of the error has one line for each of the first five findings. If there are more, a last line gives the
+    number of the others, since a file that is no spec may have hundreds of findings.
     """
 
     def __init__(self, findings: Iterable[Finding]) -> None:

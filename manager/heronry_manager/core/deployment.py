@@ -222,9 +222,10 @@ class Deployment:
         return all(self.observed.of[pe].epoch == current.epoch for pe in self._health.available())
 
     def runs(self, plan: Plan) -> bool:
-        """Tell whether the PEs run this plan already; if so, it becomes the plan of the current epoch.
+        """Tell whether the PEs run the configuration of this plan already, as the current epoch.
 
-        An available PE that does not run the current epoch is admitted to that epoch, if it has no module there.
+        If so, `plan` becomes the plan of the current epoch, and each available PE that does not run the current epoch
+        is admitted to it. If one of these PEs needs a new epoch instead (see "Admitting" above), returns False.
         """
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:

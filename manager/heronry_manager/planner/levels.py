@@ -86,11 +86,13 @@ def merged(group: list[Level]) -> Terms:
 
 
 def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
-    """Yield a bound for each level of a group, given a bound on the merged sum.
+    """Yield an upper bound for each level of a group.
 
-    Each bound holds among the configurations that are no worse than `key` in the levels before. A level is proven if
-    the value in `key` equals the bound. After the first level that is not proven, the bound of each level follows from
-    the terms of this level alone.
+    bound: upper bound on the merged sum of the group. key: the key of the best configuration that was found.
+
+    Each yielded bound holds for all configurations that are no worse than `key` at the earlier levels. If the bound
+    equals the value in `key`, the level is proven. After the first level that is not proven, nothing follows from the
+    merged sum: the bound of each further level is its own `high`.
     """
     weights = _weights(group)
     room = bound - sum(weight * level.low for weight, level in zip(weights, group, strict=True))

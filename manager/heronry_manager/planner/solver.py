@@ -13,10 +13,13 @@ _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
     """Yield the searches for levels of this kind, the short ones first.
 
-    A search is a function that sets up a solver; its argument is the limit in deterministic time. A short search soon
-    finds a configuration that reaches the bound of the linear relaxation, if there is one. Deadlines, places and CPU
-    together may exclude such a configuration. Then the core search looks for sets of inputs that cannot be wired
-    together.
+    A search is a function that sets up a solver; its argument is the limit of the search, in deterministic time.
+
+        short search    SERVING and SUPPLYING: if some configuration reaches the bound of the linear relaxation, this
+                        search soon finds it
+        core search     SUPPLYING: deadlines, places and CPU together may exclude every such configuration. For this
+                        case the core search looks for sets of inputs that cannot be wired together
+        full search     all kinds: searches the whole model
     """
     if kind is Kind.SERVING:
         yield lambda effort: light_solver(min(effort, _SHORT_EFFORT[kind]))

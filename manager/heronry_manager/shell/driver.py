@@ -274,9 +274,10 @@ class ManagerDriver:
             self._step(known)
 
     def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
-        """Send the plan that runs from now on to the clients that follow the events, if `told` says that one begins.
+        """If the event `told` says that another plan runs from now on, send this plan to the clients.
 
-        Such a client may lack this plan: it began to follow after the event `plan_ready`, or the epoch was adopted.
+        These are the clients that follow the events. A client may lack the plan for two reasons: it began to follow
+        after the event `plan_ready`, or the epoch was adopted.
         """
         plan = self._core.plan
         if told["event"] in ("reconfigured", "adopted") and plan is not None:

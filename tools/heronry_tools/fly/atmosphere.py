@@ -43,7 +43,8 @@ class Wind:
 
     speed_m_per_s: speed at 20 ft above the ground
     from_deg: direction that the wind comes from, clockwise from north
-    aloft: points above 1 000 ft, by rising height: height above the ground in m, speed in m/s, direction in deg
+    aloft: the wind above 1 000 ft, as points by rising height; a point has the height above the ground in m, the speed
+        in m/s and the direction in deg
     """
 
     speed_m_per_s: float = 0.0

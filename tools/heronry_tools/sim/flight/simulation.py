@@ -67,18 +67,18 @@ class Simulation:
         plant: PlantOfDevices | None = None,
         observed: bool = True,
     ) -> None:
-        """Switch on all nodes, each at a random moment in the first 200 ms.
+        """Switch on all nodes that are not `absent`, each at a random moment in the first 200 ms.
 
         faults: quality of every bus for the whole flight
-        decide_ns: longest duration of a planning run; each takes between half of it and all of it
-        skew_ppm: largest error of a clock
+        decide_ns: longest duration of a planning run, in ns; each run takes between 50 and 100 % of this time
+        skew_ppm: largest error of a clock, in ppm
         contingencies: largest number of faults in a fault set for which a contingency is on board; None: no
             contingencies are made
         key: the key of managers and PEs; None without authentication
-        standby: whether there are two managers, 126 and 127, each being the standby manager while the other is active
+        standby: whether there are two managers, 126 and 127; while one is active, the other is the standby manager
         keep_trace: whether `trace` gets every frame
-        absent: PEs that are started only later, by `Fleet.arrive`
-        aloft_ns: time of the scripted flight at which the simulation starts
+        absent: PEs that are not switched on here, but later by `Fleet.arrive`
+        aloft_ns: time of the scripted flight at which the simulation starts, in ns
         plant: what the devices read and move; None: the scripted flight
         observed: whether the oracles observe the flight; if not, the results of `broken`, `unsettled` and `settle` have
             no meaning
