@@ -72,8 +72,9 @@ class Kind(Enum):
 class Variable(NamedTuple):
     """One value: an object of its own, or one sub-index of an object.
 
-    value: the constant of a CONST; for any other variable the value at power-on, where that is fixed. of_node: whether
-    the server adds the node-ID to `value`. limits: lowest and highest number that may be written.
+    value: the constant of a CONST; of any other variable the value at power-on. None: the value at power-on varies.
+    of_node: whether the server adds the node-ID to `value`.
+    limits: lowest and highest number that may be written.
     """
 
     name: str

@@ -119,9 +119,11 @@ def read_draft(root: Node, findings: Findings) -> Draft | None:
 
 
 def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
-    """Say what kind of file a file without the key `dg` is, and what to do; None if the file may be a spec.
+    """Return two sentences about a file that is no spec: what it is, and what to do; None if it may be a spec.
 
-    Without this sentence every field of such a file would give a finding, and none of these findings would help.
+    keys: the keys of the file. A file with the key `dg` may always be a spec.
+
+    Without these sentences every field of a file that is no spec would give a finding, and no finding would help.
     """
     if "dg" in keys:
         return None

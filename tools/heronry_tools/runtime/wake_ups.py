@@ -48,7 +48,8 @@ def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
 def kept_heartbeat_ns(late_ns: int) -> int:
     """Give the heartbeat period that a node can keep if it is up to `late_ns` late.
 
-    It is the usual period, doubled as often as needed, but at most LONGEST_HEARTBEAT_NS, even if a node cannot keep it.
+    The usual period is doubled until it is at least twice `late_ns`, but not beyond LONGEST_HEARTBEAT_NS. If a node is
+    later than LONGEST_HEARTBEAT_NS allows, the result is still LONGEST_HEARTBEAT_NS.
     """
     period_ns = USUAL_HEARTBEAT_NS
     while period_ns < 2 * late_ns and period_ns < LONGEST_HEARTBEAT_NS:

@@ -1,10 +1,10 @@
-"""Campaigns: many flights in parallel, and a table of the protocol states in which they have injected faults.
+"""Campaigns: many flights in parallel, and a table of the injected faults, by kind of fault and protocol state.
 
-The number of flight hours says little. What counts is which kinds of faults were injected in which state of the
+The number of flight hours says little. What counts is which kinds of faults were injected in which states of the
 protocol (`Coverage`). The table has a cell for each kind in each state. A cell without an injection was never tried,
 and a cell with fewer than `ENOUGH` injections was hardly tried. Drawn faults aim at every state (`drawing`).
 
-Worker processes share nothing: each loads the spec once, and keeps the plans of its flights for its later flights.
+Worker processes share nothing. Each process loads the spec once, and keeps plans for its later flights.
 """
 
 import gc

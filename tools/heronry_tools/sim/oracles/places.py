@@ -41,7 +41,9 @@ class Places:
         return place if place in self._all and message.code not in _BY_OTHERS else element
 
     def acknowledged(self, node: int, a: int, index: int) -> str | None:
-        """Return the element or place that counts as failed when a manager acknowledges a report; None for a suspicion.
+        """Return the element or place that counts as failed when a manager acknowledges a report.
+
+        None: the report was only a suspicion, or the spec has no such element.
 
         node: node-ID of the PE that has reported. a, index: kind and index of the element, as in the command.
         """
