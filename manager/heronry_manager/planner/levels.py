@@ -183,9 +183,10 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
 
 
 def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
-    """Yield, for the branches and for the ends of each DEMUX, the fewest points that their stopped modules lose.
+    """Yield the least number of points that each group of modules must lose, because only one of its modules can run.
 
-    At most one module of such a group runs. A module in several groups counts once.
+    The branches of a DEMUX are a group, and so are its ends. A module in several groups counts only in the first one.
+
     most: by name of a module, the most points that its inputs can have.
     """
     counted: set[str] = set()

@@ -191,9 +191,10 @@ class Story:
 
         A busy computer stands still many times in a row. So a standstill gets a line only in these cases:
 
-            its computer has had no line yet, or none since a PE was lost: the standstill may be the cause of the loss
-            the standstill is longer than the one in the last line of its computer
-            the last line of its computer is at least two seconds old
+        - There was no line about a standstill of its computer before.
+        - There was no such line since a PE was lost. (The standstill may be the cause of the loss.)
+        - The standstill is longer than the one in the last such line.
+        - The last such line is at least two seconds old.
         """
         told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
         needs_one = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS

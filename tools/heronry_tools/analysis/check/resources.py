@@ -145,7 +145,7 @@ class _Serving:
         self._unlimited = servable.Planning(servable.without_limits(self._spec))
 
     def check(self) -> None:
-        """Add a finding for each function that cannot be served with everything up.
+        """Report the functions that cannot be served with everything up.
 
         If all critical functions of all phases can be served together, only the other functions are checked, each
         alone. If not, every function is checked alone, and then the critical functions of each phase together.

@@ -40,10 +40,10 @@ class Subject:
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """Give the side that is to keep as many leaves as possible in a cut (`least_cut`).
+        """Return the side of the manager, as `side:` and the name of a PE on this side.
 
-        Radios divide the PEs of a spec into sides. The side of the manager is given, as `side:` and the name of a PE on
-        it. None for a graph that was read from a file.
+        Radios divide the PEs of a spec into sides. A cut (`least_cut`) keeps as many leaves as possible on the side of
+        the manager. None: the graph was read from a file, so there are no sides.
         """
         return managers_side(self.planned.spec) if self.planned is not None else None
 

@@ -207,13 +207,18 @@ class Simulation:
     def settle(self) -> list[Violation]:
         """Simulate without further faults until the aircraft has converged, and return every violation.
 
-        The aircraft has converged when, for a certain time, no rule for the end of a flight (`unsettled`) was violated,
-        no epoch was activated, and no queue has grown. This time is the longest for which a silent PE or function may
-        stay undetected. If the aircraft does not converge in the time allowed, the simulation ends, too, and the
-        violations of the last moment are among those returned.
+        The aircraft has converged when all of this was true during the whole of a *quiet time*:
 
-        The oracle `planned_load` counts data only in the second half of this time. In the first half a controller may
-        still send queued frames, and a PE that returns may still send data of the modules that it ran before.
+        - no rule for the end of a flight (`unsettled`) was violated
+        - no epoch was activated
+        - no queue has grown
+
+        The quiet time is the longest time for which a silent PE or function may stay undetected. If the aircraft does
+        not converge in the time allowed, the simulation ends; then the result also has the violations of the last
+        moment.
+
+        The oracle `planned_load` counts data only in the second half of the quiet time. In the first half a controller
+        may still send queued frames, and a PE that returns may still send data of the modules that it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)

@@ -11,12 +11,12 @@ acknowledged twice. A request does not count if a later request of the same PE w
 
 A *forward only* request (bit 15 of its detail is set) has effect in two cases only:
 
-- The requested phase has a rule, and the rule allows to enter it from the present phase.
+- The requested phase has a rule, and the rule names the present phase among the phases from which it may be entered.
 - The requested phase has no rule, and comes later in the spec than the present phase.
 
 *Frames on their way.* The manager sends its phase in HOLDS. For a moment after a change, HOLDS may still name the
-former phase. If a PE requests the former phase in this moment, HOLDS is no answer to the request: it counts only if the
-manager acknowledges it.
+former phase. If a PE requests the former phase in this moment, such a HOLDS is no answer. The request then counts only
+if the manager acknowledges it.
 
 An acknowledgement that the manager sent before it accepted an operator's order may come on the bus after the order.
 Then the phase of this acknowledged request counts, until HOLDS names the ordered phase.
