@@ -1,9 +1,10 @@
 """Findings: the mistakes in a spec, each with its place, and the error that carries all of them.
 
 The code that reads a spec does not stop at the first mistake. It adds a finding and goes on with the parts that it can
-still read, so that one run shows every independent mistake. Two conventions avoid follow-up findings. Of the findings
-that stop a spec from being loaded, only the first at a place is kept. Code that meets a part with a finding adds no
-further finding about that part.
+still read, so that one run shows every independent mistake. Two conventions avoid follow-up findings:
+
+- If several findings at one place each stop the spec from being loaded, only the first of them is kept.
+- When a part has a finding, code that uses this part adds no further finding about it.
 
 The files in rules/ define every kind of mistake, with its code.
 """

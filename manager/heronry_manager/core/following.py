@@ -30,10 +30,10 @@ since the digest in a proven LEASE or ACTIVATE proves them. This digest also ser
 
 A state counts if its tag is right. But a manager that was started after the sessions were opened knows no session, so
 it can prove no state; and while no manager is active, no session is opened. If unproven states never counted, such a
-manager could never take over. So the unproven states of a PE count if the PE has proven none within T_lease. A forger
-can therefore make this manager active too early, though only if no LEASE has come for T_lease; the forger can command
-nothing. The next mastership waits for the unproven PEs (`unbelieved`), as after a restart: they prove their states once
-they have heard the new term.
+manager might never take over. So the unproven states of a PE count if the PE has proven none within T_lease. Even then
+this manager is orphaned only if it has itself heard no LEASE for T_lease. A forger can make this manager active too
+early, but the forger can command nothing. The next mastership waits for the unproven PEs (`unbelieved`), as after a
+restart: they prove their states once they have heard the new term.
 
 *Lost, late, doubled and forged frames:*
 

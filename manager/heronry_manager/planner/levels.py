@@ -1,9 +1,11 @@
 """The objective for the solver: the levels of docs/semantics.md, section 4, as weighted sums of literals.
 
-A level is a weighted sum of literals, with bounds that follow from its own terms alone. More is always better: a
-quantity that should be small is negated. Neighbouring levels are solved together, as one weighted sum. This is exact,
-since the weight of each level is greater than the greatest sum of all levels below it. The groups were chosen because
-they are solved fast together; a group is cut where its weighted sum would not fit 62 bits:
+A level is a weighted sum of literals (Boolean variables of the solver, or their negations). Its bounds follow from its
+own terms alone. More is always better: a quantity that should be small is negated.
+
+Neighbouring levels are a *group*, and are solved together as one weighted sum. This is exact, since the weight of each
+level is greater than the greatest sum of all later levels of the group. If the weighted sum of a group would not fit 62
+bits, the group is divided. There are three groups, chosen by measurements, since their levels are solved fast together:
 
     serving    levels 1 and 2, critical classes and utility. As a rule all functions can be served, and then no search
                is needed

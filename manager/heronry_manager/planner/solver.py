@@ -53,8 +53,8 @@ def core_solver(effort: float) -> CpSolver:
 def plain_solver(effort: float) -> CpSolver:
     """Set up a search that gives the same result on every machine; `effort`: its limit, in deterministic time.
 
-    CP-SAT's own handler of SIGINT is switched off: it would end the search, and the best result so far would be given
-    as the answer.
+    CP-SAT's own handler of SIGINT is switched off. It would end the search early, and the caller would take the best
+    result so far for the final result.
     """
     solver = CpSolver()
     solver.parameters.num_workers = 1

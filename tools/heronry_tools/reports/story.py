@@ -243,8 +243,8 @@ class Story:
     def _never_driven(self, function: Function, summary: Mapping[str, Any]) -> Line:
         """Give the line for a planned function that was not heard at all.
 
-        If this computer stood still, or kept a process waiting, the line names this as a possible cause. The other
-        cause is that the modules of the function command no device.
+        The line names one or two possible causes. It always says that the modules of the function may command no
+        device. If this computer stood still, or kept a process waiting, the line names this first.
         """
         modules, waited = self._plan["modules"], summary["waited"][function.name]
         ran = [f"{name} on {modules[name]['pe']}" for name in function.outputs if name in modules]
@@ -322,9 +322,12 @@ class Story:
                 yield from self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for an outage when it is over; also a line while it lasts, if the plan serves the function.
+        """Give a line for the outage of a function:
 
-        An outage that is `gathered` gets no line here: one line (`_outages`) tells of it and of many others.
+        - when the outage is over
+        - while the outage lasts, if the plan serves the function
+
+        An outage that is `gathered` gets no line here, since one line (`_outages`) reports it together with others.
         """
         self._silences += 1
         if event.get("gathered"):

@@ -90,9 +90,13 @@ class Coverage:
         return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
 
     def table(self) -> list[str]:
-        """Return lines of text with the number of faults by kind and state, and with how often each state was entered.
+        """Return the table as lines of text: how many faults were injected, by kind and state.
 
-        The last lines name the cells with too few faults, and the share of the time in which each rule was waived.
+        Further lines give:
+
+        - how often each state was entered
+        - how many cells have too few faults, and the three with the fewest
+        - in which share of the time each rule was waived
         """
         cells = self.cells()
         kinds = list(dict.fromkeys(kind for kind, _ in cells))
