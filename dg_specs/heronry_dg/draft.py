@@ -1,4 +1,4 @@
-"""The draft of a spec, between file and model: each element with its position in the file, and its fields if correct.
+"""The draft of a spec, between file and model: each element with its position and, if it has no mistake, its fields.
 
 Elements are read one by one, so that a mistake in one element does not affect the others. An element with a mistake is
 called *broken*: it stays in the draft under its name, with `form` None. So a reference to a broken element is not an

@@ -4,8 +4,8 @@ All limits but one are limits of a count, for example of the number of devices. 
 which depends on the configuration. For this length an upper bound is computed for each PE:
 
 1. A module counts with the most bytes that it can add to the slice in any mode.
-2. The modules on the PE need CPU and RAM. The bound takes the largest number of bytes that the modules can have which
-   the PE can hold at once. The last of these modules may count as a fraction, so the bound is never too small.
+2. CPU and RAM limit which modules the PE can hold at once. Of all sets of modules within these limits, the bound takes
+   the bytes of the set with the most bytes. One module may count as a fraction, so the bound is never too small.
 3. If the PE is a gateway, about four bytes are added for each source that it may forward.
 
 No legal configuration has a slice that is longer than this bound.

@@ -1,8 +1,8 @@
-"""The candidates: the modules that could serve in a situation, in the modes that could run. Only they reach the solver.
+"""The candidates: the modules that could serve in a situation, in the modes that could run. The solver gets only these.
 
 The candidates are found in two passes over the spec, both exact:
 
-*Possible.* A mode is possible if both of this holds:
+*Possible.* A mode is possible under two conditions:
 
 - Its module may run on a PE that has room for this mode when nothing else runs there.
 - Its `needs` could hold while every other possible mode runs.

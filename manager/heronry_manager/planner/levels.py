@@ -3,9 +3,10 @@
 A level is a weighted sum of literals (Boolean variables of the solver, or their negations). Its bounds follow from its
 own terms alone. More is always better: a quantity that should be small is negated.
 
-Neighbouring levels are a *group*, and are solved together as one weighted sum. This is exact, since the weight of each
-level is greater than the greatest sum of all later levels of the group. If the weighted sum of a group would not fit 62
-bits, the group is divided. There are three groups, chosen by measurements, since their levels are solved fast together:
+Neighbouring levels of one kind form a *group*, and are solved together as one weighted sum. This is exact, since the
+weight of each level is greater than the greatest sum of all later levels of the group. If the weighted sum of a group
+would not fit 62 bits, the group is divided. The kinds were chosen so that the levels of a group are solved fast
+together:
 
     serving    levels 1 and 2, critical classes and utility. As a rule all functions can be served, and then no search
                is needed

@@ -9,10 +9,10 @@ stepped once. The other releases are skipped and counted (`overruns`).
 that are due in it together, and computes them one by one. It receives no further steps before it has answered all of
 these. Different partitions compute at the same time.
 
-*Inputs from the same PE.* A module should get the newest values of the modules on its own PE. So it waits for those of
-them whose outputs it reads, and that were due just before it. The wait ends when they have answered, but at the latest
-after a quarter of the waiting module's period. So if a module hangs or is late, the modules that read its outputs go on
-without its new value. Only the other modules of its partition have to wait for it.
+*Inputs from the same PE.* A module should get the newest values of other modules on its PE. So it waits for each module
+whose outputs it reads and that was due just before it. The wait ends when these modules have answered, but at the
+latest after a quarter of the waiting module's period. So if a module hangs or is late, the modules that read its
+outputs go on without its new value. Only the other modules of its partition have to wait for it.
 
 *Limits.* The time that a step has *spent* is its duration without the time in which it waited for a processor. So no
 module is reported because the computer was overloaded or paused. The driver of the core measures this time. This file

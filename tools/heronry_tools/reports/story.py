@@ -322,10 +322,10 @@ class Story:
                 yield from self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for the outage of a function:
+        """Give a line for the outage of a function, in two cases.
 
-        - when the outage is over
-        - while the outage lasts, if the plan serves the function
+        - The outage is over.
+        - The outage lasts, and the plan serves the function.
 
         An outage that is `gathered` gets no line here, since one line (`_outages`) reports it together with others.
         """

@@ -18,8 +18,8 @@ There are two proposals:
     second    the functions are taken one after the other, the most important first; a function is kept if all modules
               chosen so far can be packed
 
-A proposal has places of modules, but no wires. `repairing` makes a configuration of a proposal, in the same way as of a
-running configuration.
+A proposal has places of modules, but no wires. `repairing` starts from a proposal in place of a running configuration,
+and makes a complete configuration.
 """
 
 from collections.abc import Iterator, Sequence

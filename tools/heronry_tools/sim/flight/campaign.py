@@ -80,8 +80,8 @@ class Coverage:
     def cells(self) -> dict[tuple[str, str], int]:
         """Return the number of injections in each cell (kind, state) that these flights can reach.
 
-        The kind must have a target in the spec, and some flight must have entered the state. An order of the operator
-        has no cell for states without an active manager, since no order can be given then.
+        A cell can be reached if its kind has a target in the spec, and if some flight has entered its state. An order
+        of the operator has no cell for the state without an active manager, since no order can be given in this state.
         """
         injected = {kind for kind, _ in self.hits}
         kinds = [*self._kinds, *(kind for kind in KINDS if kind in injected and kind not in self._kinds)]

@@ -1,7 +1,7 @@
 """One simulated flight: an aircraft of simulated nodes, the faults injected into it, and the oracles that observe it.
 
-All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So a spec, a
-seed and a list of faults give the same frames, bit for bit; `digest` is a digest of all frames.
+All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So the same
+spec, seed and faults always give the same frames, bit for bit; `digest` is a digest of all frames.
 
 The parts are `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices) and `operator`. Only `truth`
 holds the real situation, which the cores must find out. The oracles (`checks`) get the truth, the frames and the driven

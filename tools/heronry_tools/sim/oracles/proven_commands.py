@@ -1,8 +1,8 @@
 """Finds the commands on a bus that come from a holder of the key, by computing every tag again.
 
 A command and the TAG after it are a pair. A pair is *proven* if its tag is correct for some command number. TAG carries
-only the lowest 13 bits of this number. So the higher bits are tried in turn, up to a limit: it lies beyond the highest
-number that was proven of this manager in this term.
+only the lowest 13 bits of this number, so the higher bits are tried in turn. The trial ends beyond the highest number
+that was proven before, of the same manager in the same term.
 
 The result does not depend on what the nodes have accepted. A replayed pair is proven each time it is sent, with its
 original number.
