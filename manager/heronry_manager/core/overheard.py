@@ -42,7 +42,7 @@ _SLICES_KEPT = 512
 
 
 class Overheard:
-    """Puts together the configuration that another manager activates, from the slices in that manager's commands."""
+    """Listens to the commands of the active manager, and puts its configuration together from the slices in them."""
 
     def __init__(self, spec: Spec, turn: Turn, on_board: ContingencyNumbers | None = None) -> None:
         """`on_board`: the configurations that PREPARE can name by number; None: there are none."""

@@ -40,10 +40,10 @@ class Subject:
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """Return the side of the manager, as `side:` and the name of a PE on this side.
+        """Give the manager's side, as `side:` and the name of a PE on it; None for a graph that was read from a file.
 
-        Radios divide the PEs of a spec into sides. A cut (`least_cut`) keeps as many leaves as possible on the side of
-        the manager. None: the graph was read from a file, so there are no sides.
+        Radios divide the PEs of a spec into sides. Of several least cuts, `least_cut` chooses the one that leaves as
+        many leaves as possible on the side given here.
         """
         return managers_side(self.planned.spec) if self.planned is not None else None
 
