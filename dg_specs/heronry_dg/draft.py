@@ -121,7 +121,7 @@ def read_draft(root: Node, findings: Findings) -> Draft | None:
 def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
     """Return two sentences about a file that is no spec: what it is, and what to do; None if it may be a spec.
 
-    keys: the keys of the file. A file with the key `dg` may always be a spec.
+    keys: the keys of the file. If `dg` is one of them, the file may be a spec.
 
     Without these sentences every field of a file that is no spec would give a finding, and no finding would help.
     """

@@ -5,7 +5,7 @@
                 active manager, and what the active manager activates
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
                 manager report that they hear no LEASE either: the active manager is gone, and this manager takes over.
-                If only a wire of this manager is broken, the PEs still hear a LEASE, and it does not take over
+                If only a wire of this manager is broken, the PEs still hear a LEASE, and there is no take-over
     behind      another manager sends LEASEs with a lower term than a term that was already used, and some PE
                 reports that it hears no LEASE: that PE has heard the higher term, and would always refuse these LEASEs.
                 For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it takes

@@ -1,4 +1,4 @@
-"""What a manager knows. The manager forgets all of it when it falls silent, or becomes a standby manager.
+"""What a manager knows until it falls silent, or becomes a standby manager: then the manager forgets it.
 
 When the manager forgets, a new object replaces each object of this list, except `details`. The new objects begin with
 what `memory` holds. The other parts of the core keep a reference to `Knowledge`, but none to these objects, so they

@@ -15,12 +15,12 @@ At 1 000 ft all three scales are 1 000 ft, and all three intensities are 0.1 W20
     intensities   constant up to 2 000 ft, and fall exponentially above (the standard has tables of exceedance instead)
 
 The spectra, with the scale L and the airspeed V: u is white noise through one lag of L / V; v and w are white noise
-through a squared lag with a lead of sqrt(3) L / V. Both filters are discretised exactly, and their output has variance
-1. The output is then multiplied by the intensity at the present height. So the variance is right for any time step, and
-follows the height immediately.
+through a squared lag with a lead of sqrt(3) L / V. Both filters are discretised exactly. Their output, with a variance
+of 1, is then multiplied by the intensity at the present height. So the variance is right for any time step, and follows
+the height immediately.
 
-JSBSim's own turbulence is not used, since it has no effect below 1 000 ft, where landings are. Gusts are the same over
-the whole span, so they do not roll the aircraft. All random numbers come from the seed.
+Gusts are the same over the whole span, so they do not roll the aircraft. All random numbers come from the seed.
+JSBSim's own turbulence has no effect below 1 000 ft, where landings are.
 """
 
 import math

@@ -243,8 +243,10 @@ class Story:
     def _never_driven(self, function: Function, summary: Mapping[str, Any]) -> Line:
         """Give the line for a planned function that was not heard at all.
 
-        The line names one or two possible causes. It always says that the modules of the function may command no
-        device. If this computer stood still, or kept a process waiting, the line names this first.
+        The line names the possible causes:
+
+        - This computer stood still, or kept a process waiting (named only if this was so).
+        - The modules of the function command no device (named always).
         """
         modules, waited = self._plan["modules"], summary["waited"][function.name]
         ran = [f"{name} on {modules[name]['pe']}" for name in function.outputs if name in modules]

@@ -6,9 +6,9 @@ single process that only sleeps would show nothing: the kernel lets it run at on
 other.
 
 A node that is late by L sends its state L late. With the heartbeat period P, other nodes then hear nothing from it for
-P + L. The manager takes a node for lost after 3.25 P of silence, so P must be more than L / 2.25. The period chosen
-here is at least 2 L, so the node may become more than four times as late as in the rehearsal. This is a reserve, since
-the rehearsal is short and may not show the worst case.
+P + L. The manager takes a node for lost after 3.25 P of silence, so P must be more than L / 2.25. With a period of 2 L,
+the node may become more than four times as late as in the rehearsal. This is a reserve, since the rehearsal is short
+and may not show the worst case.
 """
 
 import os
@@ -49,8 +49,8 @@ def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
 def kept_heartbeat_ns(late_ns: int) -> int:
     """Give the heartbeat period that a node can keep if it is up to `late_ns` late.
 
-    The usual period is doubled until it is at least twice `late_ns`, but not beyond LONGEST_HEARTBEAT_NS. If a node is
-    later than LONGEST_HEARTBEAT_NS allows, the result is still LONGEST_HEARTBEAT_NS.
+    The usual period is doubled until it is at least twice `late_ns`. The result is never longer than
+    LONGEST_HEARTBEAT_NS, even if the node cannot keep that period.
     """
     period_ns = USUAL_HEARTBEAT_NS
     while period_ns < 2 * late_ns and period_ns < LONGEST_HEARTBEAT_NS:
