@@ -34,9 +34,11 @@ def bus_name(config: Mapping[str, Any]) -> str:
 
 
 def look_at_interface(config: Mapping[str, Any]) -> None:
-    """Raise LinkError if a SocketCAN interface has another bit rate than the bus, or if its controller is bus-off.
+    """Raise LinkError if a SocketCAN interface cannot be used for this bus now.
 
-    A controller that is bus-off is restarted here, unless Linux restarts it. A restart that succeeds is no error.
+    - The interface has another bit rate than the bus: LinkError.
+    - The controller is bus-off, and Linux will restart it (`restart-ms`): LinkError.
+    - The controller is bus-off, and Linux will not restart it: it is restarted here. LinkError if the restart fails.
     """
     interface = config.get("channel") if config.get("interface") == "socketcan" else None
     reason = None if interface is None else obstacle(interface, config.get("bitrate"))

@@ -72,8 +72,9 @@ class Kind(Enum):
 class Variable(NamedTuple):
     """One value: an object of its own, or one sub-index of an object.
 
-    value: the constant of a CONST; for any other variable the value at power-on, where that is fixed. of_node: whether
-    the server adds the node-ID to `value`. limits: lowest and highest number that may be written.
+    value: the constant of a CONST; of any other variable the value at power-on. None: that value is not fixed.
+    of_node: whether the server adds the node-ID to `value`.
+    limits: lowest and highest number that may be written.
     """
 
     name: str
@@ -89,8 +90,8 @@ class Variable(NamedTuple):
 class Entry:
     """One object of the dictionary.
 
-    variables: one for a VAR or DOMAIN; those of sub-indices 1, 2, ... for a RECORD; one for an ARRAY, which describes
-        each of its elements.
+    variables: of a VAR or DOMAIN one; of a RECORD those of sub-indices 1, 2, ...; of an ARRAY one that describes each
+        of the elements.
     most: largest number of elements of an ARRAY.
     count: the variable at sub-index 0 of an ARRAY or RECORD; None where sub-index 0 holds only the number of elements.
     """

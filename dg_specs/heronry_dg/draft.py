@@ -1,4 +1,4 @@
-"""The draft of a spec, between file and model: each element with its position in the file, and its fields if correct.
+"""The draft of a spec, between file and model: each element with its position and, if it has no mistake, its fields.
 
 Elements are read one by one, so that a mistake in one element does not affect the others. An element with a mistake is
 called *broken*: it stays in the draft under its name, with `form` None. So a reference to a broken element is not an
@@ -119,9 +119,11 @@ def read_draft(root: Node, findings: Findings) -> Draft | None:
 
 
 def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
-    """Say what kind of file a file without the key `dg` is, and what to do; None if the file may be a spec.
+    """Return two sentences about a file that is no spec: what it is, and what to do; None if it may be a spec.
 
-    Without this sentence every field of such a file would give a finding, and none of these findings would help.
+    keys: the keys of the file. If `dg` is one of them, the file may be a spec.
+
+    Without these sentences every field of a file that is no spec would give a finding, and no finding would help.
     """
     if "dg" in keys:
         return None

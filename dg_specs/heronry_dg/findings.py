@@ -1,9 +1,10 @@
 """Findings: the mistakes in a spec, each with its place, and the error that carries all of them.
 
 The code that reads a spec does not stop at the first mistake. It adds a finding and goes on with the parts that it can
-still read, so that one run shows every independent mistake. Two conventions avoid follow-up findings. Of the findings
-that stop a spec from being loaded, only the first at a place is kept. Code that meets a part with a finding adds no
-further finding about that part.
+still read, so that one run shows every independent mistake. Two conventions avoid follow-up findings:
+
+- If several findings at one place each stop the spec from being loaded, only the first of them is kept.
+- When a part has a finding, code that uses this part adds no further finding about it.
 
 The files in rules/ define every kind of mistake, with its code.
 """
@@ -57,8 +58,8 @@ class Finding:
 class SpecError(HeronryError, ValueError):
     """A spec cannot be loaded; `findings` says why, in the order of the file.
 
-    The text of the error has one line for each of the first findings, and the number of the others: a file that is no
-    spec may have hundreds.
+    The text of the error has one line for each of the first five findings. If there are more, a last line gives the
+    number of the others, since a file that is no spec may have hundreds of findings.
     """
 
     def __init__(self, findings: Iterable[Finding]) -> None:

@@ -1,10 +1,14 @@
 """Finds the parts of a spec that exceed a limit of the wire (`heronry_wire.capacities`), before a PE refuses a slice.
 
-All limits but one are counts. The exception is the length of a slice, which depends on the configuration; so an upper
-bound is computed. For each module that may run on the PE, the bound takes the most bytes that the module can add in any
-mode. It adds these for as many modules as the PE's CPU and RAM can hold at once; the last module may count as a
-fraction, so the bound is never too small. A gateway adds about four bytes for each source that it may forward. No legal
-configuration has a longer slice.
+All limits but one are limits of a count, for example of the number of devices. The exception is the length of a slice,
+which depends on the configuration. For this length an upper bound is computed for each PE:
+
+1. A module counts with the most bytes that it can add to the slice in any mode.
+2. CPU and RAM limit which modules the PE can hold at once. Of all sets of modules within these limits, the bound takes
+   the bytes of the set with the most bytes. One module may count as a fraction, so the bound is never too small.
+3. If the PE is a gateway, about four bytes are added for each source that it may forward.
+
+No legal configuration has a slice that is longer than this bound.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

@@ -130,10 +130,11 @@ class Context(Protocol):
         """
 
     def report_failed(self, element: str, detail: int = 0) -> None:
-        """Report to the manager that `element` (`device:NAME` or `module:NAME`) has failed.
+        """Report to the manager that an element has failed.
 
+        element: `device:NAME` or `module:NAME`. `pe:NAME` and `bus:NAME` may be reported, too, but are only suspicions:
+            the manager compares them with its own observations.
         detail: a number of the author's choice, 0..65535, which the manager's event repeats.
-        A report of `pe:NAME` or `bus:NAME` is only a suspicion, which the manager compares with its own observations.
         """
 
     def report_disagreement(self, detail: int = 0) -> None:

@@ -1,4 +1,4 @@
-"""DG0xx, rules about the file: it can be read, is plain YAML, and has valid instructions to `heronry check`.
+"""DG0xx, rules about the file: it can be read, is plain YAML, and its comments for `heronry check` are valid.
 
 yaml_source.py and plain_scalars.py check these rules while the file is read, and check/comments.py checks DG09x.
 How a rule is added is shown in rule.py.

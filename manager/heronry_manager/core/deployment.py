@@ -1,29 +1,37 @@
 """From a plan to a running configuration: the current epoch, the epoch being prepared, and the PEs' reports on them.
 
-There are two epochs at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out
-(`reconfiguration` says how each of them proceeds). The next epoch takes the current one's place when every awaited PE
-has staged it. If the situation changes before that, the next epoch is abandoned, and its number is not used again.
-LEASE repeats the current epoch until the next one has taken its place, and a PE that comes late still gets its slice.
+    next       the epoch that is being prepared. When every awaited PE has staged it, it becomes the current epoch. If
+               the situation changes before that, it is abandoned, and its number is not used again
+    current    the last epoch whose ACTIVATE went out. LEASE repeats this epoch, and a PE that comes late still gets its
+               slice
 
-Only state frames show what a PE runs (`observation`); a command does not. A report can show that a PE must be failed:
-the PE runs nothing although it was configured, it runs what no manager commanded, or it cannot stage its slice. Then
-the caller gets the cause as a sentence, and fails that PE.
+Only state frames show what a PE runs (`observation`); a command does not. Three reports show that a PE must be failed:
+
+- The PE runs nothing, although it was configured.
+- The PE runs what no manager commanded.
+- The PE cannot stage its slice.
+
+Then the caller gets the cause as a sentence, and fails the PE.
 
 *Admitting*: a PE that comes back, and has no module in the running plan, joins the current epoch; no other PE is
-disturbed. A PE with a module in that plan needs a new epoch, since other PEs must release exclusive things first. A PE
-that may have staged a newer epoch, which was abandoned, needs a new epoch too: no PE goes back to an older epoch.
+disturbed. Two kinds of PEs need a new epoch instead. A PE with a module in the running plan needs one, since other PEs
+must release exclusive things first. A PE that may have staged a newer, abandoned epoch needs one, since no PE goes back
+to an older epoch.
 
-*Overtaken*: a PE that hears of an epoch newer than its own is overtaken. It drives nothing exclusive until it runs a
-still newer epoch (protocol rule 6). Such a newer epoch may run on a PE that was cut off by a broken bus: another
-manager, on the PE's side, has opened that epoch. So this manager opens a new epoch for the running configuration. The
-PE that was cut off is not available yet, and has no part in this epoch. The core checks for newer epochs with every
-state, so a lost state does no harm.
+*Overtaken*: a PE that hears of an epoch newer than its own is overtaken. It drives nothing exclusive until it runs an
+epoch that is newer still (protocol rule 6). This happens, for example, when a broken bus is repaired: beyond the break
+another manager may have opened a newer epoch, and the PEs there run that epoch. So this manager opens a new epoch for
+the running configuration. The PEs from beyond the break are not available yet, and have no part in the new epoch. The
+core looks for newer epochs in every state, so a lost state does no harm.
 
 *Adopting*: at its start the manager may take over the running configuration (`adoption`). A manager that only advises
 reports what it would do, and adopts what the PEs run (`advice`).
 
-`epochs` says how an epoch is made and remembered, `activation` its steps, `numbering` its number; `observation` and
-`reconfiguration` say what follows from lost, late and doubled frames, and `exclusion` what a PE may still drive.
+    epochs           how an epoch is made and remembered
+    activation       the steps of an epoch
+    numbering        the number of an epoch
+    reconfiguration  how an epoch proceeds; with `observation`: what follows from lost, late and doubled frames
+    exclusion        what a PE may still drive
 """
 
 from collections.abc import Iterable, Mapping
@@ -200,10 +208,10 @@ class Deployment:
     # From one epoch to the next
 
     def stopped(self, module: str, pe: str | None = None) -> None:
-        """Note that the operator has cleared a module which its PE had stopped: only a new epoch makes the PE start it.
+        """Note that the operator has cleared a module that a PE had stopped, so a new epoch must start it again.
 
-        pe: the PE that had stopped the module. If this PE is not the one to run the module now, the call has no effect.
-        None: the call always has an effect.
+        pe: the PE that had stopped the module. If the current epoch does not place the module on this PE, the call has
+            no effect. None: the call always has an effect.
         """
         runs_on = (self.running or {}).get(module)
         if pe is None or (runs_on is not None and runs_on[1] == pe):
@@ -222,9 +230,11 @@ class Deployment:
         return all(self.observed.of[pe].epoch == current.epoch for pe in self._health.available())
 
     def runs(self, plan: Plan) -> bool:
-        """Tell whether the PEs run this plan already; if so, it becomes the plan of the current epoch.
+        """Tell whether the PEs run the configuration of this plan already, as the current epoch.
 
-        An available PE that does not run the current epoch is admitted to that epoch, if it has no module there.
+        If so, `plan` becomes the plan of the current epoch, and each available PE that does not run this epoch yet is
+        admitted to it. Returns False if one of these PEs cannot be admitted, because it has modules in this epoch or
+        may have staged a newer one.
         """
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:

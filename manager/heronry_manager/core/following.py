@@ -1,42 +1,49 @@
 """A standby manager follows the active one: it listens, learns, and takes over (protocol rule 7).
 
-    following   LEASEs of the highest term come. The standby manager notes what the active one announces (phase, latched
-                faults), which PEs are available to that manager, and what that manager activates. It keeps all this as
-                if it were active itself (`memory`), and makes no plan
+    following   LEASEs of the highest term come. This manager makes no plan. It keeps, as if it were active itself
+                (`memory`): what the active manager announces (phase, latched faults), which PEs are available to the
+                active manager, and what the active manager activates
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
-                manager report that they hear no LEASE either. A report counts for T_lease, that is for five heartbeat
-                periods of the manager's bus or of the PE's own bus, whichever period is longer. So the active
-                manager is gone: a broken wire of this manager alone does not lead to a take-over
+                manager report that they hear no LEASE either: the active manager is gone, and this manager takes over.
+                If only a wire of this manager is broken, the PEs still hear a LEASE, and there is no take-over
     behind      another manager sends LEASEs with a lower term than a term that was already used, and some PE
                 reports that it hears no LEASE: that PE has heard the higher term, and would always refuse these LEASEs.
                 For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it takes
                 over with a term that all PEs accept
 
-If no manager was ever heard, this manager first waits for the start-up window, and then relies on the reports of the
-PEs: the aircraft may just have been switched on, and manager 126 with it. If some PE runs a configuration, the aircraft
-flies, and this manager waits for only three times T_lease. A manager 126 that is being started now becomes active in
-that time.
+The report of a PE counts for T_lease: five heartbeat periods of the manager's bus or of the PE's uplink, whichever
+period is longer.
 
-With a key, this manager may hear PEs that it cannot believe. A manager that was started after the sessions were opened
-knows none of them, and while no manager is active no session is opened. If such PEs did not count, no manager might
-ever take over. So the unproven states of a PE count if the PE has proven none within T_lease. Even then this manager
-counts as orphaned only once it has itself heard no LEASE for T_lease. A forger can make this manager active too early,
-but can command nothing. The next mastership waits for those PEs (`unbelieved`), as after a restart: they prove their
-states once they have heard the new term.
+*No manager was heard yet.* The aircraft may just have been switched on, and manager 126 with it. So this manager first
+waits for the start-up window, and then relies on the reports of the PEs. If some PE runs a configuration, the aircraft
+flies, and this manager waits for only three times T_lease. A manager 126 that is being started becomes active in that
+time.
 
-A LEASE that only this manager misses leads to no take-over, since the PEs have heard it. A late or doubled LEASE has no
-further effect. A forged LEASE keeps the standby manager quiet for T_lease. Forged states of more than half of the PEs,
-while the active manager is silent, make the standby manager take over, and then the true manager ends or stands by. If
-two other managers send, this manager follows the one with the higher term, and ignores the other one for as long as
-LEASEs with the higher term come. Forged states can pretend that most PEs refuse a mastership. That only ends this
-mastership, and a manager that the PEs accept begins the next one.
+*Two other managers send.* This manager follows the one with the higher term, and ignores the other one for as long as
+LEASEs with the higher term come.
 
-A manager that only advises follows an active manager in the same way. It never takes over, and makes its plans for the
-situation that it learns of.
+*A manager that only advises* follows an active manager in the same way. It never takes over, and makes its plans for
+the situation that it learns of.
 
-With a key, LEASE, ALIVE, CONTROL and ACTIVATE count only if their tags are right. A state counts if its tag is right;
-an unproven one counts only if its PE has proven none within T_lease, as said above. PREPARE and slices need no proof,
-since the digest in a proven LEASE or ACTIVATE proves them. That digest also serves to check the tags of states.
+*With a key.* LEASE, ALIVE, CONTROL and ACTIVATE count only if their tags are right. PREPARE and slices need no tag,
+since the digest in a proven LEASE or ACTIVATE proves them. This digest also serves to check the tags of states.
+
+A state counts if its tag is right. But a manager that was started after the sessions were opened knows no session, so
+it can prove no state; and while no manager is active, no session is opened. If unproven states never counted, such a
+manager might never take over. So the unproven states of a PE count if the PE has proven none within T_lease. Even then
+this manager is orphaned only if it has itself heard no LEASE for T_lease. A forger can make this manager active too
+early, but the forger can command nothing. The next mastership waits for the unproven PEs (`unbelieved`), as after a
+restart: they prove their states once they have heard the new term.
+
+*Lost, late, doubled and forged frames:*
+
+- A LEASE that only this manager misses leads to no take-over, since the PEs have heard it.
+- A late or doubled LEASE has no further effect.
+- A forged LEASE keeps this manager quiet for T_lease.
+- While the active manager is silent, forged states of more than half of the PEs make this manager take over. Then the
+  true manager ends or stands by.
+- Forged states can pretend that most PEs refuse a mastership. This only ends the mastership, and a manager that the PEs
+  accept begins the next one.
 """
 
 from collections import OrderedDict

@@ -1,18 +1,19 @@
-"""What a manager knows: everything that it forgets as a whole when it falls silent, or becomes a standby manager.
+"""What a manager knows until it falls silent, or becomes a standby manager: then the manager forgets it.
 
-When the manager forgets, each object below is made anew, and begins with what is remembered (`memory`). The other
-objects of the core refer to `Knowledge` alone, so that they always find the present objects.
+When the manager forgets, a new object replaces each object of this list, except `details`. The new objects begin with
+what `memory` holds. The other parts of the core keep a reference to `Knowledge`, but none to these objects, so they
+always use the present ones.
 
     health          which PEs are available
     exclusion       what silent PEs may still drive
     situation       what has failed, what is limited, and the phase
     deployment      what runs, what is being prepared, and what each PE reports that it runs
     advice          the last advice of a manager that only advises
-    following       what another manager, which is active, sends and does
+    following       what the other manager, if that one is active, sends and does
     held_outputs    which PEs hold exclusive outputs back
     script          the configuration that a script of the operator has ordered
     authenticity    with a key: what has been proven; None without a key
-    details         what PEs store for people to read; it decides nothing, and it is not forgotten
+    details         what PEs store for people to read. No decision depends on it, and the manager does not forget it
 """
 
 from heronry_manager.core.advice import Advice

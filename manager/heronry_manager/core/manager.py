@@ -15,19 +15,25 @@ or file.
     replanning     from another situation to a plan, from a plan to what runs
     beat           what an active manager sends in each period
 
-The loop: *health* says which PEs are available. The available PEs and the latched faults are the *situation*. When the
-situation changes, the core requests a plan (`RequestPlan`, answered by `PlanReady` or `PlanFailed` with the same
-number, so that an answer to an older request is dropped). A plan becomes an epoch (`Reconfiguration`), and the epoch
-becomes the running configuration. A mission phase that is requested, and an element that the operator fails or clears,
-change the situation like a fault.
+From a fault to a running configuration:
 
-After each event, in this order: a standby manager takes over, if no manager is active any more; an ALIVE goes out
-without a PE that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the
-driver gives it the frames first.
+1. *Health* says which PEs are available. The available PEs and the latched faults are the *situation*. A requested
+   mission phase, and an element that the operator fails or clears, change the situation like a fault.
+2. When the situation changes, the core requests a plan with `RequestPlan`. The answer is `PlanReady` or `PlanFailed`,
+   with the number of the request, so that an answer to an older request is dropped.
+3. The plan becomes an epoch (`Reconfiguration`), and the epoch becomes the running configuration.
 
-After a restart the manager begins a new term and starts as usual, with all that it remembers (`memory`, which the
-driver keeps in the journal): the phase, latched faults, quarantines, what runs. The PEs go on with what they run
-(`replanning`).
+After each event the core does the following, in this order:
+
+1. A standby manager takes over, if no manager is active any more.
+2. If a PE was just lost, an ALIVE without this PE goes out.
+3. Epochs move on.
+
+When a manager was paused, frames and deadlines wait for it: the driver gives it the frames first.
+
+After a restart the manager begins a new term, and starts as usual. It begins with all that it remembers: the phase,
+latched faults, quarantines, what runs (`memory`, which the driver keeps in the journal). The PEs go on with what they
+run (`replanning`).
 """
 
 from typing import Any

@@ -7,23 +7,25 @@ The mission begins in the spec's first phase. Three things change the phase:
     a phase's rule  to that phase, and only from the phases that the rule names with `from`; without `from`, from all
                     phases that stand before it in the spec
 
-In a new mastership a PE makes its last request again, even if the previous manager has acknowledged the request. Such a
-repeated request is restricted. To a phase with a rule, it leads only from the phases that the rule allows. To a phase
-without a rule, it leads only from phases that stand before it in the spec.
+Any change has the same consequences as a fault: a plan for the new phase, and a new epoch.
 
-Any change has the same consequences as a fault: a plan for the new phase and a new epoch. Each request counts when it
-comes, so of several requests the last one wins. If several rules are satisfied by one value, the PE requests only one
-of their phases (`phase_requests` of the agent).
+*Requests.* A PE numbers its requests from its start on, and repeats a request until it is acknowledged. Each request
+counts when it comes, so of several requests the last one wins. If one value satisfies several rules, the PE requests
+only one of their phases (`phase_requests` of the agent).
 
-A PE repeats a request until it is acknowledged. The request carries a number; the PE counts its requests from its start
-on. A request with a number that the manager knows, or with an older number, is acknowledged and has no further effect.
-The manager neither acknowledges nor executes a request of an unavailable PE; the PE repeats the request when it is
-back, if it still wants the phase.
+- A request with a number that the manager knows, or with an older number, is acknowledged and has no further effect.
+- A request of an unavailable PE is neither acknowledged nor executed. The PE repeats the request when it is available
+  again, if it still wants the phase.
+- A pause of the manager loses no request.
+- A forged request changes the phase, and the operator can change it back.
 
-A pause of the manager loses no request. A forged request changes the phase, and the operator can change it back. A
-manager that restarts or takes over goes on with the last phase, and the PEs make their requests again. A manager that
-remembers the numbers of these requests, or has heard them acknowledged, does not execute them again: a later order of
-the operator stands.
+*New mastership.* A manager that restarts or takes over goes on with the last phase. Each PE then makes its last request
+again, even if the previous manager has acknowledged the request. If the new manager remembers the number of the
+request, or has heard it acknowledged, the request is not executed again: a later order of the operator stands.
+Otherwise the repeated request has effect only in one of two cases:
+
+- Its phase has a rule, and the rule allows the change from the present phase.
+- Its phase has no rule, and the present phase stands before it in the spec.
 """
 
 from collections.abc import Mapping

@@ -1,17 +1,17 @@
 """Notices of modules that are not faults: inputs disagree, a report names an unknown element, an output is misspelt.
 
-    told    the PE of the module has sent the notice (EMCY, DISAGREEMENT, UNKNOWN_ELEMENT or UNKNOWN_OUTPUT), within the
-            last CHANNEL_FORGOTTEN_NS
-    over    the PE has not sent it for that long
+    told    the PE of the module has sent the notice (EMCY, DISAGREEMENT, UNKNOWN_ELEMENT or UNKNOWN_OUTPUT) within the
+            last 3.5 s (CHANNEL_FORGOTTEN_NS)
+    over    the PE has not sent the notice for so long
 
-No plan changes. An event reports when a notice begins, and when a disagreement is over; `heronry status` lists the
-disagreements. In a disagreement either input may be right, and the comparator decides which value its module gives
+A notice changes no plan. An event reports when a notice begins, and when a disagreement is over; `heronry status` lists
+the disagreements. In a disagreement either input may be right, and the comparator decides which value its module gives
 (`heronry_agent.parts.comparators`).
 
 A PE repeats a notice every second while its cause lasts, so a lost notice comes again; no manager acknowledges notices.
 A late or doubled notice has no effect. A forged notice makes a false event; a forged disagreement is also in the status
-for three seconds. A manager that restarts, or takes over, knows all notices within a second. A notice of a module that
-the spec does not have is ignored.
+for 3.5 s. A manager that restarts, or takes over, knows all notices within a second. A notice of a module that the spec
+does not have is ignored.
 """
 
 from heronry_dg.model import Spec

@@ -1,10 +1,13 @@
 """Which nonces of a PE a manager answers: those that a holder of the key has made, and each for a short time.
 
-A nonce has a tag of its own (`Key.is_plausible`). A nonce without a right tag is not answered, so a forged page 2 does
-not use up the answers. A nonce that was recorded on the bus has a right tag. Therefore a nonce is not answered again
-within half a period, and not at all when twice T_lease have passed since it was first heard: no PE uses a nonce for so
-long. Up to `_AT_ONCE` nonces of one PE are answered in a period, so a few recorded nonces do not prevent the answer to
-the nonce that the PE uses.
+A nonce has a tag of its own (`Key.is_plausible`). A nonce with a wrong tag is not answered, so a forged page 2 does not
+use up the answers. But an attacker may send a nonce again that was recorded on the bus, and its tag is right. Therefore
+these rules hold for each nonce with a right tag:
+
+- It is not answered twice within half a heartbeat period.
+- It is not answered when twice T_lease have passed since it was first heard, since no PE uses a nonce for so long.
+- It is not answered if four nonces of this PE (`_AT_ONCE`) were answered in the last heartbeat period. The limit is
+  more than one, so that a few recorded nonces do not prevent the answer to the nonce that the PE uses.
 
 The PE repeats a page 2 that was lost. A late or doubled page 2 costs one answer at most.
 """

@@ -1,10 +1,14 @@
 """The configuration that another manager has activated, put together from the slices in its frames.
 
-PREPARE begins an epoch, SLICE heads tell which PEs have a slice in it, bodies bring the new slices, and ACTIVATE or
-LEASE shows that the epoch runs. Bodies that did not change are not sent again. So this manager keeps every body that it
-has heard, and every slice of the running configuration, by digest, as long as there is room. The result counts only if
-it has the digest that was announced. If a body was missed, or was sent before this manager listened, the configuration
-is not known; then a manager that takes over plans anew.
+    PREPARE               begins an epoch
+    SLICE with a head     names a PE that has a slice in the epoch, and the digest of the slice
+    SLICE with a body     brings bytes of a new slice
+    ACTIVATE or LEASE     shows that the epoch runs
+
+The other manager does not send a slice again that has not changed. So this manager keeps every slice that it has heard,
+and every slice of the running configuration, by digest, as long as there is room. The configuration that it puts
+together counts only if its digest is the one in PREPARE. If a body was missed, or was sent before this manager
+listened, the configuration is not known. If this manager then takes over, it makes a new plan.
 
 PREPARE may refer to a contingency by its number (protocol rule 5). Then no slice is sent, and this manager looks the
 contingency up in its own file. The contingency counts only if its digest is the one in PREPARE; another digest means

@@ -1,12 +1,15 @@
 """Reports of a PE that it has restarted a module: one event for each restart, though the PE repeats its EMCY.
 
-    unheard    no EMCY on this module has come, or the last one had another count
-    heard      the PE has sent this count for this module, and repeats it within T_lease of its bus: no further event
+An EMCY carries the number of restarts of the module, its *count*. The PE repeats the EMCY in each heartbeat period.
 
-A PE repeats the EMCY in each heartbeat period. So there is one event, even if an EMCY is lost, late or doubled. If an
-EMCY has the same count but comes after a gap of T_lease, it tells of a new restart and makes another event: a PE counts
-from one again after a module has run well for long enough, or after its own restart. A forged EMCY makes a false event.
-A manager that restarts may repeat its last event.
+    unheard    no EMCY about this module has come, or the last one had another count: an EMCY makes an event
+    heard      the last EMCY had this count, and came at most T_lease of the PE's uplink ago: an EMCY makes no event
+
+So there is one event, even if an EMCY is lost, late or doubled. After T_lease without an EMCY, the same count tells of
+a new restart, and makes another event. The PE may use a count a second time because it counts from one again in two
+cases: the module has run well for long enough, or the PE itself has restarted.
+
+A forged EMCY makes a false event. A manager that restarts may repeat its last event.
 """
 
 from heronry_dg.model import Spec

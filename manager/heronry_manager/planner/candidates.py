@@ -1,14 +1,19 @@
-"""The candidates: everything that could run in a situation. The solver gets a small problem, made of these alone.
+"""The candidates: the modules that could serve in a situation, in the modes that could run. The solver gets only these.
 
-Two passes over the spec, both exact:
+The candidates are found in two passes over the spec, both exact:
 
-*Possible.* A mode is possible if its module may run on a PE that has room for this mode when nothing else runs there,
-and if its `needs` could hold while every other possible mode runs. The pass finds the largest set of such modes,
-because feedback is legal: two modules that feed each other are possible together.
+*Possible.* A mode is possible under two conditions:
 
-*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase). If this output is
-a DEMUX, its ends are useful. A module is also useful if it feeds a possible mode of a useful module. No other module
-can serve (semantics rule 5).
+- Its module may run on a PE that has room for this mode when nothing else runs there.
+- Its `needs` could hold while every other possible mode runs.
+
+Two modules that feed each other are possible together, because feedback is legal. So the pass finds the largest set of
+modes that are possible together.
+
+*Useful.* A module is useful in two cases; no other module can serve (semantics rule 5):
+
+- It is the output of a wanted function (priority above 0 in the phase). If the output is a DEMUX, its ends are useful.
+- It feeds a possible mode of a useful module.
 
 Every legal configuration consists of candidates. Sums (resources, traffic) are not checked here: the solver does that.
 """

@@ -1,4 +1,4 @@
-"""The manager's end of the planner's process: starts it, sends requests, reads answers, starts it anew.
+"""The manager's end of the planner's process: starts the process, sends requests and reads answers.
 
 At most one request is inside the process. Further requests wait here in their order, so that a write never meets a full
 pipe. Only `wait_until_ready`, `ask` and `close` block. An event loop watches the descriptor `fileno()`, which stays the

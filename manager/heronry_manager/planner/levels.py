@@ -1,9 +1,12 @@
 """The objective for the solver: the levels of docs/semantics.md, section 4, as weighted sums of literals.
 
-A level is a weighted sum of literals, with bounds that follow from its own terms alone. More is always better: a
-quantity that should be small is negated. Neighbouring levels are solved together, as one weighted sum. This is exact,
-since the weight of each level is greater than the greatest sum of all levels below it. The groups were chosen because
-they are solved fast together; a group is cut where its weighted sum would not fit 62 bits:
+A level is a weighted sum of literals (Boolean variables of the solver, or their negations). Its bounds follow from its
+own terms alone. More is always better: a quantity that should be small is negated.
+
+Neighbouring levels of one kind form a *group*, and are solved together as one weighted sum. This is exact, since the
+weight of each level is greater than the greatest sum of all later levels of the group. If the weighted sum of a group
+would not fit 62 bits, the group is divided. The kinds were chosen so that the levels of a group are solved fast
+together:
 
     serving    levels 1 and 2, critical classes and utility. As a rule all functions can be served, and then no search
                is needed
@@ -86,11 +89,13 @@ def merged(group: list[Level]) -> Terms:
 
 
 def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
-    """Yield a bound for each level of a group, given a bound on the merged sum.
+    """Yield an upper bound for each level of a group.
 
-    Each bound holds among the configurations that are no worse than `key` in the levels before. A level is proven if
-    the value in `key` equals the bound. After the first level that is not proven, the bound of each level follows from
-    the terms of this level alone.
+    bound: upper bound on the merged sum of the group. key: the key of the best configuration that was found.
+
+    Each yielded bound holds for all configurations that are no worse than `key` at the earlier levels. If the bound
+    equals the value in `key`, the level is proven. After the first level that is not proven, nothing follows from the
+    merged sum: the bound of each further level is its own `high`.
     """
     weights = _weights(group)
     room = bound - sum(weight * level.low for weight, level in zip(weights, group, strict=True))
@@ -181,9 +186,10 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
 
 
 def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
-    """Yield, for the branches and for the ends of each DEMUX, the fewest points that their stopped modules lose.
+    """Yield the least number of points that each group of modules must lose, because only one of its modules can run.
 
-    At most one module of such a group runs. A module in several groups counts once.
+    The branches of a DEMUX are a group, and so are its ends. A module in several groups counts only in the first one.
+
     most: by name of a module, the most points that its inputs can have.
     """
     counted: set[str] = set()

@@ -13,10 +13,13 @@ _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
     """Yield the searches for levels of this kind, the short ones first.
 
-    A search is a function that sets up a solver; its argument is the limit in deterministic time. A short search soon
-    finds a configuration that reaches the bound of the linear relaxation, if there is one. Deadlines, places and CPU
-    together may exclude such a configuration. Then the core search looks for sets of inputs that cannot be wired
-    together.
+    A search is a function that sets up a solver; its argument is the limit of the search, in deterministic time.
+
+        short search    SERVING and SUPPLYING: if some configuration reaches the bound of the linear relaxation, this
+                        search soon finds it
+        core search     SUPPLYING: deadlines, places and CPU together may exclude every such configuration. For this
+                        case the core search looks for sets of inputs that cannot be wired together
+        full search     all kinds: searches the whole model
     """
     if kind is Kind.SERVING:
         yield lambda effort: light_solver(min(effort, _SHORT_EFFORT[kind]))
@@ -50,8 +53,8 @@ def core_solver(effort: float) -> CpSolver:
 def plain_solver(effort: float) -> CpSolver:
     """Set up a search that gives the same result on every machine; `effort`: its limit, in deterministic time.
 
-    CP-SAT's own handler of SIGINT is switched off: it would end the search, and the best result so far would be given
-    as the answer.
+    CP-SAT's own handler of SIGINT is switched off. It would end the search early, and the caller would take the best
+    result so far for the final result.
     """
     solver = CpSolver()
     solver.parameters.num_workers = 1

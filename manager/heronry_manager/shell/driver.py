@@ -5,13 +5,15 @@ the core before the core handles a deadline. So a time in which this process did
 the other nodes. Time is CLOCK_MONOTONIC.
 
 While the bus is lost the core's clock stands still, because a manager that cannot receive must not conclude that all
-PEs are silent. `heronry_wire.link` opens the bus again. Afterwards the manager goes on with its term and the
-operator's orders. What may have changed meanwhile is then visible on the bus: a PE that restarted reports a new
-incarnation, and a manager that took over has a higher term. What the manager knew of PEs that have not restarted is
-still true.
+PEs are silent. When `heronry_wire.link` has opened the bus again, the manager goes on with its term and the operator's
+orders. The bus then shows what has changed: a PE that restarted reports a new incarnation, and a manager that took over
+has a higher term. What the manager knew of the other PEs is still true.
 
-The loop ends when the core gives Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends
-because the process that started the manager is gone.
+The loop ends in three cases:
+
+- The core gives Stop.
+- `stop` is called, because a signal has come.
+- With `until_eof`: standard input ends, because the process that started the manager is gone.
 """
 
 import os
@@ -89,9 +91,9 @@ class ManagerDriver:
 
         journal: None if nothing is to survive a restart.
         emit: is called with every event.
-        place: the bus of the manager and the file of its spec, for followers.
-        in_order: delay events for a moment, so that people read the reason of a failure before what followed from the
-            failure. (The manager learns the reason later.) False: `emit` is called as soon as an event happens.
+        place: the bus of the manager and the file of its spec, for the clients that follow the events.
+        in_order: whether events are delayed for a moment before `emit` is called. The manager learns the reason of a
+            failure after the consequences of the failure; the delay lets people read the reason first.
         """
         self._core, self._link, self._planners, self._control = core, link, planners, control
         self._service, self._journal, self._spec = service, journal, spec
@@ -274,9 +276,10 @@ class ManagerDriver:
             self._step(known)
 
     def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
-        """Send the plan that runs from now on to the clients that follow the events, if `told` says that one begins.
+        """If the event `told` says that another plan runs from now on, send this plan to the clients.
 
-        Such a client may lack this plan: it began to follow after the event `plan_ready`, or the epoch was adopted.
+        These are the clients that follow the events. A client may lack the plan for two reasons: it began to follow
+        after the event `plan_ready`, or the epoch was adopted.
         """
         plan = self._core.plan
         if told["event"] in ("reconfigured", "adopted") and plan is not None:

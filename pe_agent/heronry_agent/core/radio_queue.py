@@ -1,18 +1,20 @@
 """The queue of a gateway for a radio: limited, most urgent frame first, and only the newest frame of each kind.
 
-    push      adds a frame. This replaces an older frame of the same kind (a datum of the same source, the previous
-              LEASE): over a slow radio an old datum is worse than none. Frames of which none may be lost (slices,
-              commands, emergencies) replace only an identical frame
-    take      removes the most urgent frame for which its class has bandwidth. There are two classes, data and
-              management, since data must leave management the share that the spec reserves
+    push      adds a frame. The new frame replaces an older frame of the same kind, for example a datum of the same
+              source, or the previous LEASE: over a slow radio an old datum is worse than none. Frames of which none may
+              be lost (slices, commands, emergencies) replace only an identical frame
+    take      removes the most urgent frame that its class may send now
 
-In three cases the queue drops and counts a frame: a datum that a newer one replaces, the least urgent frame when the
-queue is full, and a frame that cannot leave before its time limit. A frame counts as late when less time is left than
-one frame takes on the radio: the driver would drop it silently, and the port would wait a whole period for its
-departure.
+There are two classes of frames, data and management, since data must leave management the share of the bandwidth that
+the spec reserves. The bandwidth of each class is limited by a token bucket. Each frame counts with its worst-case
+length, as in plans, so the data of a plan that fits its bus also fit this queue.
 
-The bandwidth of each class is limited by a token bucket. Each frame counts with its worst-case length, as in plans, so
-a plan that fits its bus fits this queue too.
+In three cases the queue drops a frame, and counts it as dropped:
+
+- A newer datum replaces a datum.
+- The queue is full: the least urgent frame is dropped.
+- The time limit of a frame is so near that less time is left than one frame takes on the radio. (Otherwise the driver
+  would drop the frame silently, and the port would wait a whole period for its departure.)
 """
 
 from dataclasses import dataclass

@@ -1,20 +1,22 @@
 """When each module is stepped: at exact multiples of its period, without bursts, and with a limit for every step.
 
-A *release* is the moment at which a step of a module is due. The k-th release is k periods after the start of the
-module, computed from k and not from the release before: so a rate of 30 Hz, whose period is not a whole number of
-nanoseconds, does not drift. If several releases have passed while the PE was busy or paused, the module is stepped
-once, and the other releases are skipped and counted (`overruns`).
+*Releases.* A *release* is the moment at which a step of a module is due. The k-th release is k periods after the start
+of the module. It is computed from k and not from the release before, so a rate of 30 Hz, whose period is not a whole
+number of nanoseconds, does not drift. If several releases have passed while the PE was busy or paused, the module is
+stepped once. The other releases are skipped and counted (`overruns`).
 
-Modules that are due at the same instant begin in the order of the spec. A partition receives all steps that are due in
-it together, and computes them one by one; partitions compute side by side. A partition receives no further steps before
-it has answered all of these. If one module on this PE reads the outputs of another, it should get the newest values. So
-a module waits for those modules on this PE whose outputs it reads and that were due just before it. The wait ends when
-they have answered, and lasts at most a quarter of the period of the module that waits. If a module hangs or is late,
-the modules that read its outputs go on without its new value; only the other modules of its partition have to wait.
+*Partitions.* Modules that are due at the same instant begin in the order of the spec. A partition receives all steps
+that are due in it together, and computes them one by one. It receives no further steps before it has answered all of
+these. Different partitions compute at the same time.
 
-The time that a step has *spent* is its duration without the time in which it waited for a processor: so no module is
-reported because the computer was overloaded or paused. The driver of the core measures this time. This file decides
-when the driver measures it, and what the result means:
+*Inputs from the same PE.* A module should get the newest values of other modules on its PE. So it waits for each module
+whose outputs it reads and that was due just before it. The wait ends when these modules have answered, but at the
+latest after a quarter of the waiting module's period. So if a module hangs or is late, the modules that read its
+outputs go on without its new value. Only the other modules of its partition have to wait for it.
+
+*Limits.* The time that a step has *spent* is its duration without the time in which it waited for a processor. So no
+module is reported because the computer was overloaded or paused. The driver of the core measures this time. This file
+decides when the driver measures it, and what the result means:
 
     overruns    OVERRUNS_IN_A_ROW steps in a row have each spent more than a period: the module cannot keep up
     hangs       one step has spent at least HUNG_NS, and at least FRESH_PERIODS periods, after which the last output of

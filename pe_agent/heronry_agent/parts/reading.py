@@ -1,7 +1,11 @@
 """How images read numbers from their inputs: a datum that is not valid, or not a finite number, counts as missing.
 
-A number can be missing for four reasons: the datum is not supplied, is too old, is declared invalid by its producer, or
-is not a number because its producer is broken. The result is None in all four cases.
+The result is None in four cases:
+
+- The datum is not supplied.
+- The datum is too old.
+- The producer has declared the datum invalid.
+- The datum is not a finite number, because its producer is broken.
 """
 
 import math

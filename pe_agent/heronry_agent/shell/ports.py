@@ -1,10 +1,15 @@
 """Finds out from the command line which CAN interface and channel each port of a PE uses.
 
-The flags of python-can (or can.conf, or variables CAN_*) name the channel of the uplink. `--bus
-NAME=[INTERFACE:]CHANNEL` names the channel of any bus in the table; without INTERFACE, the interface of the flags is
-used. The bit rate comes from the table, unless a flag gives another one for the uplink. For a radio, the table has the
-bit rate of the radio link. This rate is not passed to the adapter (an slcan modem takes only the rates of CAN
-controllers). For a replicated bus both channels must be named.
+    --bus NAME=[INTERFACE:]CHANNEL    names the channel of any bus in the table. Without INTERFACE, the interface comes
+                                      from the flags of python-can
+    flags of python-can               name interface and channel of the uplink, if no `--bus` names the uplink. Instead
+                                      of the flags there may be a file can.conf, or variables CAN_*
+
+For a replicated bus both channels must be named.
+
+The bit rate of a wired bus comes from the table, unless a flag gives another one for the uplink. For a radio, no bit
+rate is passed to the adapter: the table has the bit rate of the radio link, and an adapter such as an slcan modem
+accepts only the rates of CAN controllers.
 """
 
 import argparse

@@ -1,12 +1,15 @@
 """A DBC for one spec, with which cantools, SavvyCAN and other tools read the bus by name and unit.
 
-The DBC has data frames by variable and producer, with unit and CANaerospace header. Frames of the management, states,
-EMCY, heartbeats and output echoes are described field by field. The fields come from the tables that the codecs use
+The DBC has data frames by variable and producer, with unit and CANaerospace header. It describes field by field:
+management frames, states, EMCY, heartbeats and output echoes. The fields come from the tables that the codecs use
 (`heronry_wire.management`, `heronry_wire.canaerospace`), so the DBC cannot differ from the codecs.
 
-A DBC cannot express frames whose fields vary, so in three cases one field multiplexes the others. SLICE with index 0
-has other fields than SLICE with any other index (multiplexed by the index). A state frame is one of four pages (by the
-page). An output echo is one of two kinds (by the type).
+In three kinds of frames the fields vary. A DBC can express this only if one field multiplexes the others:
+
+    frame          multiplexed by    variants
+    SLICE          index             two: index 0, and every other index
+    state frame    page              four
+    output echo    type              two
 """
 
 from collections import OrderedDict

@@ -191,9 +191,10 @@ class Story:
 
         A busy computer stands still many times in a row. So a standstill gets a line only in these cases:
 
-            its computer has had no line yet, or none since a PE was lost: the standstill may be the cause of the loss
-            the standstill is longer than the one in the last line of its computer
-            the last line of its computer is at least two seconds old
+        - There was no line about a standstill of its computer before.
+        - There was no such line since a PE was lost. (The standstill may be the cause of the loss.)
+        - The standstill is longer than the one in the last such line.
+        - The last such line is at least two seconds old.
         """
         told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
         needs_one = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
@@ -242,8 +243,10 @@ class Story:
     def _never_driven(self, function: Function, summary: Mapping[str, Any]) -> Line:
         """Give the line for a planned function that was not heard at all.
 
-        If this computer stood still, or kept a process waiting, the line names this as a possible cause. The other
-        cause is that the modules of the function command no device.
+        The line names the possible causes:
+
+        - This computer stood still, or kept a process waiting (named only if this was so).
+        - The modules of the function command no device (named always).
         """
         modules, waited = self._plan["modules"], summary["waited"][function.name]
         ran = [f"{name} on {modules[name]['pe']}" for name in function.outputs if name in modules]
@@ -321,9 +324,12 @@ class Story:
                 yield from self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for an outage when it is over; also a line while it lasts, if the plan serves the function.
+        """Give a line for the outage of a function, in two cases.
 
-        An outage that is `gathered` gets no line here: one line (`_outages`) tells of it and of many others.
+        - The outage is over.
+        - The outage lasts, and the plan serves the function.
+
+        An outage that is `gathered` gets no line here, since one line (`_outages`) reports it together with others.
         """
         self._silences += 1
         if event.get("gathered"):

@@ -1,13 +1,14 @@
 """How late processes run on this computer under its present load, and the heartbeat period that nodes can keep here.
 
-The measurement is a short rehearsal with as many processes as will fly. Each process wakes at regular times, computes
-for a moment, and notes how late it ended, without the time that its own computation took. One process that only sleeps
-would show nothing: the kernel lets it run at once, while many processes wait for each other.
+The measurement is a short rehearsal with as many processes as there will be in the flight. Each process wakes at
+regular times, computes for a moment, and notes how late it ended, without the time that its own computation took. A
+single process that only sleeps would show nothing: the kernel lets it run at once, while many processes wait for each
+other.
 
-A node with the period P that is late by L sends its state L late, so other nodes hear nothing from it for P + L. The
-manager calls a node lost after 3.25 P of silence, so P must be more than L / 2.25. With P = 2 L, the node may become
-more than four times as late as in the rehearsal. This is a reserve, since the rehearsal is short and may not show the
-worst case.
+A node that is late by L sends its state L late. With the heartbeat period P, other nodes then hear nothing from it for
+P + L. The manager takes a node for lost after 3.25 P of silence, so P must be more than L / 2.25. With a period of 2 L,
+the node may become more than four times as late as in the rehearsal. This is a reserve, since the rehearsal is short
+and may not show the worst case.
 """
 
 import os
@@ -48,7 +49,8 @@ def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
 def kept_heartbeat_ns(late_ns: int) -> int:
     """Give the heartbeat period that a node can keep if it is up to `late_ns` late.
 
-    It is the usual period, doubled as often as needed, but at most LONGEST_HEARTBEAT_NS, even if a node cannot keep it.
+    The usual period is doubled until it is at least twice `late_ns`. The result is never longer than
+    LONGEST_HEARTBEAT_NS, even if the node cannot keep that period.
     """
     period_ns = USUAL_HEARTBEAT_NS
     while period_ns < 2 * late_ns and period_ns < LONGEST_HEARTBEAT_NS:

@@ -32,8 +32,8 @@ class RunningPlan:
     def of_document(cls, spec: Spec, document: Mapping[str, Any] | None) -> "RunningPlan":
         """Make a running plan from a plan document.
 
-        A module is left out if the spec lacks the module, its mode or its PE. Without a document, or with a document
-        that cannot be read, nothing runs.
+        A module is left out if the spec lacks the module, its mode or its PE. If `document` is None or cannot be read,
+        the running plan has no module.
         """
         if document is None:
             return NOTHING_RUNS

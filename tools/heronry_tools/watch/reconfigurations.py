@@ -19,11 +19,11 @@ _KEPT_OUTAGES = 200
 
 
 def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapshot:
-    """Return the snapshot `after` with a reconfiguration added to its list.
+    """Return the snapshot `after` with a new reconfiguration at the end of its list.
 
     before: the snapshot with the configuration that ran before the reconfiguration.
     after: the snapshot with the configuration that runs now.
-    event: the event `reconfigured` or `epoch_seen` of the reconfiguration.
+    event: the event that reports the reconfiguration, `reconfigured` or `epoch_seen`.
     """
     times = {key: event["times_ns"].get(key) for key in ("detect", "decide", "distribute", "activate")}
     t_ns = event["t_ns"]

@@ -1,9 +1,11 @@
 """Writes a folder of `heronry record` (`recorded_folder`): frames and events of a live feed, in rotating files.
 
-The folder never exceeds its limit: before a new pair of files (frames, events) is begun, the oldest pairs are deleted
-until there is room for it. Each pair but the first begins with `resumed`, the whole snapshot, so that a reader needs no
-earlier pair. Each call of `write` hands its frames and events to the kernel, so they are kept even if this process is
-killed afterwards.
+The files come in pairs: one with frames, one with events. The folder never exceeds its limit: before a new pair is
+begun, the oldest pairs are deleted until there is room for the new one. The events of each pair but the first begin
+with the event `resumed`. It holds the whole snapshot, so that a reader needs no earlier pair.
+
+Each call of `write` hands its frames and events to the kernel, so they are kept even if this process is killed
+afterwards.
 """
 
 import json

@@ -4,15 +4,15 @@
     state = reducer.after(state, event)
     state.snapshot
 
-An event is one of the manager (`heronry_manager.core.events`), or an observation that a feed adds (`observations`).
+An event comes from the manager (`heronry_manager.core.events`), or is an observation that a feed adds (`observations`).
+An event of an unknown kind, or of a later version, only raises the number of events.
 
-The reducer is pure: it reads no clock, a state is never changed, and the same events give the same snapshot, whether
-they come live or from a recording. An event of an unknown kind, or of a later version, only raises the number of
-events.
+The reducer is pure: it reads no clock and never changes a state. So the same events give the same snapshot, whether
+they come live or from a recording.
 
-The running configuration is that of the last `reconfigured`, `runs`, `epoch_seen` or `status`. A plan that is ready, or
-an epoch that is being prepared, is kept until its epoch runs. The situation (what is down) changes with each event at
-once, so that the graph shows a loss before the plan for it runs.
+The running configuration is that of the last event `reconfigured`, `runs`, `epoch_seen` or `status`. A plan that is
+ready, and an epoch that is being prepared, are kept until the epoch runs. The situation (what is down) is updated with
+every event, so that the graph shows a loss before the plan for this loss runs.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -4,7 +4,7 @@ All views have the same arguments:
 
 nothing              the manager of this computer, found as 'heronry status' finds it
 --log FILE [SPEC]    a candump log, a folder of 'heronry record', a scenario, or events as JSON lines
-SPEC with -i, -c     the buses alone, listening only
+SPEC with -i, -c     the frames on the buses of this spec; the view sends nothing
 """
 
 import argparse

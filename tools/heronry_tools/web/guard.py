@@ -1,21 +1,21 @@
 """Lets each request in or refuses it, and adds the security headers to every answer.
 
-A page of another site that is open in the same browser can send requests to this computer. Three checks refuse such
-requests:
+While a user watches this server's page, the same browser may show a page of another site. The other page can send
+requests to this computer. Three checks refuse such requests:
 
-    Origin    must be this server, if the request has one; a question or an order must have one
-    Host      must be an address of this server; this refuses a site whose name was bound to this computer's address
-              after its page was loaded (DNS rebinding)
-    token     must be right, where the table below asks for one
+    Origin    must be this server, if the request has an Origin; a POST (a question or an order) must have one
+    Host      must be an address of this server. This stops DNS rebinding: a site loads its page, and then gives its own
+              name the address of this computer
+    token     must be right, if the table below requires the token
 
-The token stands in the part of the printed address after `#`, which no browser sends. The server's own page adds the
-token to its requests as `Authorization: Bearer TOKEN`, and to the address of a download. There is no cookie, since a
-browser would send a cookie with requests of other sites, too.
+The server prints its address with the token after `#`. A browser never sends this part of an address. The server's own
+page adds the token to its requests as `Authorization: Bearer TOKEN`, and to the address of a download. There is no
+cookie, since a browser would also send it with the requests of other sites.
 
 What a request needs depends on the address on which the server listens:
 
     request                         a loopback address                any other address
-    page, style, scripts            nothing                           nothing: they show nothing of the system
+    page, style, scripts            nothing                           nothing (they contain no data of the system)
     reading, and questions          nothing                           the token
     orders                          --operate and the token           --operate and the token
 """

@@ -1,17 +1,25 @@
-"""Packing, for functions of class A to D that find no room one by one: modules are chosen first, and then placed.
+"""Packing: proposes places for the modules of functions of class A to D, if these modules find no room one by one.
 
-*Choose*: serve these functions in their cheapest modes, by their cheapest producers, on PEs without limits.
+Modules are chosen first, and then packed:
 
-*Pack*: put the chosen modules on the real PEs, without wires. Modules with only one possible PE come first, then the
-others, the largest first; each goes to the PE with the least room left. The size of a module is the sum of its needs of
-CPU, RAM and flash, weighted by how scarce each of them is. Modules that do not fit go to the front of the order, and
-all are packed anew, a few times over; the packing that places the most modules is used.
+*Choose*: the functions are served in their cheapest modes, by their cheapest producers, as if no PE had limits.
 
-There are two proposals. The first packs all of these functions together. The second takes them one after the other, the
-most important first, and keeps a function if all modules chosen so far can be packed.
+*Pack*: the chosen modules are put on the real PEs, without wires.
 
-A proposal says where modules should run, and nothing about wires. `repairing` starts from a proposal as it starts from
-a running configuration, and makes a configuration of it.
+1. Modules with only one possible PE come first, then the others, the largest first. The size of a module is the sum of
+   the CPU, RAM and flash that it needs, each weighted by its scarcity.
+2. Each module goes to the PE with the least room left.
+3. If modules do not fit, these modules go to the front of the order, and all modules are packed anew. This is repeated
+   a few times. The packing that places the most modules is used.
+
+There are two proposals:
+
+    first     all functions are packed together
+    second    the functions are taken one after the other, the most important first; a function is kept if all modules
+              chosen so far can be packed
+
+A proposal has places of modules, but no wires. `repairing` starts from a proposal in place of a running configuration,
+and makes a complete configuration.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,10 +1,13 @@
 """The check of DG3xx: room, bandwidth and time for all that is wanted, with everything up.
 
 Checks without a solver come first: each module against the PEs, each bus's reserve against its management frames, and
-the forced traffic. Then the planner is used (servable.py). Each cause is reported once. A function whose module fits
-nowhere, or whose data alone overload a bus, is not checked again. A function that is not served only because of
-deadlines is reported as late. A function that could not be served even with unlimited resources is left to the rules of
-the graph.
+the forced traffic. Then the planner is used (servable.py).
+
+Each cause is reported only once:
+
+- If the module of a function fits nowhere, or its data alone overload a bus, the function is not checked again.
+- If a function is not served only because of deadlines, it is reported as late.
+- If a function could not be served even with unlimited resources, the rules of the graph report this.
 
 Two kinds of specs are not planned: a spec with more sources than identifiers (DG505), since the priorities of its
 frames are unknown, and a spec with a bus that management fills (DG307), since no datum would ever arrive there.
@@ -145,7 +148,7 @@ class _Serving:
         self._unlimited = servable.Planning(servable.without_limits(self._spec))
 
     def check(self) -> None:
-        """Check whether the functions can be served with everything up.
+        """Report the functions that cannot be served with everything up.
 
         If all critical functions of all phases can be served together, only the other functions are checked, each
         alone. If not, every function is checked alone, and then the critical functions of each phase together.

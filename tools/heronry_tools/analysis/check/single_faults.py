@@ -1,12 +1,16 @@
 """The check of DG401 to DG404: critical functions that one fault loses, found with the planner.
 
-A function is lost with an element when the best plan with everything up serves the function and the contingency plan
-without the element does not. Only phases whose critical functions can all be served with everything up are checked; the
-other phases are reported as DG303.
+A function is *lost with an element* if the best plan with everything up serves the function, and the best plan without
+the element does not. A phase is checked only if all its critical functions can be served with everything up; the other
+phases are reported as DG303.
 
-Few plans are needed. Elements after whose loss the planner has the same choices (a device and its only driver) share
-one plan. A function whose output no module could still give is lost; this needs no plan. If all the other functions of
-all phases can be served together, none of them is lost. Only if they cannot, a plan is made for each phase.
+Three rules make most plans unnecessary:
+
+- Some elements leave the planner the same choices when they are lost, for example a device and its only driver. They
+  share one plan.
+- If no module could still give the output of a function, the function is lost. This needs no plan.
+- If the remaining functions of all phases can be served together, none of them is lost. Only if they cannot, a plan is
+  made for each phase.
 """
 
 from collections.abc import Iterator, Mapping

@@ -59,10 +59,10 @@ class Subject:
 
 
 def load_subject(text: str, plan_file: str | None = None) -> Subject:
-    """Load the FILE or SPEC that `text` names.
+    """Load the graph or the spec that `text` names: a file, or the name of a shipped graph or spec.
 
-    For a spec, the plan is read from `plan_file`. Without `plan_file`, the best plan of the spec with everything up is
-    made.
+    plan_file: the file with the plan, for a spec. None: the best plan of the spec with everything up is made.
+
     Raises UserError, SpecError or PlanError.
     """
     path = graph_path(text)

@@ -1,7 +1,7 @@
 """The difference of two specs: their elements, the consequences phase by phase, and the findings of `heronry check`.
 
-A phase is compared with the phase of the same name in the old spec. If the old spec has no such phase, it is compared
-with the old spec's first phase. A phase that only the old spec has is not compared.
+A phase of the new spec is compared with the phase of the same name in the old spec. If the old spec has no phase of
+this name, the old spec's first phase is used. A phase that only the old spec has is not compared.
 """
 
 from collections.abc import Iterator, Mapping

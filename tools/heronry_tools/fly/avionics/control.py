@@ -51,7 +51,7 @@ class _Loop(Module):
 
 
 class VerticalSpeedControl(_Loop):
-    """Computes the pitch command: the trimmed angle of attack, the commanded path angle and a correction are added.
+    """Computes the pitch command: the sum of the trimmed angle of attack, the commanded path angle and a correction.
 
     The correction is proportional and integral feedback of the error of the vertical speed.
     """

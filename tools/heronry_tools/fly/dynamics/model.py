@@ -4,10 +4,11 @@ JSBSim prints a banner, unless `JSBSIM_DEBUG` is 0 in the environment before the
 sets this variable. JSBSim accepts misspelt properties without a message, so `Model.put` checks that a property exists
 before it is written.
 
-In JSBSim, the force of a wheel is the force of its spring, divided by the squared cosine of the tilt. This force has no
-limit for an aircraft that lies on its side: in one step the aircraft would get a speed of thousands of metres per
-second, and soon all its state would be NaN. Therefore `Model.step` retracts the wheels beyond a tilt of 60 degrees, and
-the aircraft lies on its structure. For this, all wheels and skids in an aircraft file must be `retractable`.
+In JSBSim, the force of a wheel is the force of its spring, divided by the squared cosine of the aircraft's tilt. When
+the aircraft lies on its side, this force has no limit: in one step the aircraft would get a speed of thousands of
+metres per second, and soon its whole state would be NaN. Therefore `Model.step` retracts the wheels beyond a tilt of 60
+degrees, and the aircraft lies on its structure. For this, all wheels and skids in an aircraft file must be
+`retractable`.
 """
 
 import math

@@ -1,8 +1,13 @@
 """Finds the column of each symbol: data flow to the right, sensors stand at the left and actuators at the right.
 
-A feedback edge leads out of a variable with an initial value and would close a cycle. It is left out of the ranking,
-and drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far
-right as possible. Each ranking is improved by moving single symbols, and the ranking with the shorter edges is taken.
+A *ranking* gives each symbol a column, so that every edge leads to the right. An edge that leads out of a variable with
+an initial value, and would close a cycle, is a *feedback* edge. Feedback edges are left out of the ranking, and are
+drawn around the graph.
+
+1. Two rankings are made: in one every symbol is as far left as possible, in the other as far right as possible.
+2. Each ranking is improved by moving single symbols.
+3. The ranking with the shorter edges is used.
+
 All steps follow the order of the graph, so that the same graph gives the same picture.
 """
 
@@ -101,9 +106,11 @@ def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[
 
 
 def _tightened(graph: Graph, edges: list[Edge], start: Mapping[str, int], last: int) -> dict[str, int]:
-    """Move symbols, in several sweeps, so that edges become shorter; all edges still lead to the right.
+    """Return new columns of the symbols, with shorter edges; all edges still lead to the right.
 
-    start: the column of each symbol before; the new columns are returned. last: the column of the actuators.
+    Single symbols are moved, in several sweeps.
+
+    start: the column of each symbol before. last: the column of the actuators.
     """
     ranks = dict(start)
     into: dict[str, list[str]] = {key: [] for key in graph.nodes}

@@ -1,8 +1,8 @@
 """The size of a symbol of a drawn graph, and the heights at which edges of the graph meet it, in pixels.
 
-Heights are measured from the top of the symbol's box. The box holds everything that belongs to a symbol, its name
-included. A module that has more than one mode has a cell for each mode. A module's name and cells stand in its square;
-the names of variables, devices and DEMUXes stand below them.
+The *box* of a symbol holds everything that belongs to the symbol, its name included. Heights are measured from the top
+of the box. A module is drawn as a rectangle with its name in it. If a module has more than one mode, the rectangle also
+has a cell for each mode. The name of a variable, a device or a DEMUX stands below its symbol.
 """
 
 from dataclasses import dataclass

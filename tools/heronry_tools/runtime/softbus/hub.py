@@ -3,22 +3,34 @@
 The hub decides which clients may connect. It passes the frames that clients offer to the line (`line.py`), and each
 frame that has left the line to the clients.
 
-Each round of the loop notes the time, sleeps until a record comes or the line has to advance, reads all that has come,
-and then lets the line advance to the noted time. So no offer that was made before the noted time is overlooked. An
-offer that ends the sleep is newer than the noted time, so the line does not start it in this round. The next round
-reads again without a sleep, and all offers that have been made until then take part in the arbitration. `select` is
-used because its time-out counts microseconds; that of `epoll` counts whole milliseconds.
+Each round of the loop takes these steps:
 
-Frames are stamped with CLOCK_MONOTONIC. Clients date them by the system clock as it stood when the hub started. So if
-the clock is set later, neither the date of a frame nor the interval between two frames changes.
+1. It notes the time.
+2. It sleeps until a record comes, or until the line has to advance.
+3. It reads all records that have come.
+4. It lets the line advance to the time noted in step 1.
 
-A bus can be made as bad as a radio (`disturb`): bits take longer, and each receiver misses frames of its own. The
-sender does not notice a missed frame, since the frame has left.
+So no offer that was made before the noted time is overlooked. An offer that ends the sleep is newer than the noted
+time, so the line does not start it in this round. The next round reads without a sleep. All offers that were made until
+then take part in the arbitration.
 
-Errors: `port.py` handles a client that is slow, stopped or dead. A client that breaks the protocol gets the reason and
-is removed. If the hub dies, its clients read the end of both sockets. The hub stores nothing, so after its restart the
-clients connect anew. `address.py` handles two hubs with one path, and `starter.py` handles the death of the process
-that started the hub, even by SIGKILL.
+`select` is used because its time-out counts microseconds; the time-out of `epoll` counts whole milliseconds.
+
+Frames are stamped with CLOCK_MONOTONIC. Clients compute the date of a frame from this stamp and from the system clock
+as it stood when the hub started. So if the system clock is set later, neither the date of a frame nor the interval
+between two frames changes.
+
+A bus can be made as bad as a radio (`disturb`): bits take longer, and each receiver misses other frames. The sender
+does not notice that a frame was missed, since the frame has left.
+
+Errors:
+
+- A client is slow, stopped or dead: `port.py` handles this.
+- A client breaks the protocol: it gets the reason and is removed.
+- The hub dies: its clients read the end of both sockets. After a restart of the hub the clients connect anew; the hub
+  stores nothing.
+- Two hubs are started with one path: `address.py` handles this.
+- The process that started the hub dies, even by SIGKILL: `starter.py` handles this.
 """
 
 import ctypes

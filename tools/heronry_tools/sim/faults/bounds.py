@@ -1,7 +1,7 @@
 """Limits for options and scenario files: the longest flight, and the largest share of destroyed frames.
 
 A flight of more than a day takes too long to be of use. A bus on which more than half of all frames are destroyed
-carries too little for any finding.
+carries too few frames for a flight to show anything.
 """
 
 from decimal import Decimal

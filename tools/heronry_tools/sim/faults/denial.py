@@ -1,15 +1,17 @@
-"""An attacker without the key that denies service: one kind of forged frame again and again, at a given share of a bus.
+"""An attacker without the key that denies service. It sends one kind of forged frame again and again.
 
-    forged_welcome  WELCOME to every PE with a made-up TAG: a PE that requested a session after each WELCOME would
-                    lose its own session
+The forged frames take a given share of a bus.
+
+    forged_welcome  WELCOME to every PE with a made-up TAG. If a PE requested a session after each WELCOME, it would
+                    lose the session that it has
     forged_tag      TAGs of every kind that belong to no command
     forged_beat     page 0 in the name of a PE, with a wrong tag: the manager might doubt the PE
     forged_nonce    page 2 with a made-up nonce: the manager might answer it instead of the PE's nonce
     forged_epoch    page 0 of a PE in a newer epoch: other PEs might hold their outputs back
-    forged_mastership    LEASE, ALIVE and ACTIVATE of either manager under a high term
+    forged_mastership    LEASE, ALIVE and ACTIVATE in the name of a manager, under a high term
     forged_restart  page 0 of a PE that seems to have restarted
     forged_refusal  page 1 of a PE that refuses the running configuration
-    forged_report   EMCYs of every PE about any element
+    forged_report   EMCYs in the name of every PE, about PEs, devices and modules
     forged_order    PING, RENEW, UNLOCK and CLEAR to every PE, and NMT
     forged_session  against one PE: first ten wrong pages 0 in its name. Then, after each page 0 of the PE itself:
                     a WELCOME, so that the PE requests a session, and six nonces, so that the manager may answer

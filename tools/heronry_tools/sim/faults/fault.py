@@ -1,35 +1,42 @@
 """The kinds of faults that can be injected, and `Fault`: one injected fault, one line of a scenario.
 
-`KINDS` gives, for each kind, its possible targets, its duration in milliseconds (0: it does not end), and the rules of
-the oracles that are not promised, and so not checked, while such a fault is present. As text a fault is
+`KINDS` gives for each kind:
+
+- its possible targets
+- its duration in milliseconds (0: it does not end)
+- the rules of the oracles that are not *promised*: the oracles do not check them while such a fault is present
+
+As text a fault is
 
     SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]     2.013 pause pe:nav for 0.3 in preparing
 
-SECONDS count from the moment at which the first configuration runs. A fault with a state waits, up to `WAITS_MS`, until
-the protocol is in this state (`protocol_state`).
+The first SECONDS count from the moment at which the first configuration runs; those after `for` are the duration. A
+fault with a state waits, up to `WAITS_MS`, until the protocol is in this state (`protocol_state`). In the example, PE
+`nav` is paused for 0.3 s, 2.013 s after the start or later, as soon as the protocol is in the state `preparing`.
 
 What is promised, what is not, and why:
 
 - `corrupt`, `wrong` and `bias`: data are not authenticated, so a module that reads a wrong number may report a healthy
-  element (rule `blame`). No PE takes data as a command, so every other rule is promised, except `foreign` during
-  `corrupt`: this rule compares the inputs of modules with the frames that were sent, and the altered data were not
-  sent.
+  element (rule `blame` is not promised). During `corrupt`, rule `foreign` is not promised either: it compares the
+  inputs of modules with the frames that were sent, and the altered data were not sent. No PE takes data as a command,
+  so every other rule is promised.
 - `forge` alters a management frame in a way that the CRC does not show (about one of 10^10 destroyed frames). Without a
   key a forged command is a valid command, so nothing is promised until the fault is over. Afterwards the aircraft must
   converge, unless a forged term was far higher than all others: then the PEs refuse the commands of all managers for a
   long time. So `forge` is not drawn for a flight without a key. With a key everything is promised.
-- `attack` is injected only in flights with a key, and everything is promised, with one exception: on a replicated bus a
-  frame that the attacker repeats exactly on the other channel is taken for a copy.
-- `forged_...` (`denial`) are injected only in flights with a key, and the same is promised as for `attack`. If the
+- `attack` is injected only in flights with a key. Everything is promised, with one exception (rule `copies`): on a
+  replicated bus the attacker may repeat a frame of one channel exactly on the other channel; this frame is taken for a
+  copy.
+- `forged_...` (`denial`) are injected only in flights with a key. The same is promised as for `attack`. Besides, if the
   forged frames take less than a tenth of the bus, no function may fall silent because of them, and no PE may lose its
   session (oracle `availability`).
-- `babble`: a node whose identifier wins every arbitration sends without end, and no other node can send. No function is
-  served. Since no node is heard, no PE may drive anything exclusive; this rule is promised.
-- `rogue`: a foreign node that sends under an identifier of the aircraft collides with the owner of this identifier,
-  down to bus-off. This clash is no violation; everything else is promised.
+- `babble`: a node whose identifier wins every arbitration sends without end, so no other node can send, and no function
+  is served. One rule is still promised: since no PE hears another node, no PE may drive anything exclusive.
+- `rogue`: a foreign node sends under an identifier of the aircraft. It collides with the owner of this identifier until
+  the controllers are bus-off. This clash is no violation; everything else is promised.
 - `twin`: a second node has a PE's node-ID. The manager takes the second node for this PE, and concludes that the PE has
   been restarted. The PE gives up everything exclusive as soon as it hears the second node. The two nodes destroy each
-  other's frames, down to bus-off.
+  other's frames until their controllers are bus-off.
 - `raise` and `unfit` make a module fail, also after a restart, until its PE gives the module up. If the module drove an
   actuator, a monitor that does not know which module drives this actuator may report the idle actuator as stuck.
 - No kind of fault has an actuator as its target: without a monitor no node can know whether a surface moves.

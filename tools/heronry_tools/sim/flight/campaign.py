@@ -1,10 +1,10 @@
-"""Campaigns: many flights in parallel, and a table of the protocol states in which they have injected faults.
+"""Campaigns: many flights in parallel, and a table of the injected faults, by kind of fault and protocol state.
 
-The number of flight hours says little. What counts is which kinds of faults were injected in which state of the
+The number of flight hours says little. What counts is which kinds of faults were injected in which states of the
 protocol (`Coverage`). The table has a cell for each kind in each state. A cell without an injection was never tried,
 and a cell with fewer than `ENOUGH` injections was hardly tried. Drawn faults aim at every state (`drawing`).
 
-Worker processes share nothing: each loads the spec once, and keeps the plans of its flights for its later flights.
+Worker processes share nothing. Each process loads the spec once, and keeps plans for its later flights.
 """
 
 import gc
@@ -80,8 +80,8 @@ class Coverage:
     def cells(self) -> dict[tuple[str, str], int]:
         """Return the number of injections in each cell (kind, state) that these flights can reach.
 
-        The kind must have a target in the spec, and some flight must have entered the state. An order of the operator
-        has no cell for states without an active manager, since no order can be given then.
+        A cell can be reached if its kind has a target in the spec, and if some flight has entered its state. An order
+        of the operator has no cell for the state without an active manager, since no order can be given in this state.
         """
         injected = {kind for kind, _ in self.hits}
         kinds = [*self._kinds, *(kind for kind in KINDS if kind in injected and kind not in self._kinds)]
@@ -90,9 +90,13 @@ class Coverage:
         return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
 
     def table(self) -> list[str]:
-        """Return lines of text with the number of faults by kind and state, and with how often each state was entered.
+        """Return the table as lines of text: how many faults were injected, by kind and state.
 
-        The last lines name the cells with too few faults, and the share of the time in which each rule was waived.
+        Further lines give:
+
+        - how often each state was entered
+        - how many cells have too few faults, and the three with the fewest
+        - in which share of the time each rule was waived
         """
         cells = self.cells()
         kinds = list(dict.fromkeys(kind for kind, _ in cells))

@@ -1,13 +1,19 @@
 """Exhaustive flights of a small aircraft: each reconfiguration, with each fault in each of its messages.
 
-A *story* is one event that makes the aircraft reconfigure: its start; each PE's loss, return and reboot; each module
-that raises an exception; each sensor that fails; each PE and device that the operator declares failed or clears; each
-failed module that the operator clears; each phase, requested by the operator or by a module; and, with two managers,
-the death of the active manager.
+A *story* is one event that makes the aircraft reconfigure. There is a story for:
 
-Each story is flown once without a further fault. The management frames are numbered from 0, from the first one after
-the story begins to the last one before its last reconfiguration is complete. Then the story is flown again for every
-*frame fault*:
+- the start of the aircraft
+- the loss, the return and the reboot of each PE
+- an exception in each module
+- the failure of each sensor
+- each PE and each device that the operator declares failed, or clears
+- each failed module that the operator clears
+- each phase that the operator or a module requests
+- with two managers: the death of the active manager
+
+Each story is flown once without a further fault. In this flight the management frames (commands, states and EMCY) are
+numbered, beginning with 0. The first one comes after the story begins, the last one before the last reconfiguration of
+the story is complete. Then the story is flown again for every *frame fault*:
 
     N lost VICTIM       one node, or every node, does not receive frame N
     N doubled VICTIM    one node, or every node, receives frame N twice
@@ -19,7 +25,8 @@ the story begins to the last one before its last reconfiguration is complete. Th
 Whatever happens to one message, no oracle may report a violation, and the flight must end in the best configuration.
 There are too many pairs of frame faults to fly them all, so some pairs are drawn at random.
 
-As text a *case* (a story and its frame faults) is STORY: FAULT, FAULT
+A *case* is a story with its frame faults. As text it is STORY: FAULT, FAULT. In this example PE `tail_a` crashes, PE
+`flight` does not receive frame 17, and the manager dies when frame 20 has been received:
 
     crash pe:tail_a: 17 lost pe:flight, 20 crash manager
 """

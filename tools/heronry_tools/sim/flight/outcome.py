@@ -65,7 +65,7 @@ class Outcome:
 def lossy(share: float) -> Faults:
     """Return the quality of a bus that destroys the share `share` of all frames.
 
-    Of the frames that are sent, each receiver misses a tenth of this share, and receives a tenth of this share twice.
+    Besides, each receiver misses the share `share` / 10 of the frames that are sent, and receives as many twice.
     """
     return Faults(share, share / 10, share / 10)
 

@@ -1,7 +1,7 @@
 """One simulated flight: an aircraft of simulated nodes, the faults injected into it, and the oracles that observe it.
 
-All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So a spec, a
-seed and a list of faults give the same frames, bit for bit; `digest` is a digest of all frames.
+All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So the same
+spec, seed and faults always give the same frames, bit for bit; `digest` is a digest of all frames.
 
 The parts are `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices) and `operator`. Only `truth`
 holds the real situation, which the cores must find out. The oracles (`checks`) get the truth, the frames and the driven
@@ -67,18 +67,18 @@ class Simulation:
         plant: PlantOfDevices | None = None,
         observed: bool = True,
     ) -> None:
-        """Switch on all nodes, each at a random moment in the first 200 ms.
+        """Switch on all nodes that are not `absent`, each at a random moment in the first 200 ms.
 
         faults: quality of every bus for the whole flight
-        decide_ns: longest duration of a planning run; each takes between half of it and all of it
-        skew_ppm: largest error of a clock
+        decide_ns: longest duration of a planning run, in ns; each run takes between 50 and 100 % of this time
+        skew_ppm: largest error of a clock, in ppm
         contingencies: largest number of faults in a fault set for which a contingency is on board; None: no
             contingencies are made
         key: the key of managers and PEs; None without authentication
-        standby: whether there are two managers, 126 and 127, each being the standby manager while the other is active
+        standby: whether there are two managers, 126 and 127; while one is active, the other is the standby manager
         keep_trace: whether `trace` gets every frame
-        absent: PEs that are started only later, by `Fleet.arrive`
-        aloft_ns: time of the scripted flight at which the simulation starts
+        absent: PEs that are not switched on here, but later by `Fleet.arrive`
+        aloft_ns: time of the scripted flight at which the simulation starts, in ns
         plant: what the devices read and move; None: the scripted flight
         observed: whether the oracles observe the flight; if not, the results of `broken`, `unsettled` and `settle` have
             no meaning
@@ -207,13 +207,18 @@ class Simulation:
     def settle(self) -> list[Violation]:
         """Simulate without further faults until the aircraft has converged, and return every violation.
 
-        The aircraft has converged when, for a certain time, no rule for the end of a flight (`unsettled`) was violated,
-        no epoch was activated, and no queue has grown. This time is the longest for which a silent PE or function may
-        stay undetected. If the aircraft does not converge in the time allowed, the simulation ends, too, and the
-        violations of the last moment are among those returned.
+        The aircraft has converged when all of this was true during the whole of a *quiet time*:
 
-        The oracle `planned_load` counts data only in the second half of this time. In the first half a controller may
-        still send queued frames, and a PE that returns may still send data of the modules that it ran before.
+        - no rule for the end of a flight (`unsettled`) was violated
+        - no epoch was activated
+        - no queue has grown
+
+        The quiet time is the longest time for which a silent PE or function may stay undetected. If the aircraft does
+        not converge in the time allowed, the simulation ends; then the result also has the violations of the last
+        moment.
+
+        The oracle `planned_load` counts data only in the second half of the quiet time. In the first half a controller
+        may still send queued frames, and a PE that returns may still send data of the modules that it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)

@@ -3,28 +3,34 @@
 A manager that restarts knows only the bytes on its disk. The oracle reads the bytes as a restarted manager would
 (`recovered`), and compares them with the manager's frames in the present mastership:
 
-    term         for a frame that names a term: the journal has this term or a higher one. A term that is used before it
-                 is on the disk might be used twice
-    epochs       for a PREPARE with a number that no manager has prepared before, and that this manager has not adopted:
-                 the number lies within the reserved block
-    what runs    for a LEASE that names another epoch, from BREAK on: the journal has this epoch with this digest
-    phase        for HOLDS of a phase: the journal has this phase
-    faults       for HOLDS of an element: the journal has the element as latched; for CLEAR: not as latched
-    priorities   for HOLDS of a priority: the journal has this priority of the function; for CLEAR: it has none
+    term         a frame names a higher term: the journal has this term or a higher one. Otherwise the term might be
+                 used a second time after a restart
+    epochs       a PREPARE has a number that no other manager has prepared before, and that this manager has not
+                 adopted: the number lies within the reserved block
+    what runs    a LEASE names another epoch than before, and its step is BREAK or a later one: the journal has this
+                 epoch with this digest
+    phase        HOLDS names a phase: the journal has this phase
+    faults       HOLDS names an element: the journal has the element as latched. CLEAR names it: not as latched
+    priorities   HOLDS names a priority: the journal has this priority of the function. CLEAR names it: the journal has
+                 no priority of the function
 
-When a manager has died (`manager_died`), term and epochs are compared again with what a power cut has left on the disk:
-a manager forces its numbers onto the disk before it uses them. Phase, faults and priorities need not survive a power
-cut.
+A manager forces its terms and epoch numbers onto the disk before it uses them. So when a manager has died
+(`manager_died`), these numbers are compared again with what a power cut has left on the disk. Phase, faults and
+priorities need not survive a power cut.
 
 A manager may be started on a copy of another manager's disk (`manager_copied`). Then the copy must also agree with what
-the other manager has sent until the start. What the station of the new manager has sent before no longer matters.
+the other manager has sent until this start. What the station of the new manager sent before the start no longer
+matters.
 
-A frame may have waited in the controller, so it may be older than the last write to the journal. The journal may
-therefore have a newer epoch than the frame. For a phase or a fault it is enough that the journal agreed with the frame
-when the oracle read it last, or agreed a few records ago.
+A frame may have waited in the controller, so it may be older than the last write to the journal. For this reason the
+journal may have a newer epoch than the frame. Of a phase, a fault or a priority, the journal need not agree with the
+frame now. It is enough if it agreed when the oracle read it last, or before the last few records were written.
 
-Not verified: a disk that accepts no write (the caller gives no bytes), a standby manager that has sent nothing yet, and
-the frames of a deposed manager (the caller does not report them).
+Not verified:
+
+- a disk that accepts no write (the caller gives no bytes)
+- a standby manager that has sent nothing yet
+- the frames of a deposed manager (the caller does not report them)
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Facts that several oracles of one flight use: commanded epochs, available PEs, the active manager, the phase.
 
-All facts are derived from frames alone. Some are derived by oracles; this file creates these oracles, and `registry`
-lists them too.
+All facts are derived from the frames, and from the orders and faults of the flight; none is read from a core. Some
+facts are derived by oracles. This file creates these oracles, and the list of all oracles (`registry`) has them, too.
 """
 
 from collections.abc import Collection

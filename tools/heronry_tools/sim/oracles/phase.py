@@ -1,30 +1,38 @@
 """The mission phase that the manager sends is the one that was requested last; verified from orders and frames.
 
-A phase counts as requested in two cases. Either the manager has accepted the operator's order for it. Or a PE has
-requested it (EMCY, PHASE_REQUEST), and the active manager has acknowledged the request or sends that phase. Each
-request of a PE has a number. A request counts once, even if it is acknowledged twice. A request does not count if a
-later request of the same PE has already been acknowledged. A PE that restarts numbers its requests from the beginning.
-A *forward only* request (bit 15 of its detail is set) has effect in two cases. In the first case the requested phase
-has a rule, and this rule names the present phase among the phases from which the requested phase may be entered. In the
-second case the requested phase has no rule, and comes later in the spec than the present phase.
+*Requests.* A phase counts as requested in two cases:
 
-The manager sends a phase in HOLDS. For a moment after a change, HOLDS may still name the phase that was just left. If a
-PE requests that former phase at that moment, HOLDS alone does not make the request count: the manager must acknowledge
-it, too. An acknowledgement that a manager sent before it accepted an operator's order may come on the bus after the
-order. Then the requested phase counts, until HOLDS names the ordered phase.
+- The operator has ordered the phase, and the manager has accepted the order.
+- A PE has requested the phase (EMCY, PHASE_REQUEST), and the active manager has acknowledged the request or sends the
+  phase.
 
-At the start of a mastership the manager knows the phase that it has in its journal, or that it has heard as a standby
-manager. It may also have heard a request that the previous manager did not acknowledge before its failure. The first
-phase that the manager sends in the mastership counts as the true phase from then on. With one manager and an intact
-journal, this must be the phase that counted until then, or a phase that is still requested. With two managers or a
-damaged journal, it may also be a phase that counted at an earlier time. In that case a request that was acknowledged in
-an earlier term may count again, if the manager sends the requested phase.
+A PE numbers its requests; a PE that restarts begins with the first number again. A request counts once, even if it is
+acknowledged twice. A request does not count if a later request of the same PE was acknowledged before.
 
-Two managers that do not hear each other may be active under two terms. Neither manager has to know the phase of the
-other. The manager of the higher term need not know what the manager of the lower term has acknowledged: the PEs that
-know the higher term do not accept these acknowledgements. So the phase that the manager of the higher term sends
-counts. The manager of the lower term need not know the phase of the higher term. Its commands have no effect on these
-PEs, so the phase that it sends does not count.
+A *forward only* request (bit 15 of its detail is set) has effect in two cases only:
+
+- The requested phase has a rule, and the rule names the present phase among the phases from which it may be entered.
+- The requested phase has no rule, and comes later in the spec than the present phase.
+
+*Frames on their way.* The manager sends its phase in HOLDS. For a moment after a change, HOLDS may still name the
+former phase. If a PE requests the former phase in this moment, such a HOLDS is no answer. The request then counts only
+if the manager acknowledges it.
+
+An acknowledgement that the manager sent before it accepted an operator's order may come on the bus after the order.
+Then the phase of this acknowledged request counts, until HOLDS names the ordered phase.
+
+*New mastership.* The manager knows a phase from its journal, or from what it heard as a standby manager. It may also
+have heard a request that the previous manager did not acknowledge before its failure. The first phase that the manager
+sends counts from then on. It must be one of these:
+
+- the phase that counted until then
+- a phase that is still requested
+- only with two managers or a damaged journal: a phase that counted at an earlier time. Then a request that was
+  acknowledged in an earlier term may count again, if the manager sends the requested phase
+
+*Two active managers.* Two managers that do not hear each other may be active under two terms. Neither manager has to
+know the phase of the other. Only the phase that the manager of the higher term sends counts: the PEs that know the
+higher term accept no command of the lower term, and so no acknowledgement.
 """
 
 from collections.abc import Callable

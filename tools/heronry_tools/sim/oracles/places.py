@@ -1,10 +1,14 @@
-"""Which element counts as failed after a PE's report; the oracles derive it from the frames, as a manager does.
+"""Finds which element counts as failed after a PE's report. The oracles derive it from the frames, as a manager does.
 
-A PE reports a failed module of its own by the module's index. If the module can run on other PEs too, it counts as
-failed on this PE alone (`module:NAME@PE`). It counts as failed everywhere when it fails on a second PE, or when another
-module reports it. If only the code of the module is missing on a PE, the module counts as failed on this PE alone,
-however many such PEs there are. If a module counts as failed on one PE, CLEAR and HOLDS name this PE by its node-ID. If
-a module reports a PE or a bus, this is a suspicion, and nothing counts as failed.
+    what the PE reports                               what counts as failed
+    a module on this PE has failed                    the module on this PE only (`module:NAME@PE`), if other PEs can
+                                                      run it, too; otherwise the module
+    the same, after the module failed on another PE   the module on all PEs
+    the code of a module is missing on this PE        the module on this PE only, even if other PEs report the same
+    a module reports another module, or a device      this element; a module on all PEs
+    a module reports a PE or a bus                    nothing, since this is only a suspicion
+
+A report names an element by its kind and index. CLEAR and HOLDS of `module:NAME@PE` also have the PE's node-ID.
 """
 
 from heronry_dg.model import Spec
@@ -37,7 +41,9 @@ class Places:
         return place if place in self._all and message.code not in _BY_OTHERS else element
 
     def acknowledged(self, node: int, a: int, index: int) -> str | None:
-        """Return the element or place that counts as failed when a manager acknowledges a report; None for a suspicion.
+        """Return the element or place that counts as failed when a manager acknowledges a report.
+
+        None: the report was only a suspicion, or the spec has no such element.
 
         node: node-ID of the PE that has reported. a, index: kind and index of the element, as in the command.
         """

@@ -1,12 +1,14 @@
 """Finds the commands on a bus that come from a holder of the key, by computing every tag again.
 
-A command and the TAG after it are a pair. A pair is *proven* if its tag is correct for some command number. TAG shows
-the lowest 13 bits of the number. The higher bits are found by trying, up to a limit beyond the highest number that was
-proven of this manager in this term. The result depends neither on what the nodes accepted nor on the order of the
-pairs: a replayed pair is proven each time it is sent, with its original number.
+A command and the TAG after it are a pair. A pair is *proven* if its tag is correct for some command number. TAG carries
+only the lowest 13 bits of this number, so the higher bits are tried in turn. The trial ends beyond the highest number
+that was proven before, of the same manager in the same term.
 
-SLICE names no term and is left out: the digest of its configuration proves it. WELCOME is left out because its tag
-covers a nonce as well.
+The result does not depend on what the nodes have accepted. A replayed pair is proven each time it is sent, with its
+original number.
+
+SLICE is left out, because it names no term; the digest of its configuration proves it. WELCOME is left out, because its
+tag also covers a nonce.
 """
 
 from collections import defaultdict, deque

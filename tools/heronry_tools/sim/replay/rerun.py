@@ -1,8 +1,8 @@
 """Replays one recorded mastership through the manager's core.
 
-The core gets the frames that the manager heard, at their recorded times; between them it is called at its own
-deadlines. The bus does not show when the planner answered, nor with which plan. Both are derived from what the manager
-prepared next:
+The core gets the frames that the manager heard, at their recorded times; between the frames the core is called at its
+own deadlines. The bus does not show when the planner answered a request, nor with which plan. Both are derived from
+what the manager prepared next:
 
 - If the prepared digest is that of the best plan, of the greedy plan, or of a contingency, this plan is the answer. The
   answer was given at the time of the PREPARE.
@@ -13,11 +13,11 @@ prepared next:
 - If a LEASE before any PREPARE names a configuration that could be the answer, the manager adopted this configuration.
 
 If the whole bus is silent for longer than two heartbeat periods, nothing ran on the manager's computer, or the bus was
-lost. A manager that runs again first takes the frames that have come meanwhile, and then handles its deadlines. So
-deadlines in such a silence are due when the manager sends again.
+lost. After such a silence a manager first takes the frames that wait for it, and then handles its deadlines. So the
+replay handles the deadlines of such a silence when the recorded manager sends again.
 
-The operator's orders are not on the bus, so they are not replayed. Decisions that the manager took because of an order
-are shown as decisions that only the recording has, and so are decisions that depend on these.
+The operator's orders are not on the bus, so they are not replayed. The replay shows two kinds of decisions as decisions
+that only the recording has: those that the manager took because of an order, and those that depend on them.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,8 +1,13 @@
 """Evaluates the expectations of a scenario by the frames that were heard, and says what was heard instead.
 
-An expectation *holds since* the first frame of an unbroken chain of frames that agree with the expectation. The chain
-must last to the end of the expectation's time. The chain is broken by a frame that contradicts the expectation, and by
-a gap between two frames that is longer than in this list:
+There are three kinds of expectations:
+
+    something is sent or has a state    holds since the first frame of a *chain*: an unbroken series of frames that
+                                        agree with the expectation, and that lasts to the end of its time
+    a PE reports something              holds since the first frame with this report
+    silent, unchanged, not reported     holds after the last frame that contradicts the expectation
+
+A chain is broken by a frame that contradicts the expectation, and by a gap that is longer than in this list:
 
     outputs     two and a half periods of the slowest mode that makes them, so that one output may be missing
     data        two and a half periods of the slowest mode that gives them
@@ -10,8 +15,6 @@ a gap between two frames that is longer than in this list:
     LEASE       the time after which a PE considers its manager lost
 
 Real processes share a computer with other programs, so these times are longer for real processes (`slack_ns`).
-
-An expectation that something is silent, unchanged or not reported holds after the last frame that contradicts it.
 """
 
 from collections.abc import Iterable
@@ -195,9 +198,12 @@ def _patience_ns(modes: Iterable[Mode]) -> int:
 
 
 def holds_since(marks: Iterable[Mark], patience_ns: int, until_ns: int) -> int | None:
-    """Return the beginning of the unbroken chain of agreeing frames that reaches `until_ns`; None if there is none.
+    """Return the time (ns) of the first frame of the chain that lasts until `until_ns`; None: there is no such chain.
 
-    marks: each frame's time, and whether it agrees. patience_ns: longest gap between two frames of a chain.
+    A chain is an unbroken series of frames that agree with an expectation.
+
+    marks: the time of each frame, and whether the frame agrees with the expectation.
+    patience_ns: longest gap between two frames of a chain, and after its last frame.
     """
     since_ns = last_ns = None
     for t_ns, says in marks:

@@ -1,8 +1,10 @@
 """The deeds of a script that can be done to real processes, each as one or two steps.
 
-An order of the operator, a kill, a restore, and a fault without an end are one step each. A fault with an end is two
-steps: a crash is a kill and a restore, a pause is a SIGSTOP and a SIGCONT. A fault that waits for a state of the
-protocol cannot be injected, since this program learns of the state too late.
+    one step     an order of the operator; a kill; a restore; a fault without an end
+    two steps    a fault with an end: a crash is a kill and a restore, a pause is a SIGSTOP and a SIGCONT
+
+Only crashes and pauses can be injected, of PEs and of managers. A fault that waits for a state of the protocol cannot
+be injected, since this program learns of the state too late.
 """
 
 from collections.abc import Iterable, Iterator

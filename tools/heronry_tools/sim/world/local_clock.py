@@ -1,10 +1,10 @@
-"""The clock of one node: it differs from virtual time, is a little fast or slow, and may jump ahead.
+"""The monotonic clock of one node: it differs from virtual time, is a little fast or slow, and may jump ahead.
 
-A node's monotonic clock never goes back. `ahead_ns` is its lead over virtual time at the start. `ppm` is the error of
-its rate in millionths; a positive number is a fast clock. A jump stands for a computer that was suspended without
-notice to its programs: after it, the clock is ahead.
+The clock never goes back. `ahead_ns` is its lead over virtual time at the start. `ppm` is the error of its rate in
+millionths; a positive number makes the clock fast. A jump ahead simulates a computer that was suspended while its
+programs did not notice it.
 
-The clock is read several times for each frame, so its time at an instant is computed only once.
+The clock is read several times at the same instant, so its time at an instant is computed only once.
 """
 
 from random import Random

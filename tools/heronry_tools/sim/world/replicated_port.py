@@ -1,13 +1,17 @@
 """The port of a simulated node on a replicated bus; on a real node this is `heronry_wire.replicated_link`.
 
-Each frame is offered to both channels as one Python object. From this object an observer recognizes the copies of one
-transmission; the node does not use the object. The code that flies (`ChannelMerge`, `ChannelWatch`) decides whether a
-received frame is new. When one copy has been sent, the time limit of the other copy is shortened. A simulated
-controller can abort a frame that it has not begun to send, so in the simulator no copy is sent after its time limit.
+To the node, the two channels are one port:
 
-To the node, the two channels are one port. `listener` is called with each frame once, `left` when the first copy of a
-frame was sent, and `told` with the channels that are lost. `witness` is called with every copy and the decision on it,
-for the oracles.
+    listener    is called once with each new frame, although there are two copies
+    left        is called when the first copy of a frame was sent
+    told        is called with the channels that are lost
+    witness     is called with every received copy, and with the decision whether it is new; for the oracles
+
+The code that flies (`ChannelMerge`, `ChannelWatch`) decides whether a received copy is a new frame.
+
+A frame is offered to both channels as one Python object. An observer recognizes the two copies by this object; the node
+does not use it. When one copy has been sent, the time limit of the other copy is shortened. A simulated controller can
+abort a frame that it has not begun to send, so in the simulator no copy is sent after its time limit.
 """
 
 from collections.abc import Callable, Sequence

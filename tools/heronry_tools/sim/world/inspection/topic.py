@@ -1,6 +1,6 @@
-"""The base of the topics of an inspection, in which a diagnostic client inspects one PE.
+"""The base class of the topics of an inspection. In an inspection, a diagnostic client checks one PE topic by topic.
 
-A topic has the PE's table, the frames that were heard of the PE, and an SDO client.
+A topic has the table of the PE, the frames that were heard of the PE, and an SDO client.
 """
 
 from dataclasses import dataclass, field
