@@ -255,7 +255,7 @@ def _has_modes(subject: Subject, module: Module) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Possible:
-    """Tells whether the gates of a module can hold in the best case, if as many other modules as possible run.
+    """Tells whether the gates of a module can hold when as many other modules as possible run.
 
     The answer is no only if it is certain that a gate cannot hold.
     """
@@ -294,9 +294,10 @@ class _Possible:
         """Give the names of the modules and DEMUXes that could be wired to a leaf while this module runs.
 
         The name of a DEMUX stands for its branches, or for its ends. This module may itself be a branch or an end of a
-        DEMUX. No other branch or end of that DEMUX runs at the same time. So that DEMUX is given only if this module
-        itself gives what the leaf accepts.
-        None: no module gives what the leaf accepts.
+        DEMUX. While it runs, no other branch or end of that DEMUX runs. So the result names that DEMUX only if this
+        module itself gives what the leaf accepts.
+
+        Returns None if no module gives what the leaf accepts.
         """
         if not self.wiring.is_given(leaf):
             return None
