@@ -46,9 +46,9 @@ class Send(NamedTuple):
 class Withdraw:
     """Action: remove the frames with these identifiers from this node's queues, because they must not be sent any more.
 
-    Another node may be about to send under the same identifiers. The state frame in which this node reports that it has
-    stopped is more urgent than data, so it would overtake data frames in the queue. A frame that the controller already
-    has leaves before that report.
+    Another node may be about to send under the same identifiers: it may begin when this node reports in a state frame
+    that it has stopped. The state frame is more urgent than data, so it would overtake data frames in the queue, and
+    these would be sent after the report. A frame that the controller already has leaves before the report.
     """
 
     identifiers: frozenset[int]
@@ -76,7 +76,7 @@ class InvariantError(AssertionError):
 def require(condition: bool, story: str, *facts: object) -> None:
     """Raise InvariantError with the text `story` if `condition` is false, also under `python -O`.
 
-    The further arguments replace the `{}` in the text, one each. The text is formatted only on failure, because this
+    Each `{}` in the text is replaced by one of `facts`, in order. The text is formatted only on failure, because this
     function runs after every step.
     """
     if not condition:

@@ -147,10 +147,10 @@ class _ReferenceRules:
                 )
 
     def modules(self) -> None:
-        """Check that everything exists that modules, their modes and DEMUXes name, except in gates.
+        """Check that every name exists to which modules, their modes and DEMUXes refer, except in gates.
 
-        A variable must have each version of it that a mode gives. If a module has a device, `runs_on` must allow the
-        device's PE.
+        If a mode gives a version of a variable, the variable must have this version. If a module has a device,
+        `runs_on` must allow the device's PE.
         """
         for module in self._draft.modules.values():
             if module.form is not None:

@@ -185,9 +185,10 @@ def _circles(subject: Subject, findings: Findings) -> None:
 
 
 def _circle(rules_of: Mapping[str, When]) -> list[str]:
-    """Give the phases of a shortest circle: the rule of each phase leads to it from the phase before in the list.
+    """Give the phases of a shortest circle, in order; the list is empty if there is no circle.
 
-    All rules of the circle hold at one and the same value of the variable. The list is empty if there is no circle.
+    The rule of each phase leads from the phase before it in the list to this phase; before the first phase is the last
+    one. All rules of the circle hold at one and the same value of the variable.
 
     rules_of: the rules that watch one variable, by the phase to which they lead.
     """

@@ -153,10 +153,10 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition, in ns, that a message leaves on two buses in time, in spite of more urgent messages.
+        """Return the condition, in ns, that a message leaves on both buses in time, in spite of more urgent messages.
 
-        before, first: the hop on the first bus, and the moment at which the message leaves there. hop, then: the same
-        on the second bus.
+        before, first: the hop on the first bus, and the moment at which the message leaves there.
+        hop, then: the hop on the second bus, and the moment at which the message leaves there.
         """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
