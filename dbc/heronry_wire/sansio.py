@@ -58,8 +58,9 @@ class Withdraw:
 class StandBack:
     """Action: on one port, send only frames with a higher priority than data, until `until_ns` on the core's clock.
 
-    A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn. Such a
-    frame waits for the data of all other nodes, and the answer of this node to the manager would wait behind the frame.
+    A core requests this during a reconfiguration, so that its answers to the manager are sent at once. A data frame in
+    the controller's mailbox cannot be withdrawn. It waits until the more urgent data of all other nodes are sent, and
+    an answer would have to wait behind it.
     """
 
     port: int

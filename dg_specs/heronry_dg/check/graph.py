@@ -7,8 +7,8 @@ Consequences of a mistake are not reported. If no module gives an input, there i
 about the module that therefore never runs. Unused parts are reported only if all inputs can be wired. For example, if a
 driver is missing, the input that nothing gives is reported, and not the device that has no driver.
 
-How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
-findings of it, and call the function in `check`.
+How a rule is added: define the rule in rules/graph.py. Write a function `_thing(subject, findings)` in this file that
+adds the findings of the rule, and call this function in `check`.
 """
 
 from collections import defaultdict

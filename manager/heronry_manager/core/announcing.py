@@ -1,4 +1,4 @@
-"""The active manager announces the phase, priorities and latched faults to the standby manager (CONTROL).
+"""The active manager announces what a standby manager must know: the phase, priorities, latched faults, a held script.
 
 A *fact* is one such announcement:
 
@@ -9,12 +9,9 @@ A *fact* is one such announcement:
 The manager announces one fact at a time. A new fact comes with the next beat. The other facts take turns: one of them
 comes with every ANNOUNCED_EVERY-th beat.
 
-Two kinds of facts concern requests of PEs: the phase and the priorities.
-
-- When the phase has its turn, the manager also announces which requests for phases were executed.
-- When a priority has its turn, the manager also announces which requests for this priority were executed.
-- Before the manager answers a request, it announces the phase or the priority once more, since a standby manager that
-  has just started may not have heard it yet.
+The manager also announces which requests of PEs it has executed: when the phase has its turn, the requests for phases;
+when a priority has its turn, the requests for this priority. Before each answer to a request, the manager announces the
+phase or the priority once more, since a standby manager that has just started may not have heard it yet.
 
 A PE uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a
 fact hears it again later. It drops a fact that it has not heard for some turns (`known_situation`).

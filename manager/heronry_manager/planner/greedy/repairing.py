@@ -3,7 +3,7 @@
 1. *Adopt*: keep functions that can still run as they did, the most important first.
 2. *Serve* the other functions, the most important first, in the room that is left.
 3. *Make room* for each function that found no room:
-   - Put modules whose data the function needs into cheaper modes, if the readers of the data accept that.
+   - Put modules on the PEs that are full into cheaper modes, as far as no function loses value.
    - Stop functions that matter less, and put other functions into worse modes, one by one until the function fits.
    - Then serve the stopped functions again, as far as possible.
    - Undo all of this if the configuration is not better at levels 1 and 2 than before.

@@ -5,8 +5,8 @@ T_lease and two more heartbeat periods. From then on two rules hold:
 
 - No PE reports that it hears a LEASE, except in a state frame that was queued while the PE was cut off.
 - With the policy `keep` every PE keeps what it runs: state, epoch and digest stay as they are until the PE restarts or
-  a manager sends again. This rule does not apply to a PE within a heartbeat period after a pause, since after the pause
-  the PE executes the commands that it received during the pause.
+  a manager sends again. This rule does not apply to a PE for a heartbeat period after the PE is heard again: after a
+  pause the PE first executes the commands that it received during the pause.
 
 `safe_mode`, the other policy, is verified by `oracles.safe_mode`.
 """
