@@ -12,8 +12,8 @@ The core gives out each change of this memory as a record (`Keep`). All records 
               the latched faults, also those that the operator declared
               the quarantined PEs
 
-A fact may reach the disk later than the manager sends the frames that follow from it. So a restart may find an outdated
-fact. The only harm is one more epoch, since the PEs report what runs.
+The frames that follow from a fact may be sent before the fact is on disk, so a restart may find an outdated fact. The
+only harm is one more epoch, since the PEs report what runs.
 
 A restart forgets how long ago a fault was latched, and the losses of available PEs.
 """

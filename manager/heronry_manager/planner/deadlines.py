@@ -7,11 +7,11 @@ rule out its late messages, and neither of them excludes a legal plan.
 *window*: the time from its release until the latest moment at which its transmission may begin. Its first instance
 leaves in time if and only if the bus is free for it at some moment t in the window:
 
-    B + sum of ceil((t + 1) / T) x C  <=  t
+    B + sum of ceil((t + 1) / T) x C  <=  t          all in bit times
 
     B   the longest blocking by a frame that is already being sent
     T   period of a more urgent message; the sum is over all these messages
-    C   length of that message; all four in bit times
+    C   length of that message
 
 The sum grows only just after the moments t = k x T - 1. So few moments count: these, and the end of the window. The
 model has one literal for each of these moments. If the message is published, one of its literals must hold. A message
@@ -22,7 +22,7 @@ The condition is not added if it has too many moments, because the deadline is f
 not sufficient: it leaves out the jitter of the more urgent messages, and later instances of the message.
 
 *Not together* is a set of messages that must not all be published: a cut. It is added if a message is late although
-the solution meets the message's first condition, or if that condition is not in the model. The analysis names all
+the solution meets its condition *in time*, or if the model does not have this condition. The analysis names all
 messages on which the late message depends. Messages are taken out of this set, one after the other, as long as the late
 message stays late: the smaller the set, the more plans the cut rules out. A message that is late in a set is late in
 every larger set, since no message comes earlier because another one is added. It is also late if another message of the

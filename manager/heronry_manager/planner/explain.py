@@ -1,4 +1,4 @@
-"""Why a function is not served although faults alone allow it: it fits in no case, or others are more important.
+"""Why a function is not served although the faults alone would allow it: there is no room for it.
 
 `heronry_dg.why_not` finds causes that follow from faults alone. If there is no such cause, this file solves a smaller
 problem: can the function be served if no other function is wanted? If not, there is never room for it. If so, more

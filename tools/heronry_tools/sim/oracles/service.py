@@ -7,8 +7,9 @@ made for what the manager can know:
 
 - PEs that take no part in the epoch are down.
 - An element counts as failed from the moment at which its failure was acknowledged, or declared by the operator, until
-  it is cleared. Every element is down that counted as failed at some moment from shortly before PREPARE on.
-- The phase may be that of any such moment.
+  it is cleared. Every element is down that counted as failed at some moment from shortly before PREPARE until the
+  activation.
+- The phase and the priorities may be those of any such moment.
 
 Two kinds of epochs are not compared:
 

@@ -4,10 +4,10 @@ That core has no key, because its own nonces and command numbers would differ fr
 only the frames of PEs and managers that the key proves. `Authenticity` decides which frames these are, as in a standby
 manager. The sessions are those that the recorded WELCOMEs have opened. Each frame is treated by its kind:
 
-    a command          counts from the time of its TAG; a command that is never proven is left out
+    a command          is placed at the time of its TAG; a command that is never proven is left out
     a TAG              is left out
-    pages 0 and 1      carry a tag in the place of the digest; if the tag is right, the digest is put back, and if it is
-                       wrong, the page is left out
+    pages 0 and 1      carry a tag in the place of the digest; if the tag is right, the digest is put back; if the tag
+                       is wrong, the page is left out
     pages 2 and 3      are left out
     an EMCY            is placed after the page 0 that proves it; an EMCY about a channel needs no proof
     any other frame    is kept
