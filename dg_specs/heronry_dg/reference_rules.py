@@ -1,7 +1,8 @@
 """Checks between the elements of a spec, except in gates: every name refers to an element, and numbers fit together.
 
 Each check reads the draft of the spec (`draft`) and adds findings. A check skips every element with a mistake in its
-fields, since that mistake already has a finding. A reference to such an element counts as correct, since the element exists.
+fields, since that mistake already has a finding. A reference to such an element counts as correct, since the element
+exists.
 
 Source: docs/semantics.md, section 1; heronry_wire defines the ranges of node-IDs and of standard identifiers.
 """
