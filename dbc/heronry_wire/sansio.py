@@ -46,9 +46,10 @@ class Send(NamedTuple):
 class Withdraw:
     """Action: remove the frames with these identifiers from this node's queues, because they must not be sent any more.
 
-    Another node may be about to send under the same identifiers: it may begin when this node reports in a state frame
-    that it has stopped. The state frame is more urgent than data, so it would overtake data frames in the queue, and
-    these would be sent after the report. A frame that the controller already has leaves before the report.
+    When a state frame of this node reports that the node has stopped, another node may begin to send under the same
+    identifiers. This state frame is more urgent than data. So without this action it would overtake data frames in the
+    queue, and the node would send these after its report. A frame that the controller already has leaves before the
+    report.
     """
 
     identifiers: frozenset[int]

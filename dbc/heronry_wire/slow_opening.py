@@ -6,7 +6,8 @@ opens the bus, and the node polls for the result.
 
     under way   the thread waits in the back-end
     done        `result` is the bus, or the error; the thread has ended
-    abandoned   the node does not need the bus any more. If the thread still opens the bus, the thread closes it again
+    abandoned   the node does not need the bus any more. If the thread is still opening the bus, it closes the
+                bus afterwards
 
 In every state the thread ends when the process ends.
 """

@@ -187,8 +187,8 @@ def _circles(subject: Subject, findings: Findings) -> None:
 def _circle(rules_of: Mapping[str, When]) -> list[str]:
     """Give the phases of a shortest circle, in order; the list is empty if there is no circle.
 
-    The rule of each phase leads from the phase before it in the list to this phase; before the first phase is the last
-    one. All rules of the circle hold at one and the same value of the variable.
+    The rule of each phase leads from the phase before it in the list to this phase, and the rule of the first phase
+    leads from the last phase. All rules of the circle hold at one and the same value of the variable.
 
     rules_of: the rules that watch one variable, by the phase to which they lead.
     """

@@ -3,9 +3,10 @@
 The core gives out each change of this memory as a record (`Keep`). All records in order make the memory
 (`Memory.after`). The journal keeps the records on disk; `shell.journal` says which records a restart may lose.
 
-    numbers   the last term, and the last *reserved* epoch and counters. No such number may be used twice. Numbers are
-              reserved in blocks, so that the disk is written once per block. A reservation is on disk before the first
-              frame that uses it. So these numbers only rise, whatever else is lost
+    numbers   the last term, the last *reserved* epoch, and the last reserved number of each counter. None of these
+              numbers may be used twice. Numbers are reserved in blocks, so that the disk is written once per block. A
+              reservation is on disk before the first frame that uses it. So the numbers only rise, whatever else is
+              lost
     facts     what runs: epoch, digest, and the configuration as a row of `configuration_code`
               the mission phase
               the changed priorities, and the last request of each PE for a priority

@@ -1,7 +1,7 @@
 """Deadlines (semantics rule 9), added to the solver's model when a solution has missed one.
 
-Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed. There are two ways to
-rule out its late messages, and neither of them excludes a legal plan.
+Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed. Late messages of a
+solution are ruled out in two ways. Neither way excludes a legal plan.
 
 *In time* is a condition on one message. It is added once, and holds for every set of other messages. The message has a
 *window*: the time from its release until the latest moment at which its transmission may begin. Its first instance
@@ -25,8 +25,8 @@ not sufficient: it leaves out the jitter of the more urgent messages, and later 
 the solution meets its condition *in time*, or if the model does not have this condition. The analysis names all
 messages on which the late message depends. Messages are taken out of this set, one after the other, as long as the late
 message stays late: the smaller the set, the more plans the cut rules out. A message that is late in a set is late in
-every larger set, since no message comes earlier because another one is added. It is also late if another message of the
-set comes over more buses, since that message then has more jitter.
+every larger set, since a further message makes no message earlier. It is also late if another message of the set comes
+over more buses, since that message then has more jitter.
 """
 
 from collections.abc import Iterable, Iterator, Set

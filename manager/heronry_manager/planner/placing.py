@@ -1,4 +1,4 @@
-"""The first variables of the model (which module runs in which mode on which PE), and the rules that need no others.
+"""The first variables of the model (which module runs in which mode on which PE), and the rules on these variables.
 
 There is one boolean variable for each possible (module, mode, PE). `on` (per mode), `at` (per PE) and `runs` (per
 module) are sums of these variables; a sum with a single term is that variable itself.

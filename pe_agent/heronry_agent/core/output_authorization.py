@@ -29,13 +29,13 @@ this is checked before every output with the time of that moment, so that a paus
 
 *Doubt.* During a silence this PE may have been replaced. The first frame after the silence does not show whether it
 was. If another PE sends this frame, that PE may have just restarted, or may have been cut off, too. If it is an ALIVE
-of a manager that has just become active, it names every PE that this manager hears. So after a silence longer than
-T_lease this PE is in doubt, and holds its outputs back. There are two ways out of the doubt:
+of a manager that has just become active, it names every PE that this manager hears, also a replaced one. So after a
+silence longer than T_lease this PE is in doubt, and holds its outputs back. There are two ways out of the doubt:
 
 - An ALIVE names this PE and comes from a manager that has brought a configuration to GO_ALL. Before GO_ALL the PE that
   replaced this one may still drive the outputs.
-- This PE has heard other nodes for T_lease. If another PE had replaced this one, it would be among these nodes, and
-  would have reported its newer epoch in each period.
+- This PE has heard other nodes for T_lease since the silence. If another PE had replaced this one, it would be among
+  these nodes, and would have reported its newer epoch in each period.
 
 *Data frames of a module that may run elsewhere* have three more rules:
 

@@ -2,7 +2,7 @@
 
     StuckSensorMonitor  reports a sensor that has given exactly the same value for `patience_ns`. It suits only a sensor
                         whose last digit always changes (noise, a moving quantity)
-    ActuatorMonitor     computes where a healthy actuator would be, which follows its command with the lag `lag_s`. It
+    ActuatorMonitor     computes the position of a healthy actuator, which follows its command with the lag `lag_s`. It
                         reports an actuator that is further than `tolerance` from this position for `patience_ns`. An
                         actuator that is stuck at its command is not detected. A wrong position sensor looks like a
                         failed actuator; where there is a second actuator, the image `servo_monitor` of the shipped

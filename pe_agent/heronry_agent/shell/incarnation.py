@@ -7,7 +7,7 @@ further write to the disk. There are three ways to a new count:
     in one process       the last count is in memory, and the next count is the last one plus 1
     from start to start  a process begins with the count after the reserve on the disk (at random if the disk has none),
                          and writes a reserve of its own before it sends a frame
-    no disk              at the start there is no folder, or the disk is full or read-only, or it takes longer than
+    no disk              at the start there is no folder, or the disk is full, is read-only or takes longer than
                          `LONGEST_START_S` seconds. Then the count is drawn at random, and the other nodes do not
                          recognize one restart in 256. If the reserve can be read, the drawn count is neither the
                          reserve nor the count after it

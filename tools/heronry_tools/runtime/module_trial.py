@@ -1,9 +1,10 @@
 """Runs one module without a bus: builds it, and lets it compute some steps with the same inputs, as a partition would.
 
 The module runs in this process, by the code that runs it in a partition (`heronry_agent.shell.module_runner`). Time is
-the module's own: each step is one period after the step before, however long the computation takes here. The trial
-counts two things as a failure, as an agent does:
+the module's own: each step is one period after the step before, however long the computation takes here. Three
+things count as a failure, as on a PE:
 
+- an exception, or code that ends its process;
 - a value that a partition would refuse to send;
 - code that has not ended after a limit of time: an agent kills the partition of a module that hangs.
 """

@@ -15,9 +15,9 @@ A report of a PE shows which command it has accepted:
     it withdraws a fault      EMCY RESET                 a CLEAR of that element, a short time ago
 
 Each report must be explained by a proven command that was fresh for the PE when the command was sent. A command is
-*fresh* if its number is higher than the number of every command that the PE has certainly accepted. Those are the
-earliest commands that explain the PE's reports so far. One LEASE explains one acceptance, so a replay is detected as
-soon as a PE has accepted more LEASEs than were sent.
+*fresh* if its number is higher than the number of every command that the PE has certainly accepted. The commands that a
+PE has certainly accepted are the earliest ones that explain its reports so far. One LEASE explains one acceptance, so a
+replay is detected as soon as a PE has accepted more LEASEs than were sent.
 
 *Restart.* A PE that has restarted can only have heard commands sent since its start. Its first page 0 shows the
 restart, but comes up to a heartbeat period after the start. The PE may have received a WELCOME and a PREPARE by then.

@@ -1,7 +1,7 @@
 """A term has one manager, and no node goes back to an older term; verified from the managers' bus.
 
-*One manager per term.* All commands that name the same term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) come from
-the identifiers of one manager. The term of a manager never falls.
+*One manager per term.* LEASE, ALIVE, PREPARE, ACTIVATE, PING and CONTROL name a term. All commands that name the same
+term come from the identifiers of one manager. The term of a manager never falls.
 
 Two managers with the same node-ID may use one term, but only for a time: within `_TOGETHER_LEASES` times T_lease each
 must notice the other, and one must fall silent. This time does not run in two cases:

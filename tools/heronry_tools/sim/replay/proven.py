@@ -9,7 +9,8 @@ manager. The sessions are those that the recorded WELCOMEs have opened. Each fra
     pages 0 and 1      carry a tag in the place of the digest; if the tag is right, the digest is put back; if the tag
                        is wrong, the page is left out
     pages 2 and 3      are left out
-    an EMCY            is placed after the page 0 that proves it; an EMCY about a channel needs no proof
+    an EMCY            is placed after the page 0 that proves it, and left out without proof; an EMCY about a channel is
+                       kept, since it needs no proof
     any other frame    is kept
 
 A manager that has restarted does not know the sessions from before its restart. So in the flight it cannot authenticate
