@@ -1,14 +1,15 @@
-"""Limits of a system on the bus: how many elements of each kind a frame or an object of a PE can number.
+"""Limits of a system on the bus: how many elements of each kind can be numbered in a frame or in a CANopen object.
 
-Each limit follows from the width of the field that holds the index. An element beyond the limit cannot be addressed: a
+Each limit follows from the width of the field that holds the number. An element beyond the limit cannot be addressed: a
 slice that is too long would be refused each time it is sent, and two devices with the same number could not be told
-apart. So `heronry check` and the compiler of tables refuse such a spec (`heronry_dg.wire_limits`).
+apart. So `heronry check` and the compiler of tables refuse a spec beyond a limit (`heronry_dg.wire_limits`).
 
 Other numbers need no limit in this file:
 
     node-IDs, identifiers      `identifiers` refuses what does not fit
     versions, restarts         the schema of a spec limits them; a version has four bits of the status byte
-    terms, epochs, sequences   after the largest number, terms give an error; epochs and sequences begin anew
+    terms                      after the largest term, there is an error
+    epochs, sequence numbers   after the largest number, they begin anew
     contingencies              a contingency with a number above 4 095 is sent as slices
 """
 

@@ -1,21 +1,20 @@
 """Finds the lost channel of a replicated bus: for one node, a channel without frames while the other channel has some.
 
 A node sees two kinds of signs of life on a channel: a frame of another node has come, and a frame of this node has
-left.
+left. For each kind, the last sign on one channel is compared with the last sign on the other channel.
 
     well    both channels give signs of life, or neither does: on a silent bus nothing can be decided
-    lost    one channel has given no sign for `misses` heartbeat periods and a quarter, while the other channel did.
-            Every node sends in every period, so a silence of that length is a failure
-    well    again once the channel has given signs for ten periods without such a gap: an intermittent channel stays
-            lost
+    lost    in one of the two kinds, the channel has given no sign for `misses` heartbeat periods and a quarter, while
+            the other channel did. Every node sends in every period, so a silence of that length is a failure
 
-A channel that lacks one of the two kinds is lost for this node, so a wire that is broken in one direction is found too.
-One node cannot tell whether the channel or only its own wire has failed; the manager can, from the reports of all
-nodes.
+A lost channel is well again when it has given signs for ten periods without such a gap. So an intermittent channel
+stays lost.
 
-A sign is compared only with the last sign of the same kind on the other channel. So neither a pause of the process nor
-a silent bus makes a channel lost. A late frame is a late sign; after a lost frame the next frame is the sign; a doubled
-frame changes nothing.
+One kind without signs is enough: so a wire that is broken in one direction is found, too. One node cannot tell whether
+the channel or only its own wire has failed. The manager can, from the reports of all nodes.
+
+Neither a pause of the process nor a silent bus makes a channel lost, since then the signs of both channels are missing.
+A late frame is a late sign; after a lost frame the next frame is the sign; a doubled frame changes nothing.
 """
 
 from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns

@@ -1,4 +1,4 @@
-"""The report of a gateway on a radio to which it leads: which share of the radio's bandwidth can be used.
+"""The report of a gateway on its radio: which share of the radio's bandwidth can be used.
 
     LINK, of radio r       291 + r       sent toward the manager by the gateway between r and the manager
 

@@ -1,7 +1,8 @@
-"""Converts between python-can and this project: messages to frames, errors to one sentence; counts lost frames.
+"""Converts between python-can and this project, and counts lost frames.
 
-A back-end may raise any exception: its own errors, those of the kernel, a NameError where its library is missing. Where
-a remedy is known, the sentence gives the remedy in place of the exception's text.
+A message of python-can becomes a frame. An exception becomes one sentence: a back-end may raise any exception, for
+example its own errors, those of the kernel, or a NameError where its library is missing. Where a remedy is known, the
+sentence gives the remedy in place of the exception's text.
 """
 
 import errno

@@ -4,21 +4,22 @@ To its caller a replicated link is one bus (`AnyLink`): the driver of a node sen
 from whichever channel brings it. `channel_merge` decides which copy is taken, and `channel_watch` which channel is
 lost. Each channel is a `Link` with a queue of its own, and neither waits for the other:
 
-    both well      each sends the most urgent frame first. When a frame has left one channel, its copy on the other has
-                   a quarter of a heartbeat period left to start, and is then dropped: a late copy is of no use
-    one lags       (noise, a full queue, an error-passive controller) a copy that waits too long for this channel is
-                   dropped. A frame that the controller already has cannot be withdrawn. If such a frame comes late, a
-                   receiver does not take it until the other channel brings it, too (`channel_merge`)
-    one is lost    (the interface is gone, bus-off, the wire is cut) the bus works with the other channel.
-                   `lost_channels` names the lost channel after `misses` heartbeats, and its link reports an event. The
-                   link tries to open the channel again and again
+    both well      each channel sends the most urgent frame first. When a frame has left one channel, its copy on the
+                   other channel is dropped if it cannot start within a quarter of a heartbeat period: a late copy is of
+                   no use
+    one lags       because of noise, a full queue or an error-passive controller: the copies that wait too long for this
+                   channel are dropped. A frame that the controller already has cannot be withdrawn. If such a frame
+                   comes late, a receiver does not take it until the other channel brings it, too (`channel_merge`)
+    one is lost    because the interface is gone, the controller is bus-off or the wire is cut: the bus works with the
+                   other channel. `lost_channels` names the lost channel after `misses` heartbeats, and its link reports
+                   a link status event. The link tries to open the channel again and again
     both are lost  the bus is lost, since the time at which the second channel was lost (`off_since_ns`). When one
                    channel returns, the bus is no longer lost
     one returns    the channel is used immediately, with the same rule for late frames. The channel counts as lost until
                    it has kept up for ten periods
 
-A break of a node's own wire looks to that node like a lost channel. So does a break of a sender's wire, but only for
-the frames of that sender.
+A node cannot tell a break of its own wire from a lost channel. If the wire of a sender is broken, the channel seems
+lost to the other nodes, too, but only for the frames of that sender.
 
 At the start one channel may be missing, since a node must come up in flight when a wire has failed: LinkError is raised
 only if neither channel can be opened.

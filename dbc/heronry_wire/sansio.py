@@ -46,9 +46,10 @@ class Send(NamedTuple):
 class Withdraw:
     """Action: remove the frames with these identifiers from this node's queues, because they must not be sent any more.
 
-    Another node may be about to send under the same identifiers. The state frame in which this node reports that it has
-    stopped is more urgent than data, so it would overtake data frames in the queue. A frame that the controller already
-    has leaves before that report.
+    When a state frame of this node reports that the node has stopped, another node may begin to send under the same
+    identifiers. This state frame is more urgent than data. So without this action it would overtake data frames in the
+    queue, and the node would send these after its report. A frame that the controller already has leaves before the
+    report.
     """
 
     identifiers: frozenset[int]
@@ -58,8 +59,9 @@ class Withdraw:
 class StandBack:
     """Action: on one port, send only frames with a higher priority than data, until `until_ns` on the core's clock.
 
-    A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn. Such a
-    frame waits for the data of all other nodes, and the answer of this node to the manager would wait behind the frame.
+    A core requests this during a reconfiguration, so that its answers to the manager are sent at once. A data frame in
+    the controller's mailbox cannot be withdrawn. It waits until the more urgent data of all other nodes are sent, and
+    an answer would have to wait behind it.
     """
 
     port: int
@@ -76,7 +78,7 @@ class InvariantError(AssertionError):
 def require(condition: bool, story: str, *facts: object) -> None:
     """Raise InvariantError with the text `story` if `condition` is false, also under `python -O`.
 
-    The further arguments replace the `{}` in the text, one each. The text is formatted only on failure, because this
+    Each `{}` in the text is replaced by one of `facts`, in order. The text is formatted only on failure, because this
     function runs after every step.
     """
     if not condition:

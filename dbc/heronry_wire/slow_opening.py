@@ -6,9 +6,10 @@ opens the bus, and the node polls for the result.
 
     under way   the thread waits in the back-end
     done        `result` is the bus, or the error; the thread has ended
-    abandoned   the node does not need the bus any more: if the thread still opens the bus, it closes the bus again
+    abandoned   the node does not need the bus any more. If the thread is still opening the bus, it closes the
+                bus afterwards
 
-The thread ends with the process, in any state.
+In every state the thread ends when the process ends.
 """
 
 from collections.abc import Callable

@@ -1,10 +1,12 @@
 """A bus that a socketcand server offers over TCP (github.com/linux-can/socketcand), read through python-can.
 
-The channel names the bus, as INTERFACE@HOST:PORT; without HOST:PORT in the channel, can.conf must name the server.
-python-can alone would try to reach a missing server again and again without a pause, and would wait for an answer for
-ever. Here a missing server is an error immediately, and a silent server after `SERVER_S` seconds. This file also gives
-the TCP connection that python-can hides. A node waits for frames on this connection. The node also has to test whether
-the server has closed the connection, because a closed connection stays readable.
+The channel names the bus, as INTERFACE@HOST:PORT; without HOST:PORT in the channel, can.conf must name the server. This
+file adds two things to python-can:
+
+- *Limits of time.* python-can tries to reach a missing server again and again without a pause, and waits for an answer
+  for ever. Here a missing server is an error immediately, and a silent server after `SERVER_S` seconds.
+- *The TCP connection*, which python-can hides. A node waits for frames on this connection. The node also has to test
+  whether the server has closed the connection, because a closed connection stays readable.
 """
 
 import logging

@@ -6,12 +6,12 @@
     page 3   with a key: the digest of the running configuration, and the number of refused commands
 
 Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. A new
-flag is a member of `PeFlags`, and takes the highest bit of the field `state`, which no state uses yet. A new field of a
-page is a `Field` in the page's layout and a field in its dataclass, in the same order.
+flag is a member of `PeFlags`; its bit is the highest bit of the field `state`, which no state uses yet. A new field of
+a page is a `Field` in the page's layout and a field in its dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state`
-takes a digest or tag out, and `joined_state` puts a tag in. The functions below that give a single field are faster
-than decoding the whole page; only this file contains the positions of the bytes.
+takes a digest or tag out, and `joined_state` puts a tag in. Some functions below give a single field, and are faster
+than decoding the whole page. Only this file contains the positions of the bytes.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 

@@ -1,7 +1,8 @@
-"""Checks between the elements of a spec, except gates: names refer to something, and numbers fit one another.
+"""Checks between the elements of a spec, except in gates: every name refers to an element, and numbers fit together.
 
 Each check reads the draft of the spec (`draft`) and adds findings. A check skips every element with a mistake in its
-fields, since that mistake already has a finding. A reference to such an element is correct, since its name exists.
+fields, since that mistake already has a finding. A reference to such an element counts as correct, since the element
+exists.
 
 Source: docs/semantics.md, section 1; heronry_wire defines the ranges of node-IDs and of standard identifiers.
 """
@@ -147,10 +148,10 @@ class _ReferenceRules:
                 )
 
     def modules(self) -> None:
-        """Check that everything exists that modules, their modes and DEMUXes name, except in gates.
+        """Check the names that modules, their modes and DEMUXes use, except in gates: the named elements exist.
 
-        A variable must have each version of it that a mode gives. If a module has a device, `runs_on` must allow the
-        device's PE.
+        If a mode gives a version of a variable, the variable must have this version. If a module has a device,
+        `runs_on` must allow the device's PE.
         """
         for module in self._draft.modules.values():
             if module.form is not None:

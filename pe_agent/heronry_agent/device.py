@@ -2,20 +2,26 @@
 
 A *device driver* opens the devices of one PE by name. A sensor returns a reading: a value, the time at which the value
 was taken, and whether the value may be used. An actuator takes a command, returns the value to which it really moved,
-and has a safe action for the time when no module drives it. A package offers a driver under the entry point
-`heronry.devices` (pyproject.toml): a callable that takes the take-off time of a simulated flight on the monotonic
-clock, in ns, and gives a `DeviceDriver`. The plant of the shipped aircraft is such a driver, and so are the drivers of
-real devices. docs/modules.md shows an example.
+and has a safe action for the time when no module drives it.
+
+A package offers a driver under the entry point `heronry.devices` (pyproject.toml): a callable that takes the take-off
+time of a simulated flight on the monotonic clock, in ns, and gives a `DeviceDriver`. The plant of the shipped aircraft
+is such a driver, and so are the drivers of real devices. docs/modules.md shows an example.
 
 The agent calls the driver in its own process. It commands an actuator only if the output is authorized at that moment
 (protocol rule 6). Each method of a driver must return within a few hundred microseconds. Slower work belongs in a
 thread or process of the driver; `read` then returns the newest reading that this thread or process has taken.
 
-The agent calls for the safe action (`make_safe`) when the module stops, even if it will be restarted; when the module
-is given up; when its partition ends; and when the agent starts anew or ends in order. The call may come twice, and
-before any command. When a module only changes its mode, no call comes. While an output is not authorized the agent
-neither commands the actuator nor calls for the safe action: the actuator stays as it is. An agent that is killed makes
-no call; for that case the hardware needs a watchdog.
+The agent calls for the safe action (`make_safe`)
+
+- when the module stops, even if it will be restarted;
+- when the module is given up;
+- when the module's partition ends;
+- when the agent starts anew, or ends in order.
+
+A driver must expect this call twice in a row, and also before the first command. When a module only changes its mode,
+no call comes. While an output is not authorized the agent neither commands the actuator nor calls for the safe action:
+the actuator stays as it is. An agent that is killed makes no call; for that case the hardware needs a watchdog.
 
 An exception of a driver does not end a running agent: after an exception of `read` the reading counts as missing, and
 after an exception of `command` the command has failed, with the exception as the reason.

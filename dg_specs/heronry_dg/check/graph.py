@@ -7,8 +7,8 @@ Consequences of a mistake are not reported. If no module gives an input, there i
 about the module that therefore never runs. Unused parts are reported only if all inputs can be wired. For example, if a
 driver is missing, the input that nothing gives is reported, and not the device that has no driver.
 
-How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
-findings of it, and call the function in `check`.
+How a rule is added: define the rule in rules/graph.py. Write a function `_thing(subject, findings)` in this file that
+adds the findings of the rule, and call this function in `check`.
 """
 
 from collections import defaultdict
@@ -185,9 +185,10 @@ def _circles(subject: Subject, findings: Findings) -> None:
 
 
 def _circle(rules_of: Mapping[str, When]) -> list[str]:
-    """Give the phases of a shortest circle: the rule of each phase leads to it from the phase before in the list.
+    """Give the phases of a shortest circle, in order; the list is empty if there is no circle.
 
-    All rules of the circle hold at one and the same value of the variable. The list is empty if there is no circle.
+    The rule of each phase leads from the phase before it in the list to this phase, and the rule of the first phase
+    leads from the last phase. All rules of the circle hold at one and the same value of the variable.
 
     rules_of: the rules that watch one variable, by the phase to which they lead.
     """
@@ -255,7 +256,7 @@ def _has_modes(subject: Subject, module: Module) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Possible:
-    """Tells whether the gates of a module can hold in the best case, if as many other modules as possible run.
+    """Tells whether the gates of a module can hold when as many other modules as possible run.
 
     The answer is no only if it is certain that a gate cannot hold.
     """
@@ -294,9 +295,10 @@ class _Possible:
         """Give the names of the modules and DEMUXes that could be wired to a leaf while this module runs.
 
         The name of a DEMUX stands for its branches, or for its ends. This module may itself be a branch or an end of a
-        DEMUX. No other branch or end of that DEMUX runs at the same time. So that DEMUX is given only if this module
-        itself gives what the leaf accepts.
-        None: no module gives what the leaf accepts.
+        DEMUX. While it runs, no other branch or end of that DEMUX runs. So the result names that DEMUX only if this
+        module itself gives what the leaf accepts.
+
+        Returns None if no module gives what the leaf accepts.
         """
         if not self.wiring.is_given(leaf):
             return None

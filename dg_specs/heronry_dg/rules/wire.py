@@ -3,8 +3,8 @@
 These rules say that identifiers are used as CANaerospace assigns them, that there are enough of them, that critical
 data arrive first, and that bit rates are those of CAN controllers.
 
-check/wire.py checks these rules in a spec that loads. Two variables with one identifier are DG218, which stops a spec
-from being loaded. How a rule is added is shown in rule.py.
+check/wire.py checks these rules in a spec that loads. If two variables have the same identifier, this is DG218, which
+stops a spec from being loaded. How a rule is added is shown in rule.py.
 """
 
 from typing import Final

@@ -1,11 +1,12 @@
-"""The reports of a manager that only advises: what it would deploy, and what another manager was seen to deploy.
+"""The reports of a manager that only advises: it commands no PE, and tells the operator what it would deploy.
 
     advised    a plan was made that differs from the running configuration; the event `advice` lists the changes
-    adopted    the PEs report the advised configuration, or one that was overheard (`following`): what runs is known
+    adopted    the PEs run the advised configuration, or one that another manager was heard to activate (`following`):
+               what runs is known
     unknown    the PEs run any other configuration: what runs is not known, and nothing is advised
 
-A state of a PE that reports the known configuration changes nothing. If a state is late or lost, the next one replaces
-it.
+If a state of a PE is late or lost, the next state of this PE replaces it. A state that reports the known configuration
+changes nothing, so a doubled state has no effect.
 """
 
 from heronry_dg.plan import Plan

@@ -1,14 +1,17 @@
-"""The active manager announces the phase, priorities and latched faults to the standby manager (CONTROL).
+"""The active manager announces what a standby manager must know: the phase, priorities, latched faults, a held script.
 
-A *fact* is one such announcement: CONTROL HOLDS with the phase, a latched fault, a changed priority or a held script;
-or CONTROL CLEAR with a function that has the priority of the spec, if a PE's request for a priority of this function
-was executed.
+A *fact* is one such announcement:
 
-The manager announces one fact at a time: a new fact with the next beat, the others in turn, one with every
-ANNOUNCED_EVERY-th beat. Before each answer to a request for a phase or a priority, the manager announces the phase or
-the priority once more, since a standby manager that has just started may not have heard it yet. When the phase has its
-turn, the manager also announces which requests for phases were executed. When a priority has its turn, the manager also
-announces which requests for this priority were executed.
+- CONTROL HOLDS with the phase, a latched fault, a changed priority or a held script;
+- CONTROL CLEAR with a function that has the priority of the spec, if the manager has executed a PE's request for a
+  priority of this function.
+
+The manager announces one fact at a time. A new fact comes with the next beat. The other facts take turns: one of them
+comes with every ANNOUNCED_EVERY-th beat.
+
+The manager also announces which requests of PEs it has executed: when the phase has its turn, the requests for phases;
+when a priority has its turn, the requests for this priority. Before each answer to a request, the manager announces the
+phase or the priority once more, since a standby manager that has just started may not have heard it yet.
 
 A PE uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a
 fact hears it again later. It drops a fact that it has not heard for some turns (`known_situation`).

@@ -1,17 +1,20 @@
-"""What a manager must not forget when it restarts, and the records that change it.
+"""What a manager must not forget when it restarts: numbers and facts.
 
-The core gives out every change of its memory as a record (`Keep`): all records in order make the memory
+The core gives out each change of this memory as a record (`Keep`). All records in order make the memory
 (`Memory.after`). The journal keeps the records on disk; `shell.journal` says which records a restart may lose.
 
-Two kinds of things are remembered:
+    numbers   the last term, the last *reserved* epoch, and the last reserved number of each counter. None of these
+              numbers may be used twice. Numbers are reserved in blocks, so that the disk is written once per block. A
+              reservation is on disk before the first frame that uses it. So the numbers only rise, whatever else is
+              lost
+    facts     what runs: epoch, digest, and the configuration as a row of `configuration_code`
+              the mission phase
+              the changed priorities, and the last request of each PE for a priority
+              the latched faults, also those that the operator declared
+              the quarantined PEs
 
-    numbers   the last term, and the last *reserved* number of every kind that must never be used twice (epochs,
-              counters). Numbers are reserved in blocks, so that the disk is written once per block. A reservation is on
-              disk before the first frame that uses it: numbers only rise, whatever else is lost
-    facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`); the mission phase; the
-              changed priorities, with the last request of each PE for a priority; latched faults (also those that the
-              operator ordered); and which PEs are quarantined. A fact may be on disk only after the frames
-              that follow it are sent. The PEs report what runs. So the only harm of an outdated fact is one more epoch
+The frames that follow from a fact may be sent before the fact is on disk, so a restart may find an outdated fact. The
+only harm is one more epoch, since the PEs report what runs.
 
 A restart forgets how long ago a fault was latched, and the losses of available PEs.
 """

@@ -8,27 +8,30 @@
     DONE        every awaited PE is ACTIVE (a PE that is admitted to the epoch later still gets its slice)
     ABANDONED   given up before ACTIVATE: the number is never used again
 
-A step is skipped when there is nothing to wait for. Every message is repeated until it is acknowledged. The first
-repetition comes after a heartbeat period, since without losses no answer takes so long (`reconfiguration_bound` checks
-that). Each further wait is twice as long. So a lost frame delays little, a doubled frame has no effect, and a slow PE
-is not flooded. If the manager has waited for one answer of a PE for PATIENCE_PERIODS, the PE is overdue; the core fails
-it and plans without it. After the first ACTIVATE only a newer epoch can follow.
+BREAKING and HOLDING are left out when there is nothing to wait for. After the first ACTIVATE the epoch cannot be given
+up: only a newer epoch can follow.
 
 *Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice, too, and takes its
-steps when LEASE repeats them. The epoch waits for such a PE only if that PE must break first. So the aircraft depends
-on the ground as little as possible.
+steps when LEASE repeats them. The epoch waits for such a PE in one case: if the PE must give up something exclusive. So
+the aircraft depends on the ground as little as possible.
 
-PREPARE refers to a configuration that is on board (protocol rule 5) by its number. A PE that holds the configuration
-needs no slice. A PE that reports NOT_ON_BOARD, or is known not to hold it, gets its slice as usual.
+*On board.* If a PE holds the configuration (protocol rule 5), it needs no slice: PREPARE gives the number of the
+configuration in the table. A PE that reports NOT_ON_BOARD, or is known not to hold the configuration, gets its slice as
+usual.
 
-An answer names its epoch and how far the PE is, so a late or doubled answer counts once. After a pause of the manager,
-the driver hands over all waiting frames before any PE counts as overdue (`driver`). A manager that restarts does not
-know an epoch that was under way. A PE that has taken a step of that epoch reports the epoch. The next mastership then
-adopts the epoch if all PEs run it, and opens another epoch if not.
+*Repetition.* Every message is repeated until it is acknowledged. The waits before the repetitions are 1, 2, 4, and then
+always 8 heartbeat periods. So a lost frame delays little, and a slow PE is not flooded. The first wait is long enough:
+without losses no answer takes so long (`reconfiguration_bound` checks that). If the manager has waited for one answer
+of a PE for PATIENCE_PERIODS, the PE is overdue; the core fails it and plans without it. After a pause of the manager,
+the driver hands over all waiting frames before any PE counts as overdue (`driver`).
 
-Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
-and ACTIVATE are for all PEs, and all PEs answer them: however many PEs are late, these commands are repeated once in
-half a heartbeat period at most.
+*Load on the bus.* PREPARE and ACTIVATE are for all PEs, and all PEs answer them. So these commands are repeated once in
+half a heartbeat period at most, however many PEs are late. Slices are paced to half the bus, because their identifier
+outranks all data; the head of a slice goes just before its body.
+
+*Faults.* An answer names its epoch and how far the PE is, so a late or doubled answer counts once. A doubled command
+has no effect. A manager that restarts does not know an epoch that was under way. A PE that has taken a step of that
+epoch reports the epoch. The next mastership then adopts the epoch if all PEs run it, and opens another epoch if not.
 """
 
 from collections import deque

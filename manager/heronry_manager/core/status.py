@@ -7,22 +7,24 @@ and changes none.
     manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
                     or null), standstills (times, long_times, last_long_ms, longest_ms)
     next            epoch that is being prepared, or null
-    unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null. It
-                    is null in all other cases, also while the manager stands by
-    pes             by name: state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns, authentic
-                    (null without a key; else is_believed, refused_states, unproven_reports: EMCYs in its name that were
-                    never proven, and refused_commands as the PE reports them), standstills (as last read from the PE;
-                    null: not read yet), held (null, or modules, why and for_ns: exclusive outputs that the PE holds
-                    back for longer than T_lease)
-    priorities      changed ones, by function: priority, by ("operator" or "module")
+    unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null. In
+                    all other cases `unknown_epoch` is null, also while the manager stands by
+    pes             by name:
+                    state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns
+                    authentic     null without a key; otherwise is_believed, refused_states, unproven_reports (EMCYs in
+                                  the name of the PE that were never proven), refused_commands (as the PE reports them)
+                    standstills   as last read from the PE; null: not read yet
+                    held          exclusive outputs that the PE has held back for longer than T_lease: modules, why,
+                                  for_ns; null: there are none
+    priorities      changed priorities, by function: priority, by ("operator" or "module")
     latched         list of element, by, code, detail, for_ns
-    failures        last failure of each module, as its PE gives it: list of element, by, text, for_ns
+    failures        last failure of each module, as its PE reports it: list of element, by, text, for_ns
     links           by name of the radio: state, limit (per mille of its bit rate, with which the manager plans), usable
                     (per mille of its bit rate, as reported last), delivered (per cent), queued, dropped
-    channels        of replicated buses, by name (can0.1): the nodes that hear nothing on it
+    channels        channels of replicated buses, by name (can0.1): the nodes that hear nothing on the channel
     disagreements   list of module (a comparator), by, detail
-    functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the epoch's plan; if that
-                    is not known, served, mode and value are null)
+    functions       by name: wanted, criticality, priority, served, mode, value, why_not; the last four are those of the
+                    epoch's plan. If the plan is not known, served, mode and value are null
     script          state (none, asked, held, refused, ended) and why
     buses           by name: bits_per_s and load, as planned
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs

@@ -3,16 +3,16 @@
 A module sees a device that it drives, or another module whose data it reads. If a PE or a bus fails, the module only
 sees that some data do not come. So a report alone makes no PE and no bus count as failed:
 
-    a PE     the manager sends it a PING. If the PE answers, it stays available; if it is silent, it is lost like any
-             other PE (`health`)
-    a bus    never counts as failed because of a report. The manager's own bus works, since it has carried the report.
-             Every other bus leads to PEs that can be reached over that bus alone, since the buses form a forest. The
-             bus works as long as one of these PEs is available. If all of them are lost, the plan does without them
-             already, and they may return
+    a PE                     the manager sends it a PING. If the PE answers, it stays available; if it is silent, it is
+                             lost like any other PE (`health`)
+    the manager's own bus    works, since it has carried the report
+    any other bus            leads to PEs that can be reached only over this bus, since the buses form a forest. If one
+                             of these PEs is available, the bus works. If all of them are lost, the plan does without
+                             them already, and they can come back at any time
 
-An event reports each suspicion with the evidence (`suspicion`), and another event what was found
-(`suspicion_assessed`). A PE repeats its report every second while its module sees the fault, so a lost or doubled
-report changes nothing. A forged report leads to a PING. A manager that restarts forgets suspicions.
+The event `suspicion` reports each suspicion with the evidence, and the event `suspicion_assessed` reports what was
+found. A PE repeats its report every second while its module sees the fault, so a lost or doubled report changes
+nothing. A forged report only leads to a PING. A manager that restarts forgets suspicions.
 """
 
 from heronry_dg.model import Spec

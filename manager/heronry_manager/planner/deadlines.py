@@ -1,25 +1,32 @@
 """Deadlines (semantics rule 9), added to the solver's model when a solution has missed one.
 
-Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed, and its late messages
-are ruled out in one of two ways.
+Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed. Late messages of a
+solution are ruled out in two ways. Neither way excludes a legal plan.
 
-*In time.* A message has a *window*: the time from its release until the latest moment at which its transmission may
-begin. The first instance of the message leaves in time if and only if the bus is free for it at some moment t in the
-window: B + sum of ceil((t + 1) / T) x C over all more urgent messages is at most t. Here B is the longest blocking by a
-frame that is already being sent, and T and C are period and length of a more urgent message, all in bit times. The sum
-only grows just after multiples of the periods T, so few moments count: these multiples, and the end of the window. The
-model has one literal for each moment, and one of the literals must hold if the message is published. A message that
-comes over a gateway needs a moment on either bus, and both waits together must fit its deadline: then there is one
-literal for each pair of moments. The condition is added once for a message, and holds for every set of other messages.
-It is not added if the deadline is so far away that there are too many moments. The condition is necessary, not
-sufficient: it leaves out the jitter of the more urgent messages, and later instances of the message.
+*In time* is a condition on one message. It is added once, and holds for every set of other messages. The message has a
+*window*: the time from its release until the latest moment at which its transmission may begin. Its first instance
+leaves in time if and only if the bus is free for it at some moment t in the window:
 
-*Not together.* If a message is late all the same, the model gets a cut: a set of messages that must not all be
-published. The analysis names all messages on which the late one depends. That set is shrunk, one message after the
-other, as long as the message is still late: the smaller the set, the more plans its cut rules out. Leaving a message
-out makes no other one later, so a message that is late in a set is late in every larger set. A set in which one of the
-messages comes over more buses also counts as larger, since that message then has more jitter. Neither way excludes a
-legal plan.
+    B + sum of ceil((t + 1) / T) x C  <=  t          all in bit times
+
+    B   the longest blocking by a frame that is already being sent
+    T   period of a more urgent message; the sum is over all these messages
+    C   length of that message
+
+The sum grows only just after the moments t = k x T - 1. So few moments count: these, and the end of the window. The
+model has one literal for each of these moments. If the message is published, one of its literals must hold. A message
+that comes over a gateway needs a moment on each of the two buses, and both waits together must fit its deadline. So it
+has one literal for each pair of moments; if there are too many pairs, only the second bus is considered.
+
+The condition is not added if it has too many moments, because the deadline is far away. The condition is necessary, but
+not sufficient: it leaves out the jitter of the more urgent messages, and later instances of the message.
+
+*Not together* is a set of messages that must not all be published: a cut. It is added if a message is late although
+the solution meets its condition *in time*, or if the model does not have this condition. The analysis names all
+messages on which the late message depends. Messages are taken out of this set, one after the other, as long as the late
+message stays late: the smaller the set, the more plans the cut rules out. A message that is late in a set is late in
+every larger set, since a further message makes no message earlier. It is also late if another message of the set comes
+over more buses, since that message then has more jitter.
 """
 
 from collections.abc import Iterable, Iterator, Set
@@ -59,7 +66,7 @@ class _Room:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """A moment at which a message could leave, if all more urgent bits were sent before.
+    """A moment at which a message could leave, if the bits of all more urgent messages were sent before.
 
     end: the moment, in bit times of the bus.
     always: bits that are sent before `end` in any case.
@@ -146,10 +153,10 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition, in ns, that a message leaves on two buses in time, in spite of more urgent messages.
+        """Return the condition, in ns, that a message leaves on both buses in time, in spite of more urgent messages.
 
-        before, first: the hop on the first bus, and the moment at which the message leaves there. hop, then: the same
-        on the second bus.
+        before, first: the hop on the first bus, and the moment at which the message leaves there.
+        hop, then: the hop on the second bus, and the moment at which the message leaves there.
         """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}

@@ -1,8 +1,9 @@
-"""Why a function is not served although it could run: there is never room for it, or others are more important.
+"""Why a function is not served although the faults alone would allow it: there is no room for it.
 
 `heronry_dg.why_not` finds causes that follow from faults alone. If there is no such cause, this file solves a smaller
-problem: can the function be served if no other function is wanted? Deadlines are analysed with the identifiers of the
-whole spec, since these identifiers are used on the bus.
+problem: can the function be served if no other function is wanted? If not, no plan has room for it. If so, more
+important functions take the room. Deadlines are analysed with the identifiers of the whole spec, since these
+identifiers are used on the bus.
 """
 
 from dataclasses import replace

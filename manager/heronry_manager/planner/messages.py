@@ -1,17 +1,20 @@
-"""Messages between the planner's process and its client: one JSON object a line, in both directions.
+"""Messages between the planner's process and its client: one JSON object per line, in both directions.
 
-    request   {"request": 7, "down": ["pe:nav"], "limits": {"bus:radio": "2/5"}, "phase": "glide",
-               "priorities": {"imaging": 7},
-               "running": {"autopilot": ["full", "nav"]}}            running: null if no running configuration is known
-    answers   {"ready": true}                 once, at the start: the spec has been read
-              {"request": 7, "modules": {..}, "objective": [..], "bounds": [..]}      the plan found: the modules as in
-                                                                                      a plan file, ten integers
-                                                                                      (`Objective.key`), and their upper
-                                                                                      bounds
-              {"request": 7, "error": TEXT}   no plan, and why; request is null if the request could not be read
+The client sends requests; `running` is null if no running configuration is known:
 
-The process inherits the spec as an open file. A line that cannot be read raises `MessageError`, since a client and its
-own process send such a line only because of a defect.
+    {"request": 7, "down": ["pe:nav"], "limits": {"bus:radio": "2/5"}, "phase": "glide", "priorities": {"imaging": 7},
+     "running": {"autopilot": ["full", "nav"]}}
+
+The process sends three kinds of answers:
+
+    {"ready": true}                 once, at the start: the spec has been read
+    {"request": 7, "modules": {..}, "objective": [..], "bounds": [..]}
+                                    the plan found: the modules as in a plan file, ten integers (`Objective.key`), and
+                                    their upper bounds
+    {"request": 7, "error": TEXT}   no plan, and why; `request` is null if the request could not be read
+
+The process inherits the spec as an open file. A line that cannot be read raises `MessageError`: a client and its own
+process send such a line only because of a defect.
 """
 
 import json

@@ -1,11 +1,14 @@
-"""The first variables of the model (which module runs in which mode on which PE), and the rules on these alone.
+"""The first variables of the model (which module runs in which mode on which PE), and the rules on these variables.
 
 There is one boolean variable for each possible (module, mode, PE). `on` (per mode), `at` (per PE) and `runs` (per
 module) are sums of these variables; a sum with a single term is that variable itself.
 
-This part of the model ensures these rules of docs/semantics.md, section 3: semantics rules 1 (place: a PE that cannot
-run the module has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE),
-8 (placement rules).
+This part of the model ensures these rules of docs/semantics.md, section 3:
+
+    semantics rule 1   place: a PE that cannot run the module has no variable
+    semantics rule 4   at most one branch, and one end, of a DEMUX
+    semantics rule 7   CPU, memory and flash of each PE
+    semantics rule 8   placement rules
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -111,10 +114,13 @@ class Placing(Choice):
     def count_parts(self) -> None:
         """Add constraints that follow because a module is indivisible.
 
-        A PE has no room for three modules that each need more than a third of its CPU, nor for four modules that each
-        need more than a fourth. A module that needs more than two thirds counts as two, and so on. The solver finds the
-        case of two halves by itself, but not the cases of thirds and fourths: its linear relaxation fills the remaining
-        room with a part of a module.
+        A PE has no room for three modules that each need more than a third of its CPU. In this count, a module that
+        needs more than two thirds counts as two. Nor has a PE room for four modules that each need more than a fourth.
+        Here, a module that needs more than two fourths counts as two, and one that needs more than three fourths counts
+        as three.
+
+        The solver does not find these constraints by itself, because its linear relaxation fills the remaining room
+        with a part of a module. The same constraint on halves is not needed: the solver finds it.
         """
         modules = self.possible.spec.modules
         for pe, capacity in self.possible.left.pe_cpu_millis.items():

@@ -4,8 +4,8 @@
 started before the flight, the pre-planner's process with its first request.
 
 Every request has a time budget, which begins when the request is made. A process that has not answered by the end of
-the budget is taken to hang (it was stopped, its disk does not answer, the search does not end): it is killed and
-replaced, and all its requests have failed. If the aircraft waits for the plan, the policy then uses the greedy planner,
+the budget is killed and replaced, and all its requests have failed. (The process may have been stopped, its disk may
+not answer, or the search may not end.) If the aircraft waits for the plan, the policy then uses the greedy planner,
 which needs no process.
 """
 

@@ -1,52 +1,60 @@
 """Whether this PE may drive an exclusive output, which no other PE may drive at the same time (protocol rule 6).
 
 Two kinds of output are exclusive: whatever a DEMUX branch does in its steps, and the data frames of a module that may
-also run on another PE. They are authorized while all four conditions hold. The conditions are checked before every
-output with the time of that moment, so that a pause of the process counts:
+also run on another PE. They are authorized while the conditions (a) to (d) hold and this PE is not in *doubt*. All of
+this is checked before every output with the time of that moment, so that a pause of the process counts.
 
 (a) The last accepted ALIVE names this PE. Before the first ALIVE nothing is authorized: ALIVE follows every LEASE, so a
     PE that has received a configuration has heard an ALIVE. After a new term begins, the last ALIVE of the old term
     remains valid until the first ALIVE of the new term, which comes within a period.
 
-(b) A state frame, LEASE or ALIVE of another node has arrived within T_lease. Only these frames count, because only they
-    can show, by (a) or (c), that this PE was replaced, for example during a pause of its process. They count only on
-    the uplink: the manager considers a gateway that is cut off from the uplink as down, even if the gateway hears nodes
-    on its far buses.
+(b) A state frame, LEASE or ALIVE of another node has arrived within the last T_lease. Only these frames count, because
+    only they can show, by (a) or (c), that this PE was replaced, for example during a pause of its process. They count
+    only on the uplink: the manager considers a gateway that is cut off from the uplink as down, even if the gateway
+    hears nodes on its far buses.
 
-(c) This PE is not *overtaken*. It becomes overtaken in two cases: a state frame of another PE, or a LEASE or ACTIVATE
-    at an activation step after PREPARED, names a newer epoch than that of this PE; or a LEASE or ACTIVATE names the
-    epoch of this PE with another digest. It ceases to be overtaken when it takes the last activation step (GO_ALL) of a
-    configuration, or when a LEASE or ACTIVATE names its configuration at that step. Before that step, a PE that took
-    over in the meantime may still drive the outputs, even if this PE is to drive them again.
+(c) This PE is not *overtaken*. It becomes overtaken in two cases:
 
-(d) No frame of another node with this PE's node-ID has arrived within T_lease: the manager may mistake that node for a
-    restart of this PE, and give the outputs of this PE to another PE. With a key the manager cannot make that mistake,
-    and this condition is not checked.
+    - a state frame of another PE, or a LEASE or ACTIVATE at an activation step after PREPARED, names a newer epoch than
+      that of this PE;
+    - a LEASE or ACTIVATE names the epoch of this PE with another digest.
 
-During a silence this PE may have been replaced. The first frame of another node after the silence does not show whether
-it was: that node may have just restarted, or may have been cut off too. An ALIVE of a manager that has just become
-active does not show it either, since this manager considers every PE available that it hears. So after a silence longer
-than T_lease this PE is in *doubt*, and holds its outputs back. The doubt ends when an ALIVE names this PE and comes
-from a manager that has brought a configuration to its last step: before that step, the PE that replaced this one may
-still drive the outputs. Without such a manager the doubt ends when this PE has heard other nodes for T_lease. If
-another PE had replaced this one, it would be among these nodes, and would have reported its newer epoch in each period.
+    It ceases to be overtaken when it takes the last activation step (GO_ALL) of a configuration, or when a LEASE or
+    ACTIVATE names its configuration at that step. Before that step another PE, which took over in the meantime, may
+    still drive the outputs, even if they are to come back to this PE.
 
-For the data frames of a module that may run elsewhere the limit in (b) is two heartbeat periods, and a frame whose
-transmission could not start by then is dropped. The reason: a manager that does not hear this PE gives the identifiers
-of such modules to another PE after three periods and a quarter. A PE whose connection returns in between must not send
-under these identifiers before it has heard the manager's decision. If the manager does not receive the state frames of
-this PE, it sends PING once in a period. From two periods after the first PING on, the PE sends nothing under these
-identifiers, until an ALIVE comes a period and an eighth or more after the last PING. When a frame ends (a), (c) or (d),
-the data frames that wait under these identifiers are withdrawn (`revoked`): a PE whose transmitter had failed has been
-replaced, and must not send these frames when the transmitter works again.
+(d) No frame of another node with this PE's node-ID has arrived within the last T_lease: the manager may mistake that
+    node for a restart of this PE, and give the outputs of this PE to another PE. With a key the manager cannot make
+    that mistake, and this condition is not checked.
 
-A lost, late or doubled frame can only withdraw an authorization, never give one. Without a key a forged LEASE or state
-frame can hold the outputs back until the next true LEASE, and forged PINGs can hold back the frames of modules that may
-run elsewhere. Only a forged ALIVE could release outputs, so the management protocol must be protected.
+*Doubt.* During a silence this PE may have been replaced. The first frame after the silence does not show whether it
+was. If another PE sends this frame, that PE may have just restarted, or may have been cut off, too. If it is an ALIVE
+of a manager that has just become active, it names every PE that this manager hears, also a replaced one. So after a
+silence longer than T_lease this PE is in doubt, and holds its outputs back. There are two ways out of the doubt:
 
-With a key, (c) depends only on frames whose tag proves them: a LEASE or ACTIVATE that is accepted, or one whose tag was
-made with the key (`authenticity`). State frames of other PEs do not count, since this PE cannot check their tags. They
-are not needed while this PE hears other nodes: if its outputs were given to another PE, it would hear ALIVEs that do
+- An ALIVE names this PE and comes from a manager that has brought a configuration to GO_ALL. Before GO_ALL the PE that
+  replaced this one may still drive the outputs.
+- This PE has heard other nodes for T_lease since the silence. If another PE had replaced this one, it would be among
+  these nodes, and would have reported its newer epoch in each period.
+
+*Data frames of a module that may run elsewhere* have three more rules:
+
+- The limit in (b) is two heartbeat periods for them, and a frame whose transmission could not start by then is dropped.
+  The reason: a manager that does not hear this PE gives the identifiers of the module to another PE after three periods
+  and a quarter. If this PE is connected again in between, it must hear the manager's decision before it sends.
+- A manager that does not receive the state frames of this PE sends PING once in a period. From two periods after the
+  first PING on, this PE sends none of these data frames, until an ALIVE comes a period and an eighth or more after the
+  last PING.
+- When a frame ends (a), (c) or (d), the data frames that wait are withdrawn (`revoked`). For example, a PE whose
+  transmitter had failed has been replaced, and must not send these frames when the transmitter works again.
+
+*Wrong frames.* A lost, late or doubled frame can only withdraw an authorization, never give one. Without a key a forged
+LEASE or state frame can hold the outputs back until the next true LEASE, and forged PINGs can hold back the frames of
+modules that may run elsewhere. Only a forged ALIVE could release outputs, so the management protocol must be protected.
+
+*With a key*, (c) depends only on frames whose tag proves them: a LEASE or ACTIVATE that is accepted, or one whose tag
+was made with the key (`authenticity`). State frames of other PEs do not count, since this PE cannot check their tags.
+It does not need them while it hears other nodes: if its outputs were given to another PE, it would hear ALIVEs that do
 not name it, and T_lease later LEASEs with the newer epoch, both in every period. After a silence longer than T_lease
 this PE may have missed such ALIVEs and LEASEs. So until the doubt ends the state frames of other PEs count, too. A
 forger cannot cause such a silence: forged frames only add to the frames that are heard.

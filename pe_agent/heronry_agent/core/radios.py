@@ -1,8 +1,8 @@
 """The radios of a gateway: every frame to a radio is queued first (protocol rule 9).
 
-Each radio has its own queue and its own measurement of the bandwidth (`radio_port`), which uses every frame from the
-radio. When a call of the core ends, the frames to radios are taken out of its actions and queued, and frames from the
-queues that may be sent now are added to the actions.
+Each radio has its own queue and its own measurement of the bandwidth (`radio_port`). The measurement uses every frame
+that comes from the radio. At the end of each call, the core has a list of actions. The frames to radios are taken out
+of this list and queued. Then those queued frames that may be sent now are added to the list.
 """
 
 from heronry_agent.core.radio_port import RadioPort

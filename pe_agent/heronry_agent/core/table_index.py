@@ -1,7 +1,7 @@
-"""Quick look-ups in a PE's table, which is checked first, so that no contradiction in it stops the agent later.
+"""Quick look-ups in a PE's table.
 
-The constructor raises TableError for a table with a contradiction. Afterwards every look-up of a name or index of the
-table succeeds.
+The constructor checks the table, and raises TableError if the table contradicts itself. So no contradiction stops the
+agent later: after the check, every look-up of a name or index of the table succeeds.
 """
 
 from collections.abc import Iterable

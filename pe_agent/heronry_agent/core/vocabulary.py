@@ -1,11 +1,15 @@
 """The events and actions of the agent core, except those for frames and time (`heronry_wire.sansio`).
 
-The driver answers a StepModule by `Stepped`, `StepFailed` or `NotReady`, or by the `PartitionEnded` of the module's
-partition. If the module is stopped before, the answer may be missing. The answer repeats the `release` of the
-StepModule, a number that is used only once. So the core recognizes, and drops, an answer that comes after the module
-was stopped. The driver answers StartModule only if the start has failed (`StartFailed`). It answers MeasureStep by
-`StepMeasured`, and Drive by `Driven` if the device has moved, or by `DriveFailed` if the device could not execute the
-command. No other action has an answer.
+The driver answers four of the actions; no other action has an answer:
+
+    StepModule    `Stepped`, `StepFailed` or `NotReady`, or the `PartitionEnded` of the module's partition
+    StartModule   `StartFailed` if the start has failed; a start that succeeds has no answer
+    MeasureStep   `StepMeasured`
+    Drive         `Driven` if the device has moved; `DriveFailed` if the device could not execute the command
+
+An answer to StepModule repeats the `release` of the StepModule, a number that is used only once. If the module is
+stopped during its step, the answer may be missing, or come late. By the `release` the core recognizes a late answer,
+and drops it.
 """
 
 from collections.abc import Mapping

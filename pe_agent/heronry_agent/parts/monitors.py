@@ -2,11 +2,11 @@
 
     StuckSensorMonitor  reports a sensor that has given exactly the same value for `patience_ns`. It suits only a sensor
                         whose last digit always changes (noise, a moving quantity)
-    ActuatorMonitor     reports an actuator whose position is further than `tolerance` from that of a healthy actuator,
-                        for `patience_ns`. A healthy actuator follows its command with the lag `lag_s`. An actuator that
-                        is stuck at its command is not detected. A wrong position sensor looks like a failed actuator;
-                        where there is a second actuator, the image `servo_monitor` of the shipped aircraft can tell
-                        whether the sensor or the actuator has failed
+    ActuatorMonitor     computes the position of a healthy actuator, which follows its command with the lag `lag_s`. It
+                        reports an actuator that is further than `tolerance` from this position for `patience_ns`. An
+                        actuator that is stuck at its command is not detected. A wrong position sensor looks like a
+                        failed actuator; where there is a second actuator, the image `servo_monitor` of the shipped
+                        aircraft can tell whether the sensor or the actuator has failed
 
 Both monitors give the health of the element as an output: 0 healthy, 1 reported as failed. Once the health is 1, it
 stays 1 until the monitor is started anew. While an input is missing the monitors do not compare.

@@ -2,19 +2,19 @@
 
 A PE needs a new count at its start, and whenever it begins anew after an outage of the bus. A file keeps a *reserve*: a
 count that is at most `RESERVE` ahead of the present count. The agent may use all counts up to the reserve without a
-further write to the disk. The agent never waits for the disk in flight: a thread writes the reserve, and tries again
-every `RETRY_S` seconds if writing fails. A new count is found in one of three ways:
+further write to the disk. There are three ways to a new count:
 
     in one process       the last count is in memory, and the next count is the last one plus 1
     from start to start  a process begins with the count after the reserve on the disk (at random if the disk has none),
                          and writes a reserve of its own before it sends a frame
-    no disk              the count is drawn at random, so the other nodes do not recognize one restart in 256. If the
-                         reserve can be read, the drawn count is neither the reserve nor the count after it. This
-                         applies without a folder, with a full or read-only disk at the start, and with a disk that
-                         takes longer than `LONGEST_START_S` seconds at the start
+    no disk              at the start there is no folder, or the disk is full, is read-only or takes longer than
+                         `LONGEST_START_S` seconds. Then the count is drawn at random, and the other nodes do not
+                         recognize one restart in 256. If the reserve can be read, the drawn count is neither the
+                         reserve nor the count after it
 
-A disk that fails does not stop the agent. The agent reports the problem, continues, and reports when the reserve is
-written again.
+In flight the agent never waits for the disk: a thread writes the reserve. A disk that fails does not stop the agent.
+The agent reports the problem and continues. The thread tries again every `RETRY_S` seconds, and the agent reports when
+the reserve is written again.
 """
 
 import threading

@@ -191,7 +191,7 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
 
 
 def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None] | None:
-    """Read from each PE the digest of its table's spec, and close the bus.
+    """Read from each PE the digest of its table's spec. If any PE is asked, the bus is closed afterwards.
 
     Returns the digest of each node-ID; the digest is None if the node does not answer. If `nodes` is not empty and
     canopen, an optional package, is not installed, returns None instead of a mapping.

@@ -1,6 +1,7 @@
 """Injects the faults of a simulated flight when they are due, and records what the manager reports.
 
-In the record, a fault or a reconfiguration is a mark; a phase or the PE of a module is a stretch of time.
+In the record, a fault or a reconfiguration is a mark at one moment. A phase lasts for a stretch of time, and so does
+the time in which a module runs on one PE.
 """
 
 from typing import Any, cast

@@ -1,8 +1,8 @@
 """Gives a reconfiguration script (`heronry_pcs`) to a running manager, and waits for the result.
 
 The manager answers as soon as it has understood the script. Then it requests the best plan, and compares this plan with
-the configuration of the script. It deploys the configuration, or refuses the script. The status of the manager shows
-the progress.
+the configuration of the script. It deploys this configuration, or refuses the script: for example, if this
+configuration is worse than the best plan at level 1 (critical functions). The status of the manager shows the progress.
 """
 
 import time

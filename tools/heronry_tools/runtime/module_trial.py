@@ -1,9 +1,12 @@
 """Runs one module without a bus: builds it, and lets it compute some steps with the same inputs, as a partition would.
 
 The module runs in this process, by the code that runs it in a partition (`heronry_agent.shell.module_runner`). Time is
-the module's own: each step is one period after the step before, however long the computation takes here. A value that a
-partition would refuse to send counts as a failure. So does code that has not ended after a limit of time, since an
-agent kills the partition of a module that hangs.
+the module's own: each step is one period after the step before, however long the computation takes here. Three
+things count as a failure, as on a PE:
+
+- an exception, or code that ends its process;
+- a value that a partition would refuse to send;
+- code that has not ended after a limit of time: an agent kills the partition of a module that hangs.
 """
 
 import signal
@@ -77,7 +80,7 @@ def requested_priorities(step: Result) -> list[tuple[str, int | None]]:
 
 
 def expect_there(image: str) -> None:
-    """Look for the code of an image, in the present folder, too; raises UnknownImageError if there is no such code.
+    """Look for the code of an image on Python's path and in the present folder; raises UnknownImageError without it.
 
     Code that exists, but fails when it is imported, raises nothing here: the trial finds the failure again.
     """

@@ -1,6 +1,7 @@
-"""Modules, modes, PEs, buses and variables of a spec as numbers from 0, in the spec's order.
+"""Modules, modes, PEs, buses and variables of a spec as numbers from 0, each kind in the spec's order.
 
-Modes are numbered from 0 through all modules. A set of modules, modes or PEs is an integer with one bit for each.
+The modes of all modules are numbered in one sequence. A set of modules, modes or PEs is an integer with one bit for
+each member.
 """
 
 from collections.abc import Mapping

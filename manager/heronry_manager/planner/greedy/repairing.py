@@ -1,10 +1,12 @@
-"""From the configuration that ran to a new one: the order in which the greedy planner works.
+"""The steps by which the greedy planner makes a new configuration from the configuration that ran before.
 
 1. *Adopt*: keep functions that can still run as they did, the most important first.
 2. *Serve* the other functions, the most important first, in the room that is left.
-3. *Make room* for a function that found none: put producers into cheaper modes that their readers accept; stop
-   functions that matter less, and put others into worse modes, one by one until the function fits. Then serve the
-   stopped functions again, as far as possible. All of this is undone unless it improves levels 1 and 2.
+3. *Make room* for each function that found no room:
+   - Put modules on the PEs that are full into cheaper modes, as far as no function loses value.
+   - Stop functions that matter less, and put other functions into worse modes, one by one until the function fits.
+   - Then serve the stopped functions again, as far as possible.
+   - Undo all of this if the configuration is not better at levels 1 and 2 than before.
 4. *Improve*: put functions into better modes, as far as there is room.
 
 Inputs (level 3) come last, once every function is served as well as possible (`supplying`).

@@ -1,6 +1,6 @@
 """Turns a draft of the greedy planner, which has only integers, into a plan with the names of the spec.
 
-The levels of the objective are computed from the integers as well; only the changes need the configuration.
+All levels of the objective but one are computed from the integers; the level *changes* needs the configuration.
 """
 
 from heronry_dg.configuration import Configuration, Running

@@ -1,6 +1,7 @@
-"""The drivers of the actuators: modules that limit each demand; without a demand, they hold the output or make it safe.
+"""The drivers of the actuators: modules that limit each demand.
 
-A driver decides which value is written to the device in each period:
+A driver decides which value is written to the device in each period. Without a demand it holds the output or makes it
+safe:
 
 - A surface moves no further than its stops and no faster than its servo. Without a demand it stays at its last command:
   an elevator that went to neutral at every lost frame would be worse than one that stays.

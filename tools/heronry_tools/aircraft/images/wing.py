@@ -48,7 +48,8 @@ class InflationControl(Module):
         """Publish the demand of the valve.
 
         The valve is closed if the pressure is missing, and if the wings are cured or leak. The valve of folded wings is
-        also closed below 15 000 m; a missing altitude counts as below 15 000 m for one minute.
+        also closed below 15 000 m. If the altitude is missing, it counts as below 15 000 m for one minute, and as above
+        after that.
         """
         pressure_hpa = number(inputs, "wing_pressure")
         if pressure_hpa is None or self._refrains(inputs):

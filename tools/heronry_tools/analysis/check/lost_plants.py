@@ -1,8 +1,10 @@
-"""The check of DG405: plants of class A and B that one fault takes off every control path.
+"""The check of DG405: plants of criticality A or B that lose every control path with one fault.
 
 In each phase, the check considers the plants that are on a control path of the best plan with everything up. Such a
-plant is lost with an element if it is on no control path of the contingency for that element. If the loss of two
-elements leaves the planner the same choices (a device and its only driver), one plan serves for both.
+plant is lost with an element if it is on no control path of the contingency for that element.
+
+One plan may serve for two elements: if the planner has the same choices after the loss of either element, for example
+of a device and of its only driver.
 """
 
 from collections.abc import Iterator

@@ -18,8 +18,8 @@ The plan selects the mode of the module by the quality of the position that the 
 - *waiting*: the position is not good enough. On approach the aircraft stays level until the position is good enough. On
   the glide slope the aircraft goes around; below `DECISION_M` it lands as in the other modes.
 
-In every mode the aircraft goes around if the landing point is too far (`_LONGEST_M`). This holds on approach, and on
-the glide slope below `DECISION_M`.
+In every mode the aircraft goes around if the estimated landing point is too far along the runway (`_LONGEST_M`). The
+landing point is checked at two times: on approach, and on the glide slope below `DECISION_M`.
 
 No input tells the module from which sensor its position comes. A restart loses the stage. The restarted module finds
 its stage again from height and position. If it starts below `DECISION_M`, it lands, except if the landing point is too

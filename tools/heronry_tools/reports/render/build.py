@@ -1,8 +1,8 @@
 """Makes the graph of a spec: every symbol once, and every edge along which data can flow.
 
-An input that stands alone needs no gate: an edge leads from its variable to the mode. For the leaf of a DEMUX's branch
-the edge leads from the DEMUX. If a function is given, the graph has only what may contribute to that function, in any
-mode.
+If a mode has a single input, there is no gate: the edge leads from the variable to the mode. If the reader of an input
+is a branch of a DEMUX, and the input is the one that the DEMUX distributes, the edge leads from the DEMUX. If a
+function is given, the graph has only what may contribute to that function, in any mode.
 """
 
 from collections.abc import Iterator

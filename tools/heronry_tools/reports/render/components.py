@@ -1,8 +1,9 @@
-"""A component graph as nodes and edges of a picture: the members that have no components of their own are drawn.
+"""A component graph as nodes and edges of a picture.
 
-Plants are circles, devices have their own symbols, and all other members are squares. An arrow stands for all edges
-from one member to another. A bold arrow is on a loop that leads through a plant and through something that is no plant.
-An open plant, which is on no such loop, is drawn like an element that cannot run.
+The picture shows only the components that have no components of their own. Plants are circles, devices have their own
+symbols, and all other components are squares. An arrow from one component to another stands for all edges between their
+ports in this direction. A bold arrow is on a loop that leads through a plant and through something that is no plant. A
+plant on no such loop is *open*, and drawn like an element that cannot run.
 """
 
 from collections.abc import Mapping

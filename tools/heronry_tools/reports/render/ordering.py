@@ -1,8 +1,12 @@
-"""The order of symbols within a column: layers with way-points, ordered so that few edges cross.
+"""Orders the symbols of each column of a picture from top to bottom, so that few edges cross.
 
-An edge over several columns passes each of them at a way-point, so that it runs around the symbols there. All edges out
-of one symbol share their way-points, as one trunk. The order is found by barycentres, left to right and back (Sugiyama,
-Tagawa and Toda 1981); the best order of all sweeps is taken.
+Symbols are in columns already (`ranks`). An edge over several columns passes each column between its ends at a
+*way-point*, so that it runs around the symbols there. Way-points are ordered together with the symbols. All edges out
+of one symbol, or out of one cell of it, share their way-points, as one trunk.
+
+The order is found by sweeps over the columns, alternately to the right and to the left. A sweep sorts each column by
+the mean position of its neighbours in the column before (barycentres; Sugiyama, Tagawa and Toda 1981). The order with
+the fewest crossings among all sweeps is taken.
 """
 
 from bisect import bisect_right
@@ -28,9 +32,9 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Columns of symbols and way-points: the columns from left to right, the names in each from top to bottom.
+    """Columns of symbols and way-points: the columns from left to right, their names in each from top to bottom.
 
-    segments: the pieces of the edges between them.
+    segments: the pieces of the edges between one column and the next.
     """
 
     columns: tuple[tuple[str, ...], ...]
@@ -90,7 +94,7 @@ def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> l
 
 
 def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | None], float]:
-    """Give the heights of symbols and of their cells, as the number of places from the top.
+    """Give the vertical positions of symbols and of their cells, as the number of places from the top of the column.
 
     The key of a cell is (symbol, number of the cell); the key of a symbol is (symbol, None).
     """
@@ -101,7 +105,7 @@ def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | 
 
 
 def _place(graph: Graph, column: list[str], at: dict[tuple[str, int | None], float]) -> None:
-    """Note in `at` the heights of the symbols of one column, and of their cells (keys as in `_positions`)."""
+    """Note in `at` the vertical positions of one column's symbols, and of their cells (keys as in `_positions`)."""
     for place, key in enumerate(column):
         at[key, None] = float(place)
         cells = len(graph.nodes[key].cells) if key in graph.nodes else 0

@@ -2,10 +2,10 @@
 
 If there are several sheets, each is drawn completely before the next one. The edges of a sheet are drawn first. Over
 them come the edges that are in use in the configuration (`Edge.chosen`), and then the symbols. In the file every symbol
-has its key, and every edge has the keys of its ends, so that programs can read the picture, too.
+has its key, and every edge has the keys of the two symbols at its ends, so that programs can read the picture, too.
 
-`uncoloured` draws the graph for a page that colours the symbols itself. The drawing has no style, every line has the
-names of all its edges, and every symbol has a cross, which the page shows only on a dead or lost symbol.
+`uncoloured` draws the graph for a page that colours the symbols itself. The drawing has no style, and every line has
+the names of all its edges. Every symbol has a cross; the page shows this cross only on a dead or lost symbol.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,9 +1,10 @@
 """The python-can bus that stands for each bus of a spec in a demo.
 
-For the manager's bus, it is the bus that the user names with python-can's flags. Without these flags it is vcan0 if
-this machine has vcan0, and otherwise a software bus. For every other bus of the spec, it is the bus that `--bus
-NAME=[INTERFACE:]CHANNEL` names, and otherwise a software bus. A replicated bus has two channels, with a comma between
-their names.
+    the manager's bus   the bus that the user names with python-can's flags or `--bus`; otherwise vcan0, if this machine
+                        has vcan0; otherwise a software bus
+    every other bus     the bus that `--bus NAME=[INTERFACE:]CHANNEL` names; otherwise a software bus
+
+A replicated bus has two channels, with a comma between their names.
 """
 
 import socket
@@ -55,10 +56,11 @@ def choose(
     """Choose a python-can bus for each bus of the spec; the keys are the names of the buses in the spec.
 
     folder: the folder for the sockets of software buses.
-    named: the values of `--bus`, interface and channel by bus name; without an interface (None), SocketCAN is meant.
+    named: the values of `--bus`: for each bus that is named there, its interface and channel. The interface None stands
+        for SocketCAN.
     first: interface, channel and bit rate of the manager's bus, from python-can's flags; None: without these flags.
     prefer_vcan: whether vcan0 is taken for the manager's bus where this machine has it.
-    Raises UserError for a bus that is named in both ways.
+    Raises UserError if the manager's bus is named both by `--bus` and by python-can's flags.
     """
     if spec.manager.bus in named and first is not None:
         remedy = "leave --bus out, or leave -i and -c out"

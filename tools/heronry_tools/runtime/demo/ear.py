@@ -1,7 +1,8 @@
-"""An observer of one bus of the spec: it receives each frame once, on a replicated bus from either channel.
+"""An observer of one bus of the spec, which receives each frame once.
 
-When the only channel of a bus ends, the observer raises an error, which ends the flight. When one channel of a
-replicated bus fails, the observer goes on with the other channel, and opens the failed one again, as the nodes do.
+The bus may be replicated: then the observer takes each frame from either channel. When one channel fails, the observer
+goes on with the other channel, and opens the failed one again, as the nodes do. When the only channel of a bus ends,
+the observer raises an error, which ends the flight.
 """
 
 import time

@@ -3,10 +3,11 @@
 A term stays active until no manager has named it for T_lease. Then the term counts as over: its manager may have died,
 or may have been active where no PE heard it. Afterwards the term of the next manager that sends is active.
 
-With a key a PE accepts no command before its TAG. A PE that does not know the manager first requests a session from
-this manager, and gets it. So a new term is only *claimed* until its manager has sent a second TAG, half a heartbeat
-period or more after the first one. Until then PEs may accept the claimed term and the term before it. If no second TAG
-comes, the term before stays active.
+With a key a PE accepts no command before its TAG. Moreover, a PE that does not know the manager accepts its commands
+only in a session, which the PE first has to request. So PEs accept a new term at different times, and the new term is
+at first only *claimed*. It becomes active when its manager has sent a second TAG, half a heartbeat period or more after
+the first one. Until then PEs may accept the claimed term and the term before it. If no second TAG comes, the term
+before stays active.
 """
 
 from heronry_dg.model import Spec

@@ -1,8 +1,12 @@
 """Every command that a PE accepts is authentic and fresh: the PEs' reports are compared with the proven commands.
 
-The oracle works in flights with a key, and from frames alone. It reads the commands on the managers' bus, whose tags
-`proven_commands` computes again, and the frames that each PE itself sends on its uplink. (Beyond a gateway any node may
-send in the name of a PE, so a forwarded frame proves nothing.) A report of a PE shows which command it has accepted:
+The oracle works in flights with a key, and from frames alone. It reads two kinds of frames:
+
+- the commands on the managers' bus, whose tags `proven_commands` computes again;
+- the frames that each PE itself sends on its uplink. (Beyond a gateway any node may send in the name of a PE, so a
+  forwarded frame proves nothing.)
+
+A report of a PE shows which command it has accepted:
 
     report of the PE          frame                      accepted command
     it hears a LEASE          page 0, HEARS_LEASE        a LEASE, a short time ago
@@ -11,18 +15,20 @@ send in the name of a PE, so a forwarded frame proves nothing.) A report of a PE
     it withdraws a fault      EMCY RESET                 a CLEAR of that element, a short time ago
 
 Each report must be explained by a proven command that was fresh for the PE when the command was sent. A command is
-*fresh* if its number is higher than the number of every command that the PE has certainly accepted. For this the oracle
-takes the earliest commands that explain the PE's reports so far. One LEASE explains one acceptance, so a replay is
-detected as soon as a PE has accepted more LEASEs than were sent.
+*fresh* if its number is higher than the number of every command that the PE has certainly accepted. The commands that a
+PE has certainly accepted are the earliest ones that explain its reports so far. One LEASE explains one acceptance, so a
+replay is detected as soon as a PE has accepted more LEASEs than were sent.
 
-A PE that has restarted can only have heard commands sent since its start. Its first page 0 shows the restart, but comes
-up to a heartbeat period after the start, and the PE may have received a WELCOME and a PREPARE by then. If this page 0
-has waited in the controller, the page 2 that requested the WELCOME shows when the PE started. After some faults a
-manager may reuse numbers of its term (`may_count_again`); then a lower number may be new to a restarted PE.
+*Restart.* A PE that has restarted can only have heard commands sent since its start. Its first page 0 shows the
+restart, but comes up to a heartbeat period after the start. The PE may have received a WELCOME and a PREPARE by then.
+If this page 0 has waited in the controller, the page 2 that requested the WELCOME shows when the PE started. After some
+faults a manager may reuse numbers of its term (`may_count_again`); then a lower number may be new to a restarted PE.
 
-"A short time" is 1.5 times T_lease for a LEASE, and three times T_lease for a CLEAR, since a report may wait in the
-queues of the PE and of a gateway. T_lease is that of the slowest bus on the way to the PE. A report of a LEASE that
-nothing explains is a violation only if the PE repeats the report for more than twice T_lease.
+*A short time* is 1.5 times T_lease for a LEASE, and three times T_lease for a CLEAR, since a report may wait in the
+queues of the PE and of a gateway. T_lease is that of the slowest bus on the way to the PE.
+
+If a PE reports a LEASE that nothing explains, this is a violation only after the PE has repeated the report for more
+than twice T_lease.
 """
 
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What must hold once no more faults are injected, compared with the true situation and its best plan.
+"""What must hold once no more faults are injected, compared with the true situation and the best plan for it.
 
 - Every healthy PE has reported within the last three heartbeat periods of its slowest bus that it is ACTIVE, and all
   healthy PEs are in one epoch. A PE is healthy if it runs and can reach the manager's bus.
@@ -10,7 +10,7 @@
 - The phase that the manager sends (CONTROL, HOLDS) is the true phase.
 - In each class A to D, the sum of the priorities of the functions that are heard is no less than in the best plan.
 
-The simulation evaluates all of this repeatedly until the aircraft has converged; the last result counts.
+The simulation evaluates these rules repeatedly until the aircraft has converged; the last result counts.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,10 @@
 """An epoch number stands for one configuration, and no PE returns to an older epoch; verified from state frames.
 
-In all state frames that name an epoch, on every bus and for the whole flight, the epoch has the same digest. Within an
-incarnation the epoch number of a PE never falls. (A change from no epoch to an epoch is a rise.) For the second rule,
-only frames that the PE itself sends are compared: a gateway forwards states late, and perhaps in another order.
+There are two rules:
+
+- An epoch has one digest: the same in all state frames that name the epoch, on every bus and for the whole flight.
+- The epoch number of a PE never falls within an incarnation. (A change from no epoch to an epoch is a rise.) Only
+  frames that the PE itself sends are compared: a gateway forwards states late, and perhaps in another order.
 
 The last state of each PE is kept for `end_state`.
 """

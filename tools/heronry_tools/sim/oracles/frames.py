@@ -1,12 +1,12 @@
 """Gives the frames on a flight's buses to the oracles: each identifier is looked up once, each frame decoded once.
 
-A page 0 is passed on only if it differs from the page 0 that the same PE sent before, and a LEASE only if it differs
-from the LEASE that the same manager sent before. But the methods `state_sent`, `manager_heard` and `leased` are called
-for every frame, whether it has changed or not.
+Repetitions are left out: a page 0 is passed on only if it differs from the page 0 that the same PE sent before, and a
+LEASE only if it differs from the LEASE that the same manager sent before. Three methods of an oracle are exceptions:
+`state_sent`, `manager_heard` and `leased` are called for every frame, also for one that repeats the frame before.
 
-`terms` decides which manager is active. The commands of other managers are kept apart (`commanded`). Of these commands,
-the oracles are told only that they were sent (`manager_heard`, `leased`). Frames of foreign nodes are passed only to
-the method `misled` of an oracle.
+`terms` decides which manager is active. If a command comes from another manager, the oracles are told only that it was
+sent (`manager_heard`, `leased`); its contents are recorded in `commanded`, as those of a manager that is not active.
+Frames of foreign nodes are passed only to the method `misled` of an oracle.
 """
 
 from collections.abc import Callable, Collection

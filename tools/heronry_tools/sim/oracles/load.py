@@ -1,8 +1,9 @@
-"""The data on each bus stay within the bus's budget, second by second, as the frames show.
+"""The data on each bus stay within the bus's budget in every second, as the frames show.
 
-Data of the spec's nodes may take `max_load` minus `reserve` of the bit rate. Here each frame counts with its worst-case
-length. A quarter more than the budget is tolerated: a node whose wire was mended sends at once the frames that have
-been queued for T_lease. (`transitions` verifies the budget at each moment of a reconfiguration.)
+The budget is `max_load` minus `reserve`, as a share of the bit rate. The data of all nodes of the spec count, each
+frame with its worst-case length. A quarter more than the budget is tolerated: a node whose wire was mended sends at
+once the frames that it has queued, up to those of one T_lease. (`transitions` verifies the budget at each moment of a
+reconfiguration.)
 """
 
 from heronry_dg.model import Spec

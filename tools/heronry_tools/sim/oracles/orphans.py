@@ -1,12 +1,12 @@
 """A PE without a manager follows its policy; verified from its state frames and from the LEASEs on the managers' bus.
 
-The oracle begins to verify when no manager has sent for T_lease and two more heartbeat periods, in which the PEs report
-the silence. Then two rules hold:
+The PEs need some time to report that no manager sends. So the oracle begins to verify when no manager has sent for
+T_lease and two more heartbeat periods. From then on two rules hold:
 
 - No PE reports that it hears a LEASE, except in a state frame that was queued while the PE was cut off.
 - With the policy `keep` every PE keeps what it runs: state, epoch and digest stay as they are until the PE restarts or
-  a manager sends again. After a pause a PE executes the commands that it received during the pause. So this rule does
-  not apply to a PE within a heartbeat period after its return.
+  a manager sends again. This rule does not apply to a PE for a heartbeat period after the PE is heard again: after a
+  pause the PE first executes the commands that it received during the pause.
 
 `safe_mode`, the other policy, is verified by `oracles.safe_mode`.
 """

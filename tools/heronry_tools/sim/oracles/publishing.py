@@ -1,9 +1,12 @@
 """No node publishes data that its epoch does not require of it; verified against the commanded configurations.
 
 The state of a node names the epoch that the node follows, and the node reports a change of epoch immediately. A node
-may send a data frame on a bus only if this epoch requires it: from a module on the node itself or, if the node is a
-gateway, from any module whose data the epoch routes over the bus. A node that has restarted and follows no epoch must
-publish nothing.
+may send a data frame on a bus in two cases:
+
+- The epoch requires this frame from a module on the node itself.
+- The node is a gateway, and the epoch routes this frame over the bus, whichever module publishes it.
+
+A node that has restarted and follows no epoch must publish nothing.
 
 A frame may also belong to another epoch than the reported one:
 

@@ -1,25 +1,31 @@
 """No critical function is dropped without need: the oracle compares what is served with what a plan could serve.
 
-The oracle compares on two occasions.
+It compares on two occasions.
 
 *When a configuration is activated*, it must serve by criticality at least what the best plan serves. The best plan is
-made for the situation that the manager can know. In this situation, PEs that take no part in the epoch are down. An
-element counts as failed from the moment at which its failure was acknowledged, or declared by the operator, until it is
-cleared. The known failures and the phase may be those of any moment from shortly before PREPARE on. Two cases are
-special:
+made for what the manager can know:
 
-- A contingency that PREPARE names by its number is staged by every PE that hears PREPARE. Which PEs take part is shown
-  only by the next ALIVE. In three cases ALIVE does not show it, and nothing is compared: the manager dies before that
-  ALIVE; that ALIVE comes so late that a PE may have been lost and have rejoined; or an ALIVE was late within the last
-  heartbeat period. In the third case delayed frames have gone out in the order of their identifiers, so their order on
-  the bus proves nothing.
-- A manager that adopts the running configuration drops no function by adopting, so an adopted epoch is not compared.
+- PEs that take no part in the epoch are down.
+- An element counts as failed from the moment at which its failure was acknowledged, or declared by the operator, until
+  it is cleared. Every element is down that counted as failed at some moment from shortly before PREPARE until the
+  activation.
+- The phase and the priorities may be those of any such moment.
+
+Two kinds of epochs are not compared:
+
+- An adopted epoch: a manager that adopts the running configuration drops no function by adopting.
+- A contingency that PREPARE names by its number, if it is not certain which PEs take part. Every PE that hears PREPARE
+  stages the contingency, and only the next ALIVE shows which PEs are available. Nothing is certain in three cases:
+  1. The manager dies before that ALIVE.
+  2. That ALIVE comes so late that a PE may have been lost and have rejoined.
+  3. An ALIVE was late within the last heartbeat period. Delayed frames are then sent in the order of their identifiers,
+     so their order on the bus proves nothing.
 
 *While no more faults are injected*, a critical function that was heard must not stay silent for longer than
 `longest_ns`: one patience, and a second for planning, steps and first values. The oracle makes the best plan for the
 worst situation that is possible during the silence. In this situation an element is down if it has an injected fault,
-counts as failed, or is a PE that ALIVE does not name. If this plan serves every wanted function of this class and of
-the classes above, so does the best plan for any situation in which less is down.
+counts as failed, or is a PE that ALIVE does not name. The silence is a violation if this plan serves every wanted
+function of this class and of the classes above: in any situation in which less is down, the best plan serves them, too.
 
 Not verified are silences
 
@@ -91,7 +97,8 @@ class ServiceCheck(Oracle):
     def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
         """Begin; the order of elements in `spec` gives the indices in CONTROL and EMCY.
 
-        missed_ns: for a PE, returns the end of its last silence in which it may have missed a command; 0 if none
+        missed_ns: a function that gives, for the name of a PE, the end (ns) of the last silence in which the PE may
+        have missed a command; 0 if there was no such silence
         """
         super().__init__()
         self._spec = spec

@@ -1,7 +1,7 @@
 """A term has one manager, and no node goes back to an older term; verified from the managers' bus.
 
-*One manager per term.* The commands that name a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) come from the
-identifiers of one manager, and the term of a manager never falls.
+*One manager per term.* LEASE, ALIVE, PREPARE, ACTIVATE, PING and CONTROL name a term. All commands that name the same
+term come from the identifiers of one manager. The term of a manager never falls.
 
 Two managers with the same node-ID may use one term, but only for a time: within `_TOGETHER_LEASES` times T_lease each
 must notice the other, and one must fall silent. This time does not run in two cases:
@@ -19,12 +19,12 @@ LEASE of this term names the epoch). Within an incarnation a PE never runs an ep
 was first prepared in a higher term. Only states that the PE itself sends count: a gateway may forward states in another
 order.
 
-*No LEASE goes back.* Within a term LEASE never names an older epoch. One case is exempt: the manager has died in
-between, has lost its journal, and has found no PE that runs anything. (Other commands may name an older epoch than
-LEASE, since they may have waited in the controller.)
+*No LEASE goes back.* Within a term LEASE never names an older epoch than a LEASE before it. One case is exempt: between
+the two LEASEs the manager has died, has lost its journal, and has found no PE that runs anything. (Other commands may
+name an older epoch than LEASE, since they may have waited in the controller.)
 
-*No epoch has two meanings.* A later term may prepare an epoch again, for a PE that joins late, but with the same
-digest. One case is exempt: two stations have copies of one journal (`manager_copied`), and neither can know the numbers
+*No epoch has two meanings.* If a later term prepares an epoch again, for a PE that joins late, it must use the same
+digest. One case is exempt: two managers have copies of one journal (`manager_copied`), and neither can know the numbers
 that the other uses.
 
 Only this oracle reads the commands of a deposed manager; all others ignore them (`active_term`).

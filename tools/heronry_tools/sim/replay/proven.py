@@ -1,17 +1,21 @@
-"""Turns a recording of a flight with a key into a recording without a key, which keeps only frames that the key proves.
+"""Turns a recording of a flight with a key into a recording without a key, for the core that replays.
 
-The core that replays has no key: its own nonces and numbers would differ from those in the recording. `Authenticity`,
-which decides in a standby manager which frames are authentic, decides here, too. The sessions are those that the
-recorded WELCOMEs have opened.
+That core has no key, because its own nonces and command numbers would differ from the recorded ones. So this file keeps
+only the frames of PEs and managers that the key proves. `Authenticity` decides which frames these are, as in a standby
+manager. The sessions are those that the recorded WELCOMEs have opened. Each frame is treated by its kind:
 
-    a command          counts from the time of its TAG; TAGs and commands that are never proven are left out
-    pages 0 and 1      were sent with a tag in the place of the digest; if the tag is right, they get their digest back
-    an EMCY            comes after the page 0 that has proven it
-    pages 2 and 3      are left out, as is every state that is not proven
+    a command          is placed at the time of its TAG; a command that is never proven is left out
+    a TAG              is left out
+    pages 0 and 1      carry a tag in the place of the digest; if the tag is right, the digest is put back; if the tag
+                       is wrong, the page is left out
+    pages 2 and 3      are left out
+    an EMCY            is placed after the page 0 that proves it, and left out without proof; an EMCY about a channel is
+                       kept, since it needs no proof
+    any other frame    is kept
 
-A manager that has restarted does not know the sessions from before its restart, so in flight it cannot authenticate
-states of such a session. Here these states count. So a PE may become available in the replay a few periods sooner than
-in the flight.
+A manager that has restarted does not know the sessions from before its restart. So in the flight it cannot authenticate
+states of such a session, but here these states count. A PE may therefore become available in the replay a few periods
+sooner than in the flight.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,9 +1,11 @@
 """The one plant of a simulation, and the device drivers through which each PE reads and moves it.
 
-In `heronry demo` each PE is a process with a plant of its own, which learns from output echoes what the actuators of
-other PEs do. The simulator is one process and has one plant: the scripted one, or one with flight dynamics. This is
-more realistic than one plant for each PE: a surface stays where it is when its PE restarts, and a failed servo stays
-failed. The plant is read and moved at the true time, whatever a PE's clock shows.
+The simulator is one process and has one plant for all PEs: a plant that follows a script, or one with flight dynamics.
+A surface stays where it is when its PE restarts, and a failed servo stays failed. The plant is read and moved at the
+true time, whatever a PE's clock shows.
+
+`heronry demo` is less realistic: each PE is a process with a plant of its own, which learns from output echoes what the
+actuators of other PEs do.
 """
 
 from collections.abc import Iterable

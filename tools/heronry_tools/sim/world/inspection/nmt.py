@@ -1,4 +1,4 @@
-"""The topic CANopen NMT and heartbeat (CiA 301, 7.2.8).
+"""The part of an inspection about CANopen NMT and the heartbeat of a PE (CiA 301, 7.2.8).
 
 In flight the PE must refuse every NMT command. On a desk it must execute each command that is addressed to it. The
 heartbeat time can be set in both cases.
