@@ -1,10 +1,10 @@
-"""DG5xx: compares a spec's frames with CANaerospace's list of variables, the identifier plan, and arbitration.
+"""DG5xx: checks the frames of a spec: their variables (CANaerospace's list), their identifiers, and the arbitration.
 
-Bit rates of wired buses are compared with those of CiA 301.
+The bit rates of wired buses are compared with those of CiA 301.
 
-The check needs no solver. The plan decides later which frames are sent. So for arbitration the check assumes that every
-frame that some configuration could put on a bus is sent, at its fastest rate. On a bus behind a gateway, the response
-time of a forwarded frame is counted from its arrival at the gateway.
+The check needs no solver. The plan decides later which frames are sent. So for the arbitration the check assumes that
+every frame that some configuration could put on a bus is sent, at its fastest rate. On a bus behind a gateway, the
+response time of a forwarded frame is counted from its arrival at the gateway.
 
 How a rule is added: define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in
 `check`.
