@@ -347,8 +347,8 @@ class Link:
     def _has_nothing_left(self) -> bool:
         """Tell whether all frames have been read, after `recv` has given None.
 
-        None alone does not show this: the answer of a serial modem, which is no frame, also makes `recv` give None.
-        Raises OSError where the connection has ended.
+        The None does not show this: `recv` also gives None if a serial modem has sent an answer, which is no frame.
+        Raises OSError if the connection has ended.
         """
         if self._is_well_known or self._bus is None:
             return True

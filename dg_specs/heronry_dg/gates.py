@@ -121,8 +121,8 @@ def fold(
 ) -> T:
     """Compute a value of an expression from the leaves up.
 
-    leaf: gives the value of a leaf, from the leaf and its path. gate: gives the value of a gate, from the values of its
-    inputs.
+    leaf: gives the value of a leaf, from the leaf and its path.
+    gate: gives the value of a gate, from the gate and the values of its inputs.
     """
     if isinstance(expression, Leaf):
         return leaf(expression, path)

@@ -163,8 +163,8 @@ def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIde
 def _outranked(subject: Subject, findings: Findings) -> None:
     """Find, on each bus, data of class A and B that less critical data make late.
 
-    Late means that the response time is more than half of the deadline. Data are found only if their response time
-    would be within this half without the less critical data.
+    Late means that the response time is more than half of the deadline. Such data are found only if they would not be
+    late without the less critical data.
     """
     spec = subject.spec
     times, ranks = ResponseTimes(spec), criticality_ranks(spec)

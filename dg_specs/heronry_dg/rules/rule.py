@@ -84,7 +84,7 @@ class Words(TypedDict):
 class Family:
     """Rules whose codes have the same prefix, such as `DG2`; each code is used once.
 
-    fast: the rules are part of `heronry check --fast`: their check needs no solver, and runs no code of modules.
+    fast: `heronry check --fast` also checks these rules, since their check needs no solver and runs no code of modules.
     """
 
     prefix: str

@@ -22,10 +22,9 @@ The output authorization (protocol rule 6) is checked at the last moment, in thr
 - Before a data frame of a module that may run elsewhere. Without it the frame is not sent; but the module is stepped,
   and its outputs reach modules on this PE.
 
-If a module has been stopped since its step began, the answer is dropped. While this PE holds back its exclusive
+If a module has been stopped since its step began, its answer is dropped. While this PE holds back its exclusive
 outputs, and for a second after that, it accepts no report that an element has failed: a surface that no PE drives does
-not follow its command, although its servo is healthy. The module that made the report is started anew, so that its old
-observations are dropped.
+not follow its command, although its servo is healthy. The reporting module is started anew, to forget what it saw.
 """
 
 from collections.abc import Collection, Mapping
@@ -262,7 +261,7 @@ class RunningModules:
         self._tell(self.faults.tick(self._turn.now_ns))
 
     def lack(self, images: Mapping[str, str]) -> None:
-        """Report every module with one of these images to the manager, as a module whose code is not on this PE.
+        """Report to the manager every module with one of these images: its code is not on this PE.
 
         images: the reason why each image cannot be run here; an SDO client can read the reason.
         """

@@ -69,11 +69,13 @@ def add_output(
     forms: Forms = TEXT_OR_JSON,
     usual: str | None = None,
 ) -> argparse._MutuallyExclusiveGroup:
-    """Add -o FILE, --json, and --format where there are more forms than text and JSON.
+    """Add -o FILE and --json; add --format, too, if there are more forms than text and JSON.
 
     what: the help of --json.
     forms: the forms of the output, the usual one first, with the endings of their files.
-    usual: if the command itself chooses the default form, what the help says about the default; None: the first form.
+    usual: what the help says about the default form, if the command itself chooses this form. None: the default is the
+        first form.
+
     Returns the group of the options that choose a form; the caller may add older spellings of options to it.
     """
     _add_file(parser)

@@ -121,8 +121,10 @@ class Commanded:
     def take(self, t_ns: int, message: ManagementMessage, *, is_active: bool = True) -> Epoch | None:
         """Read a command; return an activated epoch as soon as its configuration is known, else None.
 
-        Each epoch is returned once. If its configuration certainly cannot be put together, the epoch is returned with
-        a `flaw`. is_active: False for a command of a manager that is not active; such commands are kept apart.
+        Each epoch is returned once. If its configuration certainly cannot be put together, the epoch is returned with a
+        `flaw`.
+
+        is_active: False for a command of a manager that is not active; such commands are kept apart.
         """
         prepared = self._prepared if is_active else self._apart
         epoch = prepared.get(_low(message))
