@@ -4,9 +4,9 @@
 recognizes a copy by its content: the same identifier and bytes, on the other channel, within a window of half a
 heartbeat period. Equal frames are counted for each channel. If a sender sends two equal frames, two arrive on each
 channel, and the receiver takes two, in whatever order the four arrive. Within a window the receiver takes as many equal
-frames as the better channel has brought. So a frame is lost only if both channels lose it. There is one exception: if
-one channel loses the first of two equal frames within half a period, and the other channel loses the second, the two
-are taken as one.
+frames as the better channel has brought. So a frame is lost only if both channels lose it. There is one exception: a
+sender sends two equal frames within half a period, one channel loses the first of them, and the other channel loses the
+second. Then the two frames are taken as one.
 
 *Late copies.* A late copy must not be taken for a new frame. A channel that comes back may bring frames that have
 waited in a controller, and a state frame that is a second old looks like a restart of the PE. Hence each identifier has

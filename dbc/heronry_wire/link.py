@@ -305,8 +305,7 @@ class Link:
             self.health.back(now_ns)
 
     def departures_ns(self) -> list[int]:
-        """Give, for each frame that has left the queue since the last call, how long the controller had the frame, in
-        ns.
+        """Give, for each frame that left the queue since the last call, for how long the controller had it, in ns.
 
         0 means that the time is not known, or that the frame was dropped because the bus is lost.
         """

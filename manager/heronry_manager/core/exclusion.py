@@ -39,7 +39,7 @@ which. After a jump no time may have passed at all, so no part of such a gap cou
 
 *Lost frames and restarts.* If the manager misses a state, no token becomes free. A PE that misses frames stops earlier
 than the manager assumes. A late or doubled page 0 has no effect (`deployment`). A manager that restarts knows no
-tokens. For each PE that it does not hear, T_lease counts from its own first ALIVE.
+tokens. For each PE that this manager does not hear, T_lease counts from the first ALIVE of this manager.
 
 *T_lease.* The manager does not know whether a silent PE is dead or cut off. Therefore T_lease must pass before another
 PE drives a DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge commands. Such a PE goes

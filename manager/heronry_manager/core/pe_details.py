@@ -1,7 +1,7 @@
 """Details that PEs store for people: why modules failed, and how often a computer stood still. The manager reads them.
 
-*Failure of a module.* When an EMCY has reported the failure, the manager reads the reason by SDO, and gives it out as
-an event. It keeps the last failure of each module. A PE that is busy may not answer. So the manager asks up to three
+*Failure of a module.* When an EMCY has reported the failure, the manager reads the reason by SDO, and emits it as an
+event. It keeps the last failure of each module. A PE that is busy may not answer. So the manager asks up to three
 times, two seconds apart. If it gets no answer, no event comes until the PE's next EMCY about the module.
 
 *Traceback.* The manager reads it when the operator asks for it, from the PE that reported the last failure.
@@ -9,9 +9,9 @@ times, two seconds apart. If it gets no answer, no event comes until the PE's ne
 *Standstills of a PE.* The manager reads them when the PE joins, answers a PING, or is heard again, and when the
 operator asks for the status. A standstill is *long* if it exceeds a heartbeat period.
 
-- A reading after a PING or a return may cause an event: that there were more long standstills than before. They may be
-  the reason why the PE was not heard. The event gives the longest standstill of the PE if that one is new, otherwise
-  the last long one.
+- A reading after a PING or a return causes an event if there were more long standstills than before: they may be the
+  reason why the PE was not heard. The event gives the longest standstill of the PE if that one is new, otherwise the
+  last long one.
 - If such a reading fails, the next reading after a PING, a return or a join causes the event.
 - A manager reads nothing when it becomes active, since a foreign SDO client may be reading just then. So its first
   report on a PE counts from the start of that PE.

@@ -1,12 +1,13 @@
 """Which mission phase a PE requests: one that a module requests, or one whose `when` rule in the spec is satisfied.
 
-*Rules.* A `when` rule compares a variable with a threshold. The rule is checked by the PE that runs the module which
-gives the variable, at each value that this module gives. So the values need not be sent on a bus, and the rule cannot
-fire while no such module runs. A rule has two states:
+*Rules.* A `when` rule compares a variable with a threshold. A PE that runs the module which gives the variable checks
+the rule, at each value that this module gives. So the values need not be sent on a bus, and the rule cannot fire while
+no such module runs. A rule has two states:
 
     armed     the rule waits until the value has been beyond the threshold for `hold_ns` without a break. Then it fires:
               the phase is requested once
-    fired     the rule waits until the value has been back for `hold_ns` without a break. Then it is armed again
+    fired     the rule waits until the value has been back (no longer beyond the threshold) for `hold_ns` without a
+              break. Then it is armed again
 
 A break is a value on the other side of the threshold, or three periods without a value.
 
@@ -14,9 +15,10 @@ A break is a value on the other side of the threshold, or three periods without 
 request any phase. If several rules fire at one value, only one phase is requested: rules whose origins contain the
 present phase are preferred, and among these the phase that is last in the spec.
 
-*The present phase.* The manager announces it (CONTROL, HOLDS). If the new phase is an origin of a fired rule whose
-values still come, the rule fires again. A PE that has missed the last announcement may request a phase to which no rule
-leads from the present phase. The manager checks the origins itself: it acknowledges this request, and keeps the phase.
+*The present phase.* The manager announces the present phase (CONTROL, HOLDS). If the new phase is an origin of a fired
+rule whose values still come, the rule fires again. A PE that has missed the last announcement may request a phase to
+which no rule leads from the present phase. The manager checks the origins itself: it acknowledges this request, and
+keeps the phase.
 
 *Requests.* A module that requests the same phase in every step makes one request. A request *stands* until its module
 requests another phase or stops. When a new term begins, the PE sends its last standing request again, since the new

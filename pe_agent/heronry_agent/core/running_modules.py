@@ -17,10 +17,10 @@ other modules are restarted immediately, and other partitions are not affected.
 
 The output authorization (protocol rule 6) is checked at the last moment, in three places:
 
-- Before a step of a DEMUX branch. Without it the branch is not stepped, since it may command its device itself.
-- After such a step. If it has ended since the step began, the commands in the answer to the step are not executed.
-- Before a data frame of a module that may run elsewhere. Without it the frame is not sent; but the module is stepped,
-  and its outputs reach modules on this PE.
+- Before a step of a DEMUX branch. Without authorization it is not stepped, since it may command its device itself.
+- After such a step. If the authorization has ended since the step began, the commands in the answer are not executed.
+- Before a data frame of a module that may run elsewhere. Without authorization the frame is not sent; but the module
+  is stepped, and its outputs reach modules on this PE.
 
 If a module has been stopped since its step began, its answer is dropped. While this PE holds back its exclusive
 outputs, and for a second after that, it accepts no report that an element has failed: a surface that no PE drives does

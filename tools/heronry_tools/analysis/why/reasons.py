@@ -81,8 +81,9 @@ class Explanation:
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
     """Explain how a function is served in a situation.
 
-    It is assumed that the best plan with everything up ran before the faults. Raises UserError if the planner does not
-    decide in time what is possible.
+    It is assumed that the best plan with everything up ran before the faults.
+
+    Raises UserError if the planner does not decide in time what is possible.
     """
     healthy = plan(spec, Situation(phase=now.phase))
     found = explained(spec, plan(spec, now, placement(healthy.configuration)) if now.down else healthy)

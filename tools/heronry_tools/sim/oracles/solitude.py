@@ -1,8 +1,7 @@
-"""Which PEs heard no node for T_lease, and when this silence ended. Such a PE may have missed a command (protocol rule
-8).
+"""Which PEs heard no node for T_lease, and when this silence ended.
 
-The silence is derived from the frames on the PE's uplink: either no other node sent there, or the PE itself did not
-send, because its wire was broken or it was paused.
+Such a PE may have missed a command (protocol rule 8). The silence is derived from the frames on the PE's uplink: either
+no other node sent there, or the PE itself did not send, because its wire was broken or it was paused.
 
 Two other events also count as the end of a silence:
 

@@ -20,7 +20,7 @@ Times are seconds from the moment at which the first configuration runs. What ca
 
     kill|restore pe:NAME|manager|primary|standby
     phase NAME       fail|clear KIND:NAME       priority FUNCTION N|default     (orders of the operator)
-    script FILE      release                    (orders, too; FILE ends in .pcs.script: its path from this folder)
+    script FILE      release                    (orders, too; FILE ends in .pcs.script, its path is as for `spec`)
     stick device:NAME                  the device still answers, but with its last reading (simulator)
     wait                               nothing is done; the expectations below count from this time
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
