@@ -1,7 +1,7 @@
 """The symbols of a graph that are dead in a situation, and those that a plan has chosen.
 
-A symbol is dead if it could not run even with unlimited resources (`heronry_dg.why_not.feasible`). Chosen are the
-modules that run and the inputs that are wired. A gate is chosen if it holds because of the wired inputs below it.
+    dead      could not run even with unlimited resources (`heronry_dg.why_not.feasible`)
+    chosen    a module that runs; an input that is wired; a gate that holds because of the wired inputs below it
 """
 
 from dataclasses import dataclass, field
