@@ -22,6 +22,8 @@ How a rule is added to a family:
         good="things: {}\n",
     )
 
+   The rule is one of these:
+
     FAMILY.warning    a warning
     FAMILY.echo       a warning that an error of the same family may cause
     FAMILY.error      an error
