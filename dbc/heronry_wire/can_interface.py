@@ -1,12 +1,13 @@
 """A CAN interface of this computer, as the kernel describes it, and its restart: down and up again.
 
-The source is rtnetlink (Linux, rtnetlink(7), linux/if_link.h, linux/can/netlink.h): every user may read it, and a
-process with CAP_NET_ADMIN may change it. It gives what `ip -details link show` prints, without that program. A vcan has
-no controller: its bit rate, state, restart time and counters are None, as are values that a driver does not report.
+The description comes by rtnetlink (Linux, rtnetlink(7), linux/if_link.h, linux/can/netlink.h). Every user may read it.
+Only a process with CAP_NET_ADMIN may change the interface. The description has what `ip -details link show` prints, but
+that program is not needed. A value that the driver does not report is None. A vcan has no controller, so its bit rate,
+state, restart time and counters are None.
 
-With every driver, setting an interface down and up restarts a controller that is bus-off. The command IFLA_CAN_RESTART
-would disturb other programs on the interface less than that, but some drivers do not support the command. The other
-programs lose nothing if the interface is set down and up: they cannot use an interface that is bus-off either.
+A controller that is bus-off is restarted by setting its interface down and up, which works with every driver. The
+command IFLA_CAN_RESTART would disturb other programs on the interface less, but some drivers do not support it. The
+other programs lose nothing when the interface goes down: they cannot use an interface that is bus-off.
 """
 
 import errno

@@ -1,34 +1,41 @@
 """Merges the two channels of a replicated bus: of two copies of a frame the first is taken, the second is dropped.
 
-Every frame of a replicated bus is sent on both channels, and carries no sequence number. So the receiver recognizes a
-copy by its content: the same identifier and bytes, on the other channel, within a window of half a heartbeat period. It
-counts equal frames for each channel: if a sender sends two equal frames, two arrive on each channel, and the receiver
-takes two, in whatever order the four arrive. Within a window the receiver takes as many equal frames as the better
-channel has brought. So it loses no frame that either channel alone would have brought, with one exception: two equal
-frames within half a period, of which one channel loses the first and the other the second, are taken as one.
+*Copies.* Every frame of a replicated bus is sent on both channels, and carries no sequence number. So the receiver
+recognizes a copy by its content: the same identifier and bytes, on the other channel, within a window of half a
+heartbeat period. Equal frames are counted for each channel. If a sender sends two equal frames, two arrive on each
+channel, and the receiver takes two, in whatever order the four arrive. Within a window the receiver takes as many equal
+frames as the better channel has brought. So a frame is lost only if both channels lose it. There is one exception: a
+sender sends two equal frames within half a period, one channel loses the first of them, and the other channel loses the
+second. Then the two frames are taken as one.
 
-A late copy must not be taken for a new frame. A channel that comes back may bring frames that have waited in a
-controller, and a state frame that is a second old looks like a restart of the PE. Hence each identifier has a state:
+*Late copies.* A late copy must not be taken for a new frame. A channel that comes back may bring frames that have
+waited in a controller, and a state frame that is a second old looks like a restart of the PE. Hence each identifier has
+a state:
 
-    in step     both channels have brought the last frame of this identifier: the first copy of the next frame is taken
-    behind      one channel has not brought the last frame within half a period. A frame that only this channel brings
-                is *withheld* until the other channel brings the frame too: then the frame is taken, and both are in
-                step. If the other channel has brought nothing under this identifier for a period and a quarter, the
-                other channel has failed, and the frame is taken immediately
+    in step   both channels have brought the last frame of this identifier. The first copy of the next frame is taken
+    behind    one channel has not brought the last frame within half a period: it is the channel *behind*, and the other
+              one is the channel *ahead*. A frame that the channel ahead brings is taken. A frame that only the channel
+              behind has brought is *withheld*. If the channel ahead brings this frame, too, within half a period, it is
+              taken, and the identifier is in step again. If not, the frame is dropped
 
-A channel that has lost a single frame of a sender is behind until the next frame of that sender. If the other channel
-fails at that very moment, the sender is not heard for one more period. This is too short to make the sender suspect.
-Frames with a period longer than 1 1/4 heartbeat periods are taken however late they come, since a late frame cannot be
-told from a new one.
+If the channel ahead has brought nothing under the identifier for a period and a quarter, this channel has failed. Then
+a frame that the channel behind brings is taken immediately. So frames with a longer period than 1 1/4 heartbeat periods
+are taken however late they come: a late one cannot be told from a new one.
 
-The rule is the same whichever wire has failed. A break of the channel, of this node's own wire, or of the sender's wire
-alone puts all or some identifiers behind. A frame that CAN itself delivers twice is taken twice, as on a bus with one
+A channel that has lost one frame is behind until the next frame under this identifier. If the channel ahead fails at
+that very moment, the sender is not heard for one more period. The standing of the sender does not become SUSPECT in so
+short a time.
+
+*Which wire.* The rule is the same whether the channel has failed, or this node's own wire, or the sender's wire. Each
+of these failures puts all or some identifiers behind.
+
+*Doubled and forged frames, restarts.* A frame that CAN itself delivers twice is taken twice, as on a bus with one
 channel. A forged copy, sent on the other channel before the sender's own frame, has the same bits: the forged copy is
 taken, and the sender's own frame counts as its copy. After a restart of this node all identifiers are in step, and each
 frame is taken once.
 
-All times are times of arrival. They may be slightly out of order, because a process that slept reads the socket of one
-channel empty before it reads the other.
+All times are times of arrival. They may be slightly out of order: a process that slept first reads all frames of one
+channel, and then those of the other.
 """
 
 from collections import deque
@@ -53,9 +60,11 @@ def latest_copy_ns(heartbeat_ns: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Copy:
-    """A frame that one channel has brought and the other channel has not brought yet.
+    """A frame as one channel has brought it, kept until the window for its copy is over.
 
-    at_ns: time of arrival. is_taken: the node has processed the frame. is_alone: the other channel has not brought it.
+    at_ns: time of arrival
+    is_taken: the node processed the frame when it arrived
+    is_alone: the other channel has not brought the frame yet
     """
 
     frame: Frame

@@ -1,38 +1,39 @@
 """One bus of one node: frames in and out of python-can, one frame in flight at a time (protocol rule 13).
 
-A frame that was handed to the controller is *in flight* until its echo comes: with `receive_own_messages`, python-can
-gives each frame back to its sender when the frame was sent. The link recognizes the echo by its identifier and bytes.
-(The flag by which SocketCAN marks a frame of this computer does not suffice, since the frames of other programs have
-the flag too.) The next frame is handed over only after the echo, so that a more urgent frame that is queued meanwhile
-goes first. If an echo does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives
-the frame up and counts it. If the echo comes after all, the link still recognizes it, and does not take it for a frame
-of another node.
+*Sending.* A frame that was handed to the controller is *in flight* until its echo comes: with `receive_own_messages`,
+python-can gives each frame back to its sender when the frame was sent. The link recognizes the echo by its identifier
+and bytes. (SocketCAN marks the frames of this computer by a flag, but the frames of other programs have this flag,
+too.) The next frame is handed over only after the echo. So if a more urgent frame is queued meanwhile, it goes first.
+If an echo does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives the frame
+up and counts it. If the echo comes after all, the link still recognizes it, and does not take it for a frame of another
+node. If the controller's own queue is full (ENOBUFS, a busy mailbox), the link tries the frame again a millisecond
+later.
 
-Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock (`arrival_times`). So a
-process that was paused does not take old frames for new ones, and setting the clock of the day changes nothing.
+*Times.* Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock
+(`arrival_times`). So a process that was paused does not take old frames for new ones, and setting the computer's time
+of day changes nothing.
 
-If the controller's own queue is full (ENOBUFS, a busy mailbox), the link tries the frame again a millisecond later. No
-error ends a link that was once open:
+*States.* No error ends a link that was once open:
 
     open   frames go in and out
     lost   the interface is down or gone, the hub has ended, the controller is bus-off, or a back-end has raised an
            exception. The link closes the bus, drops all frames in its queue and all new ones, and tries to open the bus
-           again every REOPEN_NS. It first restarts a SocketCAN interface whose controller is bus-off, unless Linux will
-           do so (restart-ms). It does not use an interface with another bit rate than requested: sending there would
-           destroy frames. A bus that may take seconds to open (`slow_opening`) is opened in a thread
+           again every REOPEN_NS. It first restarts a SocketCAN interface whose controller is bus-off, unless Linux
+           itself will do this (restart-ms). It does not use an interface with another bit rate than requested: sending
+           there would destroy frames. A bus that may take seconds to open (`slow_opening`) is opened in a thread
 
 `health` tells since when the bus has been lost, gives the link status events as sentences, and counts errors. LinkError
-is raised only where the bus cannot be opened at the start. A channel of a replicated bus (`replicated_link`) may be
+is raised only at the start, if the bus cannot be opened then. A channel of a replicated bus (`replicated_link`) may be
 lost from the start, without an error.
 
-A node need not receive all frames: `accept` makes the kernel (or the hub of a software bus) filter out identifiers that
-the node does not take. Filters apply to echoes as well, so an identifier that is sent for the first time is added
-before the frame goes out.
+*Filters.* A node need not receive all frames: `accept` makes the kernel (or the hub of a software bus) filter out
+identifiers that the node does not take. Filters apply to echoes as well. So an identifier that is sent for the first
+time is added to the filter before the frame goes out.
 
-SocketCAN and the software bus echo frames, stamp them with this machine's clock, and have nothing left when `recv`
-gives nothing. Other back-ends may differ. With such a back-end a frame counts as sent when `send` returns, and as
-arrived when the link reads it; the link itself drops frames that the node does not take, and calls `recv` again while
-there is something to read.
+*Back-ends.* SocketCAN and the software bus echo frames and stamp them with this machine's clock; when `recv` gives
+nothing, they have nothing left to read. Other back-ends may differ. With such a back-end a frame counts as sent when
+`send` returns, and as arrived when the link reads it. The link itself drops frames that the node does not take, and
+calls `recv` again while there is something to read.
 """
 
 import select
@@ -304,7 +305,7 @@ class Link:
             self.health.back(now_ns)
 
     def departures_ns(self) -> list[int]:
-        """Give for each frame sent since the last call how long the controller had it, in ns.
+        """Give, for each frame that left the queue since the last call, for how long the controller had it, in ns.
 
         0 means that the time is not known, or that the frame was dropped because the bus is lost.
         """
@@ -345,8 +346,8 @@ class Link:
     def _has_nothing_left(self) -> bool:
         """Tell whether all frames have been read, after `recv` has given None.
 
-        None alone does not show this: the answer of a serial modem, which is no frame, also makes `recv` give None.
-        Raises OSError where the connection has ended.
+        The None does not show this: `recv` also gives None if a serial modem has sent an answer, which is no frame.
+        Raises OSError if the connection has ended.
         """
         if self._is_well_known or self._bus is None:
             return True

@@ -31,10 +31,10 @@ def open_ordinary(file: Path) -> int:
 
 
 def replace_ordinary(file: Path, data: bytes) -> None:
-    """Replace the content of a file by `data`; raises OSError.
+    """Replace the content of a file by `data`.
 
-    When the function returns, the content is on the disk. If it fails or is interrupted, the file keeps its old
-    content, and no other file is left behind.
+    When the function returns, the content is on the disk. If it fails (OSError) or is interrupted, the file keeps its
+    old content, and no other file is left behind.
     """
     draft = file.with_name(f"{file.name}.new")
     try:

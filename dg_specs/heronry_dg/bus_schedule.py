@@ -151,10 +151,10 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 def _messages(
     spec: Spec, bus: Bus, data: list[ScheduledMessage], jitters: list[int | None]
 ) -> tuple[ScheduledMessage, ...]:
-    """Add the regular management frames to the data on a bus, and compute response times if the bus is wired.
+    """Add the regular management frames to the data on a bus, with their response times if the bus is wired.
 
-    jitters: jitter of each message of `data` in ns; None: it has no bound. With such a jitter, the messages below data
-    get no response time.
+    jitters: jitter of each message of `data` in ns; None for a jitter without a bound. With such a jitter, the messages
+        that have a lower priority than data get no response time.
     """
     above, below = _above(spec, bus), _below(spec, bus)
     if bus.kind == "wired":

@@ -1,16 +1,18 @@
 """Gate expressions: what the inputs of a module mode must satisfy.
 
-An expression is a tree of `And`, `Or` (k of n) and `Xor` over leaves. The loader has replaced each named gate by its
-expression, so every leaf names a variable. A leaf is addressed by its index path in the tree: `""` for a lone leaf,
-`"0"`, `"0.1"`.
+An expression is a tree of `And`, `Or` (k of n) and `Xor` over leaves. The loader has replaced the name of each gate by
+the expression of that gate, so a tree names only variables. A leaf is addressed by its index path in the tree: `""` for
+a lone leaf, `"0"`, `"0.1"`.
 
 A leaf holds iff it is wired. A gate holds iff the number of its inputs that hold lies between the two numbers of
 `bounds`; everything else about a gate follows from these numbers. So a new kind of gate needs a class, a case in
-`bounds` and in `words`, and a syntax (`expression_reader`, `check.json_schema`). A DEMUX is no node of a tree. Instead,
-the expression of each branch has a leaf for the variable of the DEMUX; `demux` of this leaf names the DEMUX.
+`bounds` and in `words`, and a syntax (`expression_reader`, `check.json_schema`).
 
-Source: section 3.1 and Figure 2 of the paper by Rawashdeh et al. (docs/semantics.md gives its title). The paper has no
-numbers for worth and accepted versions.
+A DEMUX is not a node of a tree. The expression of each branch has a leaf with the variable of the DEMUX; the field
+`demux` of this leaf names the DEMUX.
+
+Source: section 3.1 and Figure 2 of the paper by Rawashdeh et al. (docs/semantics.md has the reference). The paper has
+no numbers for worth and accepted versions.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -119,8 +121,8 @@ def fold(
 ) -> T:
     """Compute a value of an expression from the leaves up.
 
-    leaf: gives the value of a leaf, from the leaf and its path. gate: gives the value of a gate, from the values of its
-    inputs.
+    leaf: gives the value of a leaf, from the leaf and its path.
+    gate: gives the value of a gate, from the gate and the values of its inputs.
     """
     if isinstance(expression, Leaf):
         return leaf(expression, path)

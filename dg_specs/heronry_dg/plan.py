@@ -52,16 +52,16 @@ class PlanError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LevelReport:
-    """A level of the objective: its value in the plan, and a bound on what is possible.
+    """A level of the objective: its value in a plan, and a bound on what is possible.
 
-    Take all legal configurations that equal the plan at every earlier level: none of them is better than `bound` at
-    this level.
+    Consider all legal configurations that have the plan's values at every more important level. None of them has a
+    better value than `bound` at this level.
     """
 
     level: str
     value: int
     bound: int | None  # None: not known
-    proven: bool  # value and bound are equal; compared before the bandwidth is rounded for this report
+    proven: bool  # value and bound are equal; compared before bits per second are rounded for this report
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +133,10 @@ def make_plan(
 ) -> Plan:
     """Make a plan; its report is computed when it is first read.
 
-    bounds: the best possible value of each level. None: an optimal plan gets its own values as bounds, and the bounds
-    of another plan are not known. reasons: why functions are not served, where the planner knows more than
-    `why_not`. Every name in the configuration must exist in the spec.
+    configuration: every name in it must exist in the spec
+    bounds: the best possible value of each level. If it is None, the bounds of an optimal plan are its own values, and
+        the bounds of any other plan are not known
+    reasons: why functions are not served, where the planner knows more than `why_not`
     """
     in_order = Configuration(
         {name: configuration.modules[name] for name in spec.modules if name in configuration.modules}

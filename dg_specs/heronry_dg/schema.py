@@ -1,12 +1,12 @@
 """The fields of a spec: their allowed values, meanings and defaults.
 
-There is one pydantic model per kind of element, with a description and examples of each field; the JSON schema is
+There is one pydantic model per kind of element, with a description and examples of each field. The JSON schema is
 generated from these models. A model checks one element by itself; reference_rules.py checks whether names refer to
 something. Field names are those of the file. If the model has another unit than the file, the attribute has another
 name than the field (`rate_hz` becomes `rate_mhz`).
 
-Gate expressions are `Any` here: expression_reader.py reads them from the tree, because findings about a gate must name
-places inside the expression.
+Gate expressions are `Any` here: expression_reader.py reads them from the tree of the YAML file, because findings about
+a gate must name places inside the expression.
 """
 
 from dataclasses import fields

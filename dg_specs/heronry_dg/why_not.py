@@ -1,12 +1,17 @@
 """Explains in one sentence why a function is not served: the root cause, found without a solver.
 
-First, the file computes what could run with unlimited resources: the greatest set of (module, mode) in which each
-module has a PE to run on, and modes of the set can meet the needs of each mode. The computation starts from all modes
-and removes impossible modes round by round. So modules that feed one another in a cycle remain in the set.
+First, the file computes what could run with unlimited resources. This is the greatest set of (module, mode) that meets
+two conditions:
+
+- each module of the set has a PE to run on;
+- the needs of each mode of the set can be met by modes of the set.
+
+The computation starts from all modes, and removes impossible modes round by round. So modules that feed one another in
+a cycle remain in the set.
 
 If the set lacks the output of a function, the cause can be traced to a fault. If the set has the output, the function
-was left out for lack of resources, or in favour of other functions. A planner that has found out which of these two
-causes holds passes the answer to `why_not` as `alone`.
+was left out for one of two causes: for lack of resources, or in favour of other functions. A planner that has found out
+which of these two causes holds passes the answer to `why_not` as `alone`.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence

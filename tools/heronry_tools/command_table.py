@@ -1,8 +1,8 @@
 """The commands of `heronry`: name, purpose in one line, and the group in which the help shows each.
 
 A new command is one entry in this file and one file below `commands/`. The groups are in the order in which a user
-needs them. The line of a purpose has at most 62 characters, so that the list fits a terminal of 80 columns. It says
-only what the command is for; `heronry COMMAND --help` teaches its use.
+needs them. A purpose has at most 62 characters, so that the list fits a terminal of 80 columns. It says only what the
+command is for; `heronry COMMAND --help` teaches its use.
 """
 
 from collections.abc import Mapping

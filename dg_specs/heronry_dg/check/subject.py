@@ -1,7 +1,7 @@
 """A spec under check: its model, and the places of its parts in the file.
 
 Each family of rules has a function `check(subject, findings)`. This function is called only for a spec that loads. So
-every element of the draft has its fields (no `form` is None), and every name refers to something.
+every element has its fields (in the draft of the spec no `form` is None), and every name refers to something.
 """
 
 from dataclasses import dataclass

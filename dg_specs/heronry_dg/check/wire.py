@@ -1,10 +1,10 @@
-"""DG5xx: compares a spec's frames with CANaerospace's list of variables, the identifier plan, and arbitration.
+"""DG5xx: checks the frames of a spec: their variables (CANaerospace's list), their identifiers, and the arbitration.
 
-Bit rates of wired buses are compared with those of CiA 301.
+The bit rates of wired buses are compared with those of CiA 301.
 
-The check needs no solver. The plan decides later which frames are sent. So for arbitration the check assumes that every
-frame that some configuration could put on a bus is sent, at its fastest rate. On a bus behind a gateway, the response
-time of a forwarded frame is counted from its arrival at the gateway.
+The check needs no solver. The plan decides later which frames are sent. So for the arbitration the check assumes that
+every frame that some configuration could put on a bus is sent, at its fastest rate. On a bus behind a gateway, the
+response time of a forwarded frame is counted from its arrival at the gateway.
 
 How a rule is added: define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in
 `check`.
@@ -163,8 +163,8 @@ def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIde
 def _outranked(subject: Subject, findings: Findings) -> None:
     """Find, on each bus, data of class A and B that less critical data make late.
 
-    Late means that the response time is more than half of the deadline. Data are found only if their response time
-    would be within this half without the less critical data.
+    Late means that the response time is more than half of the deadline. Such data are found only if they would not be
+    late without the less critical data.
     """
     spec = subject.spec
     times, ranks = ResponseTimes(spec), criticality_ranks(spec)

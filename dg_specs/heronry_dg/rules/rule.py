@@ -1,14 +1,16 @@
 r"""A rule: one kind of mistake in a spec, under a code that never changes its meaning.
 
-A code is `DG` and three digits, of which the first names the family. The code of a rule that is removed is never used
-for another rule, since comments and scripts name codes.
+A code is `DG` and three digits; the first digit names the family. If a rule is removed, its code is never used for
+another rule, since comments and scripts name codes.
 
-A rule has the texts of `heronry explain` and docs/rules.md, and two examples: `bad` is a spec with the mistake, and
-`good` the corrected spec. Both are fragments, whose sections replace those of a small correct spec (check/examples.py).
-The tests check that `bad` gets this code alone, and `good` no finding. An example that cannot be printed is described
-in parentheses, and the tests build it.
+A rule has the texts that `heronry explain` and docs/rules.md show, and two examples: `bad` is a spec with the mistake,
+and `good` is the corrected spec. Both are fragments: their sections replace those of a small correct spec
+(check/examples.py). The tests check that `bad` gets this code and no other, and that `good` gets no finding. An example
+that cannot be printed is described in parentheses, and the tests build it.
 
-How a rule is added to a family (the family's file says which file checks it):
+How a rule is added to a family:
+
+1. Define the rule in the family's file, which also says which file checks the family:
 
     UNUSED_THING = FAMILY.warning(
         "DG299",
@@ -20,15 +22,21 @@ How a rule is added to a family (the family's file says which file checks it):
         good="things: {}\n",
     )
 
-A family makes a `warning`, an `echo` (a warning that an error may cause), an `error`, or a `stop` (an error with which
-a spec cannot be loaded). The check that finds the mistake calls:
+   The rule is one of these:
+
+    FAMILY.warning    a warning
+    FAMILY.echo       a warning that an error of the same family may cause
+    FAMILY.error      an error
+    FAMILY.stop       an error with which a spec cannot be loaded
+
+2. Report the mistake in the check that finds it. The sentence describes the case at hand, with names and numbers. The
+   hint says what to write:
 
     findings.add(UNUSED_THING, place, "nothing uses thing 'pump'", "remove it, or name it in 'uses'")
 
-The sentence describes the case at hand, with names and numbers; the hint says what to write. Then add two whole specs
-to tests/dg/twins, DG299.bad.yaml and DG299.good.yaml, that differ in one line, and run `heronry rules -o
-docs/rules.md`. Such specs of older rules may break the new rule, too: correct them, since each must break only its own
-rule.
+3. Add two whole specs to tests/dg/twins, DG299.bad.yaml and DG299.good.yaml, that differ in one line. Each such spec
+   may break only its own rule: if a spec of an older rule breaks the new rule, too, correct that spec.
+4. Run `heronry rules -o docs/rules.md`.
 """
 
 from dataclasses import dataclass, field
@@ -47,8 +55,9 @@ class Severity(StrEnum):
 class Rule:
     """One kind of mistake.
 
-    stops: a spec with this mistake cannot be loaded, so the finding cannot be ignored. echo: an error of the same
-    family may cause this finding, so it is reported only if the family has no error.
+    stops: a spec with this mistake cannot be loaded, so the finding cannot be ignored.
+    echo: an error of the same family may cause this finding. So the finding is reported only if the family has no
+        error.
     """
 
     code: str
@@ -77,7 +86,7 @@ class Words(TypedDict):
 class Family:
     """Rules whose codes have the same prefix, such as `DG2`; each code is used once.
 
-    fast: the rules are part of `heronry check --fast`: their check needs no solver, and runs no code of modules.
+    fast: `heronry check --fast` also checks these rules, since their check needs no solver and runs no code of modules.
     """
 
     prefix: str

@@ -1,8 +1,8 @@
 """The changes whose reconfiguration gets a bound: every single fault of a spec, and the return of each PE.
 
-A fault occurs in the fault-free configuration. Each case is planned as the manager would plan it: by the given planner,
-with as few changes to the running configuration as possible. A fault of a device or module that the running plan does
-not use changes nothing, so no plan is made for it.
+Each fault is assumed to occur while the fault-free configuration runs. Each case is planned as the manager would plan
+it: by the given planner, with as few changes to the running configuration as possible. A fault of a device or module
+that the running plan does not use changes nothing, so no plan is made for it.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,42 +1,50 @@
 """Which PE may still drive what: the manager's half of "break before make" (protocol rule 6).
 
-Three kinds of things must never have two drivers: the branches of a DEMUX (`demux:NAME`), the ends of its `to`
-(`demux:NAME.to`), and the identifiers of a module that may run on several PEs (`module:NAME`). A *token* stands for
-such a thing on one PE; the token of a DEMUX also names the module that runs there. A PE *holds* a token when a
-configuration that the PE may be running places the token there:
+Three kinds of things must never have two drivers:
 
-    gains    the tokens of a configuration, from the first ACTIVATE of its epoch on. Every token that could be placed on
-             the PE, if the PE is found running another manager's configuration, or if this manager has not heard the
-             PE when the mastership begins
-    keeps    once the PE has reported an epoch (it is BROKEN or further): only the tokens of that epoch, and of newer
-             epochs, since the PE may take up a newer epoch without a further report
-    loses    all tokens, when an available PE turns out to be a new incarnation, or to run nothing any more.
-             The tokens of modules, when the PE was declared down for its silence, and the silence has lasted for three
-             and a quarter heartbeat periods of the slowest bus on the way to the PE.
-             All tokens, T_lease after the first ALIVE on the bus that does not name the PE. A PE that hears this ALIVE
-             stops immediately. A PE that does not hear this ALIVE is cut off, and stops by itself T_lease after it last
-             heard another node
+    demux:NAME       the branches of a DEMUX
+    demux:NAME.to    the ends of a DEMUX, as its `to` names them
+    module:NAME      the identifiers of a module that may run on several PEs
 
-The reason for three periods and a quarter: a PE goes on sending a module's frames for two periods after the last frame
-that it has heard from another node, and this frame may have come up to a period after the last state that the PE sent.
-So a PE may send for three periods after its last state. A gateway goes on forwarding the module's frames by the same
-rule, and its period may be longer. Therefore the period of the slowest bus on the way counts. A PE may be declared down
-earlier, for example if `misses` of its bus is less than three. The PE holds the tokens of modules all the same until
-three periods and a quarter are over.
+A *token* stands for such a thing on one PE; the token of a DEMUX also names the module that runs there. A PE *holds* a
+token when a configuration that the PE may be running places the token there.
 
-The time of the silence and T_lease count only while this manager runs. The manager has a beat in every heartbeat
-period. So a longer gap between two of its steps was a pause or a jump of its clock, and the manager cannot tell which
-of the two. After a jump no time may have passed at all, so no part of such a gap counts. A shorter gap always counts as
-time.
+A PE gains:
 
-A state that the manager misses frees no token. A PE that misses frames stops earlier than the manager assumes. A late
-or doubled page 0 has no effect (`deployment`). A manager that restarts knows no tokens. For each PE that this manager
-does not hear, T_lease counts from the manager's first ALIVE on.
+- the tokens of a configuration, at the first ACTIVATE of its epoch;
+- every token that could be placed on the PE, if it is found running another manager's configuration, or if this manager
+  has not heard the PE when the mastership begins.
 
-The manager does not know whether a silent PE is dead or cut off. Therefore T_lease must pass before another PE drives a
-DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge commands. Such a PE goes on sending
-until it hears an ALIVE that does not name it; so no other PE uses the identifiers of its modules before T_lease is
-over.
+When a PE has reported an epoch (it is BROKEN or further), it keeps only the tokens of that epoch and of newer epochs.
+The PE may take up a newer epoch without a further report.
+
+A PE loses:
+
+- all tokens, if it is available and turns out to be a new incarnation, or to run nothing any more;
+- the tokens of modules, if the PE was declared down for its silence, and the silence has lasted for three and a quarter
+  heartbeat periods of the slowest bus on the way to the PE;
+- all tokens, T_lease after the first ALIVE on the bus that does not name the PE. A PE that hears this ALIVE stops
+  immediately. A PE that does not hear it is cut off, and stops by itself T_lease after it last heard another node.
+
+*Three periods and a quarter.* After the last frame that a PE has heard from another node, the PE goes on sending a
+module's frames for two periods. It may have heard that frame up to a period after it sent its own last state. So the PE
+may send for three periods after its last state. A gateway goes on forwarding the module's frames by the same rule, and
+its period may be longer. Therefore the period of the slowest bus on the way counts. A PE may be declared down after
+fewer silent periods, namely after `misses` of its bus. Even then it holds the tokens of modules until three periods and
+a quarter are over.
+
+*Pauses.* The time of the silence and T_lease count only while this manager runs. The manager has a beat in every
+heartbeat period. So if two of its steps are further apart, it was paused or its clock has jumped, and it cannot tell
+which. After a jump no time may have passed at all, so no part of such a gap counts. A shorter gap always counts.
+
+*Lost frames and restarts.* If the manager misses a state, no token becomes free. A PE that misses frames stops earlier
+than the manager assumes. A late or doubled page 0 has no effect (`deployment`). A manager that restarts knows no
+tokens. For each PE that this manager does not hear, T_lease counts from the first ALIVE of this manager.
+
+*T_lease.* The manager does not know whether a silent PE is dead or cut off. Therefore T_lease must pass before another
+PE drives a DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge commands. Such a PE goes
+on sending until it hears an ALIVE that does not name it. So T_lease must also pass before another PE uses the
+identifiers of its modules.
 """
 
 from collections.abc import Collection, Iterable, Mapping

@@ -1,12 +1,13 @@
 """Which PEs hold their exclusive outputs back, and why, as far as the manager can know (OUTPUT_HELD in page 0).
 
-A PE holds its outputs back for a moment in every reconfiguration. So an event reports only outputs that are held back
-for longer than T_lease; another event reports when they are free again. The cause in the event is what the manager
-itself sees of the PE. If the manager sees no cause, there are two possible causes: the PE has heard no node for longer
-than T_lease and waits for the next ALIVE, or a frame has told it of a newer epoch. Without a key any node can send such
-a frame.
+A PE holds its outputs back for a moment in every reconfiguration. So an event reports a PE only if it has held outputs
+back for longer than T_lease. Another event reports when the outputs of this PE are free again. The first event gives
+the cause, if the manager's own knowledge of the PE shows it. If not, there are two possible causes:
 
-A lost state delays the event. A forged flag leads to a false event, and changes no plan.
+- the PE has heard no node for longer than T_lease, and waits for the next ALIVE;
+- a frame has told the PE of a newer epoch. Without a key any node can send such a frame.
+
+If a state frame is lost, the event comes later. A forged flag leads to a false event, and changes no plan.
 """
 
 from dataclasses import dataclass

@@ -2,18 +2,20 @@
 
 This manager's driver and the PEs report lost channels. A bus with one channel left still works: no plan changes, no
 epoch is given up, and the contingencies can still be used. If both channels of a bus are lost, the PEs of the bus are
-silent, and `health` deals with that. So lost channels are no part of the situation; they are kept for the operator: an
+silent, and `health` deals with that. So lost channels are no part of the situation. They are kept for the operator: an
 event reports when a node loses a channel or has it back, and `heronry status` lists the nodes that lack each channel.
 If all nodes on a bus lack a channel, the channel is broken; if one PE lacks it, the wire of that PE is broken.
 
-For each PE a channel is in one of two states. The manager's own channels are as its driver reports them.
+For each PE a channel is in one of two states:
 
     lost    the PE has reported the loss (EMCY CHANNEL_LOST) within the last CHANNEL_FORGOTTEN_NS
     well    the PE has reported CHANNEL_BACK, or has reported no loss within the last CHANNEL_FORGOTTEN_NS
 
+For the manager itself a channel is lost or well as its driver reports it.
+
 A PE repeats its report every second, so the loss of one report does no harm. A late or doubled report has no effect. A
-forged report makes a false line in the status, for three seconds. A manager that restarts, or takes over, knows the
-channels within a second. A report about a channel that the spec does not have is ignored.
+forged report makes a false line in the status, for at most CHANNEL_FORGOTTEN_NS. A manager that restarts, or takes
+over, knows the channels within a second. A report about a channel that the spec does not have is ignored.
 """
 
 from heronry_dg.model import Spec

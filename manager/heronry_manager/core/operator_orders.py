@@ -1,28 +1,28 @@
 """The orders that an operator may give to a manager in flight, and the sentence that answers each.
 
-    phase NAME       another mission phase, any of the spec's
-    priority F N     another priority of function F, 0 to 32767, or `default`: that of the spec. The order stands until
-                     the operator ends it, against all requests of modules
-    fail ELEMENT     the element counts as failed, whatever is heard of it: the manager plans without it. An order to
-                     fail the manager's own bus is refused; so is an order to fail a channel, since the plan would be
-                     the same
+    phase NAME       enter another mission phase of the spec
+    priority F N     give function F another priority, 0 to 32767, or `default`: the priority of the spec. The order
+                     stands until the operator ends it; meanwhile no request of a module changes this priority
+    fail ELEMENT     the element counts as failed, even if it is heard: the manager plans without it. An order to fail
+                     the manager's own bus is refused; an order to fail a channel is refused, too, since the plan would
+                     be the same
     clear ELEMENT    the element no longer counts as failed: its latched fault ends, a PE leaves its quarantine, and a
                      PE that was failed may join again after the shortest hold-down. The manager sends CONTROL, CLEAR to
-                     every PE, so that a PE immediately reports a fault that persists. If that frame is lost, a PE
-                     reports it a second later, and a standby manager learns of the clearing some beats later
+                     every PE, so that a PE immediately reports a fault that persists. If that frame is lost, the fault
+                     is reported a second later, and a standby manager learns of the clearing some beats later
     script           run another configuration, which a script makes of the running one (`held_script`). A script is
                      refused during a reconfiguration, while another script waits, or if its configuration is not legal
     release          end the script that the operator has ordered, whether it runs already or not
     unlock pe:NAME   with a key: this one PE accepts NMT commands and SDO writes for UNLOCK_S seconds. The frame is not
                      repeated: if it is lost, the operator has to give the order again
 
-A manager that only advises does not execute orders of phases, failures and clearances. It plans as if they had been
-executed, and reports what it would do.
+A manager that only advises the operator does not execute orders of phases, failures and clearances. It plans as if they
+had been executed, and reports what it would do.
 
 The consequences of an order are returned (`Outcome`). The caller carries them out in this order: the consequences of
-the changed situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has
-been carried out: the plan and the epoch follow, and the status shows them. An order that is given twice has no effect
-the second time. The part that delivers orders decides which callers may give them.
+the changed situation, the command to the PEs, the reply. So the reply shows that the order was understood, and not that
+it has been carried out: the plan and the epoch follow, and the status shows them. An order that is given twice has no
+effect the second time. The part that delivers orders decides which callers may give them.
 """
 
 from dataclasses import dataclass

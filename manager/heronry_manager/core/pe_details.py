@@ -1,21 +1,24 @@
 """Details that PEs store for people: why modules failed, and how often a computer stood still. The manager reads them.
 
-    failure of a module      read by SDO when an EMCY has reported it, and given out as an event. The last failure of
-                             each module is kept. A PE that is busy just then may not answer, so it is asked up to
-                             three times, two seconds apart; after that no event comes until the PE's next EMCY
-    traceback                read when the operator asks for it, from the PE that reported the last failure
-    standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
-                             the status. A standstill is *long* if it exceeds a heartbeat period. If there were more
-                             long standstills than before, an event reports this, as they may be the reason why the PE
-                             was not heard. If the longest standstill of the PE is new, the event gives that; if not,
-                             the last long standstill. If this reading fails, the next reading after a PING, a return
-                             or a join reports the standstills. A manager reads nothing when it becomes active, since
-                             a foreign SDO client may be reading just then; so its first report on a PE counts from
-                             the start of that PE
+*Failure of a module.* When an EMCY has reported the failure, the manager reads the reason by SDO, and emits it as an
+event. It keeps the last failure of each module. A PE that is busy may not answer. So the manager asks up to three
+times, two seconds apart. If it gets no answer, no event comes until the PE's next EMCY about the module.
+
+*Traceback.* The manager reads it when the operator asks for it, from the PE that reported the last failure.
+
+*Standstills of a PE.* The manager reads them when the PE joins, answers a PING, or is heard again, and when the
+operator asks for the status. A standstill is *long* if it exceeds a heartbeat period.
+
+- A reading after a PING or a return causes an event if there were more long standstills than before: they may be the
+  reason why the PE was not heard. The event gives the longest standstill of the PE if that one is new, otherwise the
+  last long one.
+- If such a reading fails, the next reading after a PING, a return or a join causes the event.
+- A manager reads nothing when it becomes active, since a foreign SDO client may be reading just then. So its first
+  report on a PE counts from the start of that PE.
 
 A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no gateway
 forwards SDO. It keeps what it has read until it ends; another manager reads the details again. `object_reader` says
-what lost, late, doubled and forged frames cause; no decision depends on these values.
+what lost, late, doubled and forged frames cause. No decision depends on these details.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,15 +1,17 @@
 """Storms: changes that follow each other so fast that no epoch would ever be activated.
 
-A change normally ends the epoch that is being prepared, and replaces the request for a plan: the newest situation is
-answered first. If that has happened `_RESTARTS` times in a row, and for `_STORM_NS`, without one epoch being activated,
-there is a storm. In a storm changes are gathered: what is under way is finished first, and then one plan answers all
-that has changed meanwhile. In two cases what is under way still ends immediately:
+Normally the newest situation is answered first. So a change ends the epoch that is being prepared, or replaces the
+request for a plan that is under way. If changes have done this `_RESTARTS` times, over at least `_STORM_NS`, and no
+epoch was activated meanwhile, there is a storm.
+
+In a storm changes are gathered. The epoch or request that is under way is finished first. Then one plan answers all
+changes that have been gathered. A configuration that is under way is still dropped immediately in two cases:
 
 - it has become illegal (`verify`), for example because a PE or a device that it uses is lost;
-- it serves less at level 1 (critical functions) than the running configuration, which is still legal.
+- it serves less at level 1 (critical functions) than the running configuration, and the running one is still legal.
 
-A storm is over when an epoch is activated, or when everything runs as planned. Short bursts, such as many PEs that
-return together, are no storm.
+A storm is over when an epoch is activated, or when everything runs as planned. A short burst of changes is no storm,
+for example when many PEs return together.
 """
 
 from heronry_dg.configuration import Configuration
@@ -24,9 +26,9 @@ _STORM_NS = 1_000_000_000
 
 
 class Storms:
-    """Counts the changes that end an epoch or replace a request for a plan, and tells whether there is a storm.
+    """Tells whether there is a storm, from the number of epochs and requests that a change has ended or replaced.
 
-    The count begins at 0 again when an epoch is activated, or when everything runs as planned.
+    The number counts from the time at which an epoch was last activated, or everything ran as planned.
     """
 
     def __init__(self, spec: Spec, turn: Turn) -> None:

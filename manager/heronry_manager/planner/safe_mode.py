@@ -1,9 +1,10 @@
-"""The safe mode of a phase: the configuration of its critical functions alone, with the fewest changes.
+"""The safe mode of a phase: the configuration of its critical functions only, with the fewest changes.
 
-A PE without a manager falls back to the safe mode (`without_manager: safe_mode`), which should be small and similar to
-the running configuration. So functions of class E are not wanted, all modes are equally good, and optional inputs earn
-no points. The objective is then the critical classes, and next the fewest changes against the phase's fault-free plan.
-The outputs of class E stop, unless a critical function cannot be served without them.
+A PE without a manager falls back to the safe mode (`without_manager: safe_mode`). So the safe mode should be small, and
+similar to the running configuration. It is planned with a reduced spec: functions of class E are not wanted, all modes
+are equally good, and optional inputs earn no points. Then the critical classes decide first, and next the fewest
+changes against the phase's fault-free plan. The outputs of class E stop, unless a critical function cannot be served
+without them.
 """
 
 from collections.abc import Mapping

@@ -1,10 +1,14 @@
 """Which part of the agent takes a frame, by one look-up of its identifier.
 
-There are two kinds of handlers. *Fixed* handlers take state frames and output echoes of other PEs, commands (verified
-by `authenticity` first if the PE has a key), requests to the CANopen and node services, and reports from beyond a
-gateway. *Data* handlers take the data that this PE reads or forwards in its present configuration; they are made anew
-with each activation step (`rewire`). This node receives a frame under one of its own identifiers only if another node
-has the same node-ID; the handlers of these identifiers override all others.
+There are two kinds of handlers:
+
+    fixed    for state frames and output echoes of other PEs; for commands (with a key, `authenticity` first verifies
+             them); for requests to the CANopen and node services; for reports from beyond a gateway
+    data     for the data that this PE reads or forwards in its present configuration. These handlers are made anew with
+             each activation step (`rewire`)
+
+This node receives a frame under one of its own identifiers only if another node has the same node-ID. The handlers of
+these identifiers override all others.
 
 An identifier is *quiet* if its frames change no deadline and cause no state frame. Most frames have such identifiers.
 """

@@ -1,32 +1,36 @@
 """Which mission phase a PE requests: one that a module requests, or one whose `when` rule in the spec is satisfied.
 
-A `when` rule compares a variable with a threshold. The PE that runs the module which gives this variable checks the
-rule, at each value of the module. So the values need not be sent on a bus, and the rule cannot fire while no such
-module runs.
+*Rules.* A `when` rule compares a variable with a threshold. A PE that runs the module which gives the variable checks
+the rule, at each value that this module gives. So the values need not be sent on a bus, and the rule cannot fire while
+no such module runs. A rule has two states:
 
-    armed     the rule waits until the value has been beyond the threshold for `hold_ns` without a break
-    fired     the value has been beyond the threshold for that time, and the phase was requested once. The rule is armed
-              again when the value has been back for `hold_ns` without a break
+    armed     the rule waits until the value has been beyond the threshold for `hold_ns` without a break. Then it fires:
+              the phase is requested once
+    fired     the rule waits until the value has been back (no longer beyond the threshold) for `hold_ns` without a
+              break. Then it is armed again
 
-A break is a value on the other side of the threshold, or three periods without a value. A rule leads to its phase only
-from its *origins* (by default the phases before it in the spec); a module may request any phase. If several rules fire
-at one value, only one phase is requested: rules whose origins contain the present phase are preferred, and among these
-the phase that is last in the spec.
+A break is a value on the other side of the threshold, or three periods without a value.
 
-The manager announces the present phase (CONTROL, HOLDS). If the new phase is an origin of a fired rule whose values
-still come, the rule fires again. If a PE has missed the last announcement, it may request a phase to which no rule
-leads from the present phase. The manager checks the origins itself, acknowledges such a request, and keeps the phase.
+*Origins.* A rule leads to its phase only from its *origins* (by default the phases before it in the spec). A module may
+request any phase. If several rules fire at one value, only one phase is requested: rules whose origins contain the
+present phase are preferred, and among these the phase that is last in the spec.
 
-A module that requests the same phase in every step makes one request. A request *stands* until its module requests
-another phase or stops. When a new term begins, the PE sends its last standing request again, since the new manager may
-not have received it. The repeated request keeps its number, so that no manager executes it twice. It carries
-FORWARD_ONLY: the manager ignores the request unless a rule leads from the present phase to the requested one. If the
-spec has a rule that leads back to an earlier phase, an acknowledged request of a rule is withdrawn when the rule is
-armed again, because its condition no longer holds.
+*The present phase.* The manager announces the present phase (CONTROL, HOLDS). If the new phase is an origin of a fired
+rule whose values still come, the rule fires again. A PE that has missed the last announcement may request a phase to
+which no rule leads from the present phase. The manager checks the origins itself: it acknowledges this request, and
+keeps the phase.
 
-`faults` and the manager handle lost, late, doubled and forged requests. A pause of the process is a break of the value.
-When a module starts on this PE, its rules are armed, even if they have fired on another PE before: a rule whose
-condition still holds fires again. The manager then changes the phase only if the present one is an origin of the rule.
+*Requests.* A module that requests the same phase in every step makes one request. A request *stands* until its module
+requests another phase or stops. When a new term begins, the PE sends its last standing request again, since the new
+manager may not have received it. The repeated request keeps its number, so that no manager executes it twice. It
+carries FORWARD_ONLY: the manager ignores the request unless a rule leads from the present phase to the requested one.
+If the spec has a rule that leads back to an earlier phase, an acknowledged request of a rule is withdrawn when this
+rule is armed again, because its condition no longer holds.
+
+*Lost frames and restarts.* `faults` and the manager handle lost, late, doubled and forged requests. A pause of the
+process is a break of the value. When a module starts on this PE, its rules are armed, even if they have fired on
+another PE before. So a rule whose condition still holds fires again. The manager then changes the phase only if the
+present one is an origin of the rule.
 """
 
 from dataclasses import dataclass

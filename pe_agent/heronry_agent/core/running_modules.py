@@ -1,27 +1,30 @@
-"""Runs the modules of one PE: has them compute their steps on schedule, and sends their data and fault reports.
+"""Runs the modules of one PE: has their steps computed on schedule, and sends their data and fault reports.
 
-A *step* of a module is the computation of one period. A module exists from the action StartModule to the action
-StopModule; in between the schedule decides when it is stepped. The outputs of a step go to the mailboxes of this PE
-and, where the slice says so, to the buses. A command to the module's device is executed, if it is authorized, and
-echoed. A report of a failed element becomes a fault.
+A module exists from the action StartModule to the action StopModule. Meanwhile the schedule decides when it is stepped.
+The outputs of a step go to the mailboxes of this PE and, where the slice says so, to the buses. A command to the
+module's device is executed and echoed, if it is authorized. A report of a failed element becomes a fault.
 
-A module *fails* when it raises an exception, gives a value that no frame can carry, gives its device a command that the
-device cannot execute, hangs, or was computing when its partition ended. The failure is reported, and the module is
-restarted as often as the table allows (`restarts`), then stopped: the manager has the report and decides where the
-module runs. A module that cannot be built, or that takes too long in many steps in a row, is stopped immediately. A
-module whose code is not on this PE is reported when the PE boots up (or when the import fails), and again to every new
-active manager. A partition in which a module hangs is ended by force; its other modules are restarted immediately, and
-other partitions are not affected.
+A module *fails* when it
 
-The output authorization (protocol rule 6) is checked at the last moment, in three places. Without authorization a DEMUX
-branch is not stepped, since the branch may command its device itself. If the authorization has ended since the step of
-a DEMUX branch began, the commands in the answer to the step are not executed. A module that may run elsewhere is
-stepped even without authorization, and its outputs reach modules on this PE, but its data frames are not sent.
+- raises an exception, hangs, or was computing when its partition ended;
+- gives a value that no frame can carry, or gives its device a command that the device cannot execute.
 
-If a module has been stopped since its step began, the answer is dropped. While this PE holds back its exclusive
+The failure is reported, and the module is restarted as often as the table allows (`restarts`), then stopped: the
+manager has the report, and decides where the module runs. A module that cannot be built, or that takes too long in many
+steps in a row, is stopped immediately. A module whose code is not on this PE is reported when the PE boots up (or when
+the import fails), and again to every new active manager. A partition in which a module hangs is ended by force. Its
+other modules are restarted immediately, and other partitions are not affected.
+
+The output authorization (protocol rule 6) is checked at the last moment, in three places:
+
+- Before a step of a DEMUX branch. Without authorization it is not stepped, since it may command its device itself.
+- After such a step. If the authorization has ended since the step began, the commands in the answer are not executed.
+- Before a data frame of a module that may run elsewhere. Without authorization the frame is not sent; but the module
+  is stepped, and its outputs reach modules on this PE.
+
+If a module has been stopped since its step began, its answer is dropped. While this PE holds back its exclusive
 outputs, and for a second after that, it accepts no report that an element has failed: a surface that no PE drives does
-not follow its command, although its servo is healthy. The module that made the report is started anew, so that its old
-observations are dropped.
+not follow its command, although its servo is healthy. The reporting module is started anew, to forget what it saw.
 """
 
 from collections.abc import Collection, Mapping
@@ -258,7 +261,7 @@ class RunningModules:
         self._tell(self.faults.tick(self._turn.now_ns))
 
     def lack(self, images: Mapping[str, str]) -> None:
-        """Report every module with one of these images to the manager, as a module whose code is not on this PE.
+        """Report to the manager every module with one of these images: its code is not on this PE.
 
         images: the reason why each image cannot be run here; an SDO client can read the reason.
         """

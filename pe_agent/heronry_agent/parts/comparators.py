@@ -1,18 +1,19 @@
 """Comparators: modules that compare two versions of one variable, computed by two different programs.
 
-With two versions that differ, either may be right, so a comparator reports no element as failed. (With three versions
-or more, a voter can tell which one is wrong.) A difference beyond `limit` that has lasted for `patience_ns` is a
-*disagreement*. While the disagreement lasts, the comparator reports it repeatedly, and the kind of comparator decides
-the output. The disagreement ends when the versions have agreed for `patience_ns`.
+If the two versions differ, either may be right. So a comparator reports no element as failed. (With three versions or
+more, a voter can tell which one is wrong.) A difference beyond `limit` that has lasted for `patience_ns` is a
+*disagreement*. The disagreement ends when the versions have agreed for `patience_ns`. While it lasts, the comparator
+reports it repeatedly. The manager tells the operator of it, and changes no plan. The output during a disagreement
+depends on the kind of comparator:
 
-    ComparatorBetter    gives the better version, and only reports the disagreement
-    ComparatorSafer     gives the value nearer to `safe`
-    ComparatorNone      gives no value; the spec decides what the modules that read the output do without a value
+    ComparatorBetter    the better version, as without a disagreement
+    ComparatorSafer     the value nearer to `safe`
+    ComparatorNone      no value; the spec decides what the modules that read the output do without a value
 
-While the versions agree, the better one is the output. If only one version is present, this version is the output. If
-the two modules that compute the versions had the same image, they would make the same mistakes. So give these modules
-different images, and put them on different PEs (`separate` in the spec). The manager reports a disagreement to the
-operator and changes no plan.
+While the versions agree, the better one is the output. If only one version is present, this version is the output.
+
+If the two modules that compute the versions had the same image, they would make the same mistakes. So give these
+modules different images, and put them on different PEs (`separate` in the spec).
 """
 
 from collections.abc import Mapping

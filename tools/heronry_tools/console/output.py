@@ -1,9 +1,11 @@
 """Where the output of a command goes, and in which form: --json, --format and -o FILE, the same in every command.
 
-Text is for people, JSON for programs. If a command has more forms, --format names them all. -o FILE takes the output
-that would be printed. If no option chooses the form, the ending of FILE does: a plan in `plan.json` is JSON. A FILE
-with the ending of another form is refused, so that no picture named .png holds SVG. A file is written when the command
-has ended, whole or not at all (`whole_file`); output to a device or a pipe is written directly.
+*Form.* Text is for people, JSON for programs. If a command has further forms, --format selects one. If no option
+selects the form, the ending of FILE does: a plan in `plan.json` is JSON. If FILE has the ending of another form than
+the selected one, it is refused. So a picture named .png never holds SVG.
+
+*Place.* With -o the output goes to FILE, and is not printed. A file is written when the command has ended, as a whole
+or not at all (`whole_file`). A device or a pipe is written directly.
 """
 
 import argparse
@@ -67,11 +69,13 @@ def add_output(
     forms: Forms = TEXT_OR_JSON,
     usual: str | None = None,
 ) -> argparse._MutuallyExclusiveGroup:
-    """Add -o FILE, --json, and --format where there are more forms than text and JSON.
+    """Add -o FILE and --json; add --format, too, if there are more forms than text and JSON.
 
     what: the help of --json.
     forms: the forms of the output, the usual one first, with the endings of their files.
-    usual: if the command itself chooses the default form, what the help says about the default; None: the first form.
+    usual: what the help says about the default form, if the command itself chooses this form. None: the default is the
+        first form.
+
     Returns the group of the options that choose a form; the caller may add older spellings of options to it.
     """
     _add_file(parser)

@@ -1,10 +1,13 @@
 """The rover beside the runway: a camera on a pan and tilt head, and the image processing behind it.
 
-The camera takes an image every 100 to 200 ms; the result of an image is known 100 to 250 ms later. The result is the
-direction of the aircraft, in the runway's frame. Azimuth is measured from the direction of the approach (towards
-negative x), and is positive to the right of the landing direction; elevation is measured from the horizon. The camera's
-errors are white noise, a constant bias of its alignment, images lost alone and in bursts, and outliers. The camera sees
-the aircraft only within its field of view.
+The camera takes an image every 100 to 200 ms. The result of an image is known 100 to 250 ms after the image was taken.
+The result is the direction of the aircraft from the camera, in the runway's frame:
+
+    azimuth      0 towards the approach (negative x), positive to the right as seen by the landing aircraft (positive y)
+    elevation    0 at the horizon, positive upwards
+
+The camera has these errors: white noise, a constant bias of its alignment, outliers, and lost images, single ones and
+bursts. The camera sees the aircraft only within its field of view.
 """
 
 import math

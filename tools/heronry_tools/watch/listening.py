@@ -1,17 +1,17 @@
 """What the frames of a flight show, live or recorded: frames in, events and observations out.
 
-This file has a part for each kind of observation:
+There is a part for each kind of observation:
 
-    traffic    the load of each bus                                             `traffic`
-    PEs        the contents of state frames, when they change; when each PE was heard
-    functions  whether their outputs are heard on the manager's bus             `heronry_tools.runtime.witness`
-    epochs     reconfigurations                                                  `epochs_on_the_bus`
-    manager    a manager's core of its own: it gets the frames that the active manager gets and sends, and tells which
-               PE is lost or joins, as the active manager does; its plans (advice) are dropped
+    traffic    the load of each bus (file `traffic`)
+    PEs        the contents of state frames, when they change; when each PE was heard (this file)
+    functions  whether their outputs are heard on the manager's bus (file `heronry_tools.runtime.witness`)
+    epochs     reconfigurations (file `epochs_on_the_bus`)
+    manager    a manager's core that runs in this program. It gets the frames that the active manager gets and sends. It
+               tells which PE is lost or joins, as the active manager does. Its plans are dropped
 
-If the manager's own events are available (`tells_why`), the last two parts are left out. Nothing is sent. All times are
-those of the frames: before a frame is handled, all deadlines up to its time are handled (`until`), so the same frames
-give the same events.
+If the manager's own events are available (`tells_why`), the parts `epochs` and `manager` are left out. Nothing is sent.
+All times are those of the frames: before a frame is handled, all deadlines up to its time are handled (`until`). So the
+same frames give the same events.
 """
 
 from collections.abc import Iterator, Mapping
@@ -61,7 +61,7 @@ class Listening:
     ) -> None:
         """Begin at `begins_ns` of the frames' clock.
 
-        tells_why: the manager's own events are available.
+        tells_why: the manager's own events are available, so the parts `epochs` and `manager` are left out.
         key: the key of the flight, if it has one.
         tables: the tables of the PEs, with the contingencies on board.
         """

@@ -1,8 +1,10 @@
 """The present state of a system that is watched: events come from a thread, and pages wait for changes.
 
-One event loop owns the state, so nothing here is locked. A slow page misses intermediate states, but nothing else: it
-gets the difference between the state that it has and the present one. Only the last lines of events, for downloads, and
-the loads of the buses over the last minutes are kept.
+One event loop owns the state, so nothing here is locked. A page that is slow gets the difference between the state that
+it has and the present state. So it misses states in between, and nothing else.
+
+Only two things from the past are kept: the last lines of events, for downloads, and the loads of the buses over the
+last ten minutes.
 """
 
 import asyncio

@@ -1,31 +1,35 @@
 """The servo monitors: they compare a surface's command with its position, and report the device that has failed.
 
-*Detection.* The monitor computes where a healthy servo, which has a short lag, would have brought the surface. It
-detects a failure if the difference from that position is beyond the tolerance for `delay_ns` without a break, and in at
-least five comparisons. After a report the monitor waits while the manager activates the other servo.
+*Detection.* A healthy servo has a short lag. The monitor computes where such a servo would have brought the surface. It
+detects a failure if the surface is further from this position than the tolerance for `delay_ns` without a break, and in
+at least five comparisons. After a report the monitor waits while the manager activates the other servo.
 
 *Which servo.* In `big_blue` each servo driver publishes its command with its own version, so the version of the datum
 shows which servo is driven. The monitor of `elevator_and_chute` has no such input. It assumes that the first branch of
 the DEMUX drives, and that the second branch drives after the first servo was reported. If the first servo is out of use
 for another reason, the assumption is wrong, but harmless: the report names a device that is already down.
 
-The monitor of `elevator_and_chute` also has no input that shows whether any servo is driven. A surface stands still,
-too, while its driver is silent or not authorized, until another driver takes over. So this monitor waits for longer
-than a reconfiguration takes before it reports a servo.
+*Is a servo driven at all?* A surface also stands still while its driver is silent or not authorized, until another
+driver takes over. The monitor of `elevator_and_chute` has no input that shows this. So before it reports a servo, it
+waits for longer than a reconfiguration takes.
 
 *Servo or sensor.* The second servo is reported only if the surface has followed its commands for a while since the
 report of the first servo. If not, the sensor is reported: two servos rarely fail within a short time, but one stuck
 potentiometer makes both servos look wrong. A report of both servos would leave the aircraft without an elevator because
-of a sensor. If a reported device is still in use and fails again, the same device is reported again, since the operator
-may have cleared it.
+of a sensor. If a reported device is still in use and fails again, it is reported again, since the operator may have
+cleared it.
 
-Not detected: a surface that is stuck at its commanded position, until the next command.
+A surface that is stuck at its commanded position is not detected until the next command.
 
-The published health: 0 for healthy, else the device that was reported last: 1 or 2 for the servo of that number, 3 for
-the angle sensor.
+*Published health.*
 
-When the monitor starts, it takes the present position of the surface as the expected one. Without a command or an angle
-it does not compare. A restart forgets the reports; the next failure is reported again, which changes nothing.
+    0       no device counts as failed
+    1, 2    the servo of this number was reported last
+    3       the angle sensor was reported last
+
+*Start and restart.* When the monitor starts, it takes the present position of the surface as the expected one. Without
+a command or an angle it does not compare. A restart forgets the reports; the next failure is reported again, which
+changes nothing.
 """
 
 from collections.abc import Mapping

@@ -50,7 +50,7 @@ def _is_here(image: str, folder: Path) -> bool:
 
 
 def _problems(folder: Path, images: Sequence[str]) -> Mapping[str, str | None]:
-    """Load images in a process of its own; gives, by image, the reason why it cannot be loaded, or None.
+    """Load images in a process of its own. Returns by image the reason why it cannot be loaded; None if it can.
 
     If an image ends or hangs the process, the images after it are missing from the result.
     """

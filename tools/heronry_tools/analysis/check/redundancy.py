@@ -1,10 +1,14 @@
-"""The check of DG410 to DG412: elements on which all alternatives depend, found from the graph alone.
+"""The check of DG410 to DG412: elements on which all alternatives depend. The check uses the graph, and no solver.
 
-Alternatives are the inputs of a XOR or a voter, or the ends of a DEMUX. A voter is an OR of which at least two inputs,
-but not all, must hold. An expression depends on an element when it cannot hold without that element, even with
-unlimited resources (`heronry_dg.why_not` computes this). Alternatives that all depend on one element give no protection
-from its faults. Two kinds of elements do not count: an element whose loss also stops the module that reads the
-alternatives, since then no module needs them; and the manager's bus, without which nothing runs at all.
+*Alternatives* are the inputs of a XOR or a voter, or the ends of a DEMUX. A voter is an OR of which at least two
+inputs, but not all, must hold. An expression *depends on* an element when it cannot hold without that element, even
+with unlimited resources (`heronry_dg.why_not` computes this). Alternatives that all depend on one element give no
+protection from its faults.
+
+Two kinds of elements do not count:
+
+- an element whose loss also stops the module that reads the alternatives, since then no module needs them;
+- the manager's bus, without which nothing runs at all.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -1,16 +1,15 @@
 """The consequences of a spec in each phase: the functions served, their load, and their single points of failure.
 
-A single point of failure of a function is one element whose loss loses the function, though the healthy system serves
-it. Only critical functions (classes A to D) that the phase wants are examined. A plan for each element would take
-minutes, so most losses are decided without a plan:
+A single point of failure of a function is one element without which the function is not served, although the healthy
+system serves it. Only critical functions (classes A to D) that the phase wants are examined. A plan for the loss of
+each element would take minutes, so most losses are decided without a plan:
 
 1. A function that cannot be served even with unlimited resources (`feasible`) is lost in every plan.
-2. A configuration from an earlier plan is reduced to what still works without the element. If the reduced configuration
-   is legal and serves all functions that rule 1 leaves, none of these functions is lost, since the best plan is at
-   least as good as the reduced configuration. There is one exception: if the loss may make room for a function that the
-   healthy system has to leave out, a plan is made. Modules without a purpose in the reduced configuration do no harm,
-   since they could be stopped.
-3. For each remaining element a plan is made. Its configuration serves as an earlier plan in rule 2 from then on, also
+2. For the other functions, a configuration from an earlier plan is reduced to what still works without the element. If
+   the reduced configuration is legal and serves all these functions, none of them is lost: the best plan is at least as
+   good. Modules without a purpose in the reduced configuration do no harm, since they could be stopped. Exception: rule
+   3 applies if the loss may make room for a function that the healthy system has to leave out.
+3. For each remaining element a plan is made. From then on rule 2 also uses its configuration as an earlier plan, even
    for the next phase and the next spec.
 """
 
@@ -50,7 +49,7 @@ class PhaseConsequences:
 class Consequences:
     """Computes the consequences of specs, one spec after another (`of`).
 
-    Every planned configuration is kept in `known`. It may make a plan needless for a later loss, phase or spec.
+    Every planned configuration is kept in `known`, since it may make a plan needless for a later loss, phase or spec.
     """
 
     known: list[Configuration] = field(default_factory=list)

@@ -1,21 +1,29 @@
 """Why a function is not served as well as it could be: irreducible reasons, and the smallest repairs.
 
-The *goal* is to serve the function, or, if the plan serves it in a worse mode, to serve it in its best mode; and to
-serve every other function as well as the plan does. A plan that reaches the goal would usually be better than this
-plan, which is the best one; so the goal is impossible, and this file finds out why. The goal is possible only if the
-function adds too little to the value of a plan; then there are no reasons and no repairs.
+The *goal* has two parts:
+
+- the function is served, or, if the plan serves it in a worse mode, it is served in its best mode;
+- every other function is served as well as in the plan.
+
+A plan that reaches the goal would usually be better than this plan. But this plan is the best one, so the goal is
+impossible, and this file finds out why. There is one exception: if the function adds too little to the value of a plan,
+it may be left out although the goal is possible. Then there are no reasons and no repairs.
 
 *Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other. If
-the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The remaining set
-is irreducible: if any one of its assumptions were relaxed, too, the goal would be possible. There may be several
-irreducible sets, and only one is shown. Assumptions that explain least are relaxed first, so this set has them only if
-it cannot do without them.
+the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The assumptions
+that are left are irreducible: if any one of them were relaxed, too, the goal would be possible. There may be several
+irreducible sets; only one is shown. The assumptions that explain least are relaxed first. So the set that is shown has
+such an assumption only if it cannot do without it.
 
-*Repairs.* A repair must relax an assumption of every irreducible set. So the smallest repair is found as a smallest
-hitting set: a set that has a member of each known irreducible set. If the planner cannot reach the goal with this
-repair, a further irreducible set is found, and the search is repeated. A repair can only bring back elements that are
-down, or add CPU, memory or bandwidth. The amount of a capacity that is needed is found by bisection. A repair counts
-only if the planner, given the repaired system, really serves the function.
+*Repairs.* A repair relaxes at least one assumption of every irreducible set. The smallest repair is found in steps:
+
+1. Find the smallest set that has a member of each irreducible set known so far (a smallest hitting set).
+2. If the planner reaches the goal with this set relaxed, the set is the smallest repair.
+3. If not, find a further irreducible set, and begin again at step 1.
+
+A repair can only bring back elements that are down, or add CPU, memory or bandwidth. The amount of a capacity that is
+needed is found by bisection. A repair counts only if the planner, given the repaired system, really serves the
+function.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -76,7 +84,8 @@ class Explanation:
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
     """Explain how a function is served in a situation.
 
-    It is assumed that before the faults the best plan with everything up ran.
+    It is assumed that the best plan with everything up ran before the faults.
+
     Raises UserError if the planner does not decide in time what is possible.
     """
     healthy = plan(spec, Situation(phase=now.phase))

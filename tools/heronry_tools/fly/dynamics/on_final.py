@@ -12,10 +12,10 @@ from heronry_tools.fly.record import Recorder
 
 
 def eav_on_final(mission: Mission, recorder: Recorder, probe: LatencyProbe | None, *, held: bool = False) -> EavPlant:
-    """Return the plant of a mission.
+    """Make the plant of a mission.
 
-    recorder: gets the state of the aircraft after each step near the ground
-    probe: adds step changes to the measured pitch rate; None if the mission measures no latencies
+    recorder: gets the state of the aircraft after each step of the plant while the aircraft is near the ground
+    probe: adds step changes to the measured pitch rate, to measure latencies; None if the mission measures none
     held: whether the aircraft is held at its start until `EavPlant.release`
     """
     if probe is not None:

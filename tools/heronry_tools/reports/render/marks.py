@@ -1,7 +1,8 @@
 """The symbols of a graph that are dead in a situation, and those that a plan has chosen.
 
-A symbol is dead if it could not run even with unlimited resources (`heronry_dg.why_not.feasible`). Chosen are the
-modules that run and the inputs that are wired. A gate is chosen if it holds because of the wired inputs below it.
+- A symbol is dead if it could not run even with unlimited resources (`heronry_dg.why_not.feasible`).
+- A module is chosen if it runs, and an input if it is wired. A gate is chosen if it holds because of the wired inputs
+  below it.
 """
 
 from dataclasses import dataclass, field

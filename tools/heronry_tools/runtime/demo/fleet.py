@@ -1,14 +1,15 @@
 """The processes of a demo: the hubs of the software buses, the manager, every PE.
 
 The demo starts, kills and restores these processes, and ends all of them when it ends. Each process of a node stands
-for a computer of its own, and each hub for a wire, which delays no frame. So if this user may set priorities, these
-processes get a higher priority than all others on this computer, and the hubs the highest.
+for a computer of its own. Each hub stands for a wire, and a wire delays no frame. So if this user may set priorities,
+these processes get a higher priority than all others on this computer, and the hubs get the highest.
 
-The standard input of every child is a pipe from this process. A child ends when the pipe ends (`--until-eof`), so a
-demo that is itself killed leaves no process behind. The folder of a run is named after its process and the process
-namespace (`_here`); the next start in the same namespace removes folders whose process is gone. Each process writes its
-standard error to a log in that folder; the log of an agent also has what its modules print. The logs of a run that
-failed are kept.
+The standard input of every child is a pipe from the demo's process. A child ends when the pipe ends (`--until-eof`). So
+a demo that is itself killed leaves no process behind.
+
+Each run of a demo has a folder, named after the demo's process and its process namespace (`_here`). The next start in
+the same namespace removes the folders of processes that are gone. Each process writes its standard error to a log in
+the folder; the log of an agent also has what its modules print. The logs of a run that failed are kept.
 """
 
 import contextlib
@@ -98,10 +99,11 @@ class Fleet:
         device_driver: str | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """Write the files of the manager and of every PE: tables, and plans made ahead and a key if there are any.
+        """Write the files of the manager and of every PE: tables; also contingencies and a key, if there are any.
 
         aloft_s: how long the simulated flight has already lasted when the demo begins, in s.
-        called: the name under which the operator's commands find the manager (`manager_name`); None: by its path alone.
+        called: the name under which the operator's commands find the manager (`manager_name`). If it is None, the
+            commands find the manager only by the path of its socket.
         heartbeat_ns: shortest heartbeat period in `spec`, if `spec` has longer periods than `spec_file`; None if not.
         device_driver: name of the driver of all devices; None for the driver of the scripted flight.
         environment: environment variables for all processes.
@@ -164,10 +166,10 @@ class Fleet:
         return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
 
     def active_manager(self) -> int:
-        """Give the node-ID of the active manager; on a busy computer the standby manager may have taken over.
+        """Give the node-ID of the active manager: on a busy computer the standby manager may have taken over.
 
-        If there are two managers, the status of each shows whether it is active. If no status shows this, the result is
-        the lower node-ID.
+        If there are two managers, each is asked for its status, which shows whether it is active. If no status shows
+        this, the result is the lower node-ID.
         """
         if len(self._managers) > 1:
             for node in self._managers:

@@ -3,10 +3,10 @@
     python -m heronry_tools.runtime.demo.planning_ahead SPEC      started by the demo, which holds its standard input
 
 The process starts when the first configuration runs. It has a lower priority than the nodes (`_NICENESS`), and does not
-preempt a process that has just woken (SCHED_BATCH). Its priority is not the lowest one, which on a busy computer would
-leave it no time at all. It has no worker processes, since each would first have to load the solver. The plans go
-into the user's cache (`made_ahead`). If the demo ends first, so does the process: the plans that were found are kept,
-and the next demo continues from them.
+preempt a process that has just woken (SCHED_BATCH). Its priority is not the lowest one: on a busy computer the lowest
+one would leave it no time at all. It has no worker processes, since each would first have to load the solver. The plans
+go into the user's cache (`made_ahead`). If the demo ends before all plans are made, the process ends with the demo. The
+plans that were found are kept, and the next demo continues from them.
 
     waiting --start()--> planning --its end--> reported
                             |

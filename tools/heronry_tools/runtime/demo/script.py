@@ -1,6 +1,10 @@
-"""The actions of a demo: `--kill pe:NAME@SECONDS` (or manager), `--restore ...`, `--phase ...`.
+"""The actions of a demo, as its options give them.
 
-Their times count in seconds from the moment at which the first configuration runs.
+    --kill pe:NAME@SECONDS          or manager@SECONDS
+    --restore pe:NAME@SECONDS
+    --phase NAME@SECONDS
+
+SECONDS count from the moment at which the first configuration runs.
 """
 
 import re

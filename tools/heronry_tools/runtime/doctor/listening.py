@@ -1,6 +1,12 @@
-"""The check of a bus by listening: whether there are nodes, one manager, and no node-ID that two nodes use.
+"""The check of a bus by listening: what the received frames show of its wiring, its managers and its nodes.
 
-Only received frames are assessed: `Hearing` takes frames and clock readings, `assess_hearing` makes findings of them.
+    bus        error frames, or no frame at all
+    manager    no active manager, or two
+    node-ID    a node-ID that two nodes use
+    nodes      nodes that are missing, and nodes that are not in the spec
+    clock      whether this computer's clock was set while listening
+
+`Hearing` takes the frames and the readings of the clocks. `assess_hearing` makes findings of them.
 """
 
 from collections import Counter

@@ -1,9 +1,10 @@
 """The end of a flight: the same for drawn flights, scenario files and exhaustive cases.
 
-When the time for faults is over, every fault that can be ended is ended. The oracle `service` verifies silences of
-critical functions up to this moment. Then the flight continues without a new fault. It ends when the aircraft has
-converged, or when the longest time for converging is over (`oracles.liveness`). Until then all other rules that must
-hold in the whole flight are verified.
+1. When the time for faults is over, every fault that can be ended is ended. The oracle `service` verifies silences of
+   critical functions up to this moment.
+2. The flight continues without a new fault. It ends when the aircraft has converged, or when the longest time for
+   converging is over (`oracles.liveness`). All other rules that must hold in the whole flight are verified up to this
+   end.
 """
 
 from collections.abc import Collection, Iterable

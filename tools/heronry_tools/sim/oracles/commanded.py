@@ -1,17 +1,20 @@
 """The configurations that the managers have commanded, by epoch, read back from the frames.
 
-PREPARE opens an epoch. Each SLICE has a first frame, the *head*, and further frames, the *bodies*. The head names a PE
-that takes part in the epoch, the length of its slice, and a digest. The bodies bring the bytes of the slice, unless the
-digest names bytes that were sent before or are on board. If PREPARE names a contingency by its number, a PE without a
-head takes the slice that its table has under that number. While an epoch is being prepared, a manager may still send
-slices of the epoch before to a PE that is late. Each command names its epoch, so the oracle can tell the slices of the
-two epochs apart.
+PREPARE opens an epoch. Then SLICE frames bring one slice for each PE that takes part in the epoch:
 
-From the first ACTIVATE of an epoch on, its configuration is put together as soon as all slices have been seen. The
-manager does not wait for a PE beyond a radio, so the slice of that PE may come later.
+    head      the first frame of a slice: it names the PE, the length of the slice, and a digest
+    bodies    the frames after the head: they bring the bytes of the slice. They are not sent if the digest is that of
+              bytes that were sent before or are on board
 
-Epochs that a manager prepares while it is not active are kept apart: no PE has to accept their commands. A later active
-manager may adopt such an epoch: the LEASE of this manager names the epoch in a higher term.
+If PREPARE names a contingency by its number, a PE without a head takes the slice that its table has under that number.
+While an epoch is being prepared, a manager may still send slices of the previous epoch to a PE that is late. Each
+command names its epoch, so the oracle can tell the slices of the two epochs apart.
+
+From the first ACTIVATE of an epoch on, the oracle puts the configuration together as soon as it has seen all slices.
+The slice of a PE beyond a radio may come later, since the manager does not wait for such a PE.
+
+A manager that is not active may also prepare epochs. They are kept apart, since no PE has to accept their commands. A
+later active manager may adopt such an epoch: the LEASE of this manager names the epoch in a higher term.
 
 Everything is read from frames. So if a slice was never on the bus, the configuration cannot be put together
 (`Epoch.flaw`).
@@ -118,8 +121,10 @@ class Commanded:
     def take(self, t_ns: int, message: ManagementMessage, *, is_active: bool = True) -> Epoch | None:
         """Read a command; return an activated epoch as soon as its configuration is known, else None.
 
-        Each epoch is returned once. If its configuration certainly cannot be put together, the epoch is returned with
-        a `flaw`. is_active: False for a command of a manager that is not active; such commands are kept apart.
+        Each epoch is returned once. If its configuration certainly cannot be put together, the epoch is returned with a
+        `flaw`.
+
+        is_active: False for a command of a manager that is not active; such commands are kept apart.
         """
         prepared = self._prepared if is_active else self._apart
         epoch = prepared.get(_low(message))

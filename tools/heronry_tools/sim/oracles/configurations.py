@@ -1,14 +1,15 @@
 """Every activated configuration is legal, and was staged by each PE that must run something in it.
 
-`Commanded` reads each configuration back from the frames. At the first ACTIVATE of its epoch:
+`Commanded` reads each configuration back from the frames. At the first ACTIVATE of its epoch, two things must hold:
 
-- `heronry_dg.verify` must find no violation in it. It is called as if nothing were down, since the rules verified here
-  (gates, wires, budgets, bus loads, deadlines, placement) do not depend on what has failed. (Whether a module serves a
-  purpose depends on the phase, and is not verified for a spec with several phases.)
-- Each PE on which the configuration places a module must take part in the epoch: a slice of the epoch was sent to the
-  PE, or the PE has staged a slice that it had on board. (A PE beyond a radio may stage a contingency later.) Each of
-  these PEs that is reached by wire must have reported the epoch as staged. So nothing runs on a dead or unconfigured
-  PE.
+1. `heronry_dg.verify` finds no violation in the configuration. It is called as if nothing were down, since the rules
+   verified here (gates, wires, budgets, bus loads, deadlines, placement) do not depend on what has failed. (Whether a
+   module serves a purpose depends on the phase, and is not verified for a spec with several phases.)
+2. Each PE on which the configuration places a module takes part in the epoch: a slice of the epoch was sent to the PE,
+   or the PE has staged a slice that it had on board. If the PE is reached by wire, it has also reported the epoch as
+   staged. If the PE is beyond a radio and the epoch is a contingency, the PE may stage its slice later.
+
+So nothing runs on a dead or unconfigured PE.
 """
 
 from heronry_dg.configuration import Configuration

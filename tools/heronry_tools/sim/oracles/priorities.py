@@ -1,7 +1,7 @@
 """Each priority that the manager announces was ordered, or was requested within its range and not too soon.
 
-The oracle works from frames and from the operator's orders. The active manager announces a changed priority in HOLDS,
-and announces in CLEAR that a function has the priority of the spec again. All other oracles use the announced priority
+The oracle works from frames and from the operator's orders. The active manager announces a changed priority in HOLDS.
+It announces in CLEAR that a function has the priority of the spec again. All other oracles use the announced priority
 (`current`). The announced priority must be one of these:
 
 - the priority that the operator has ordered last for the function. While an order stands, no request counts;
@@ -9,11 +9,16 @@ and announces in CLEAR that a function has the priority of the spec again. All o
   two changes that PEs have requested are at least `_CHANGE_NS` apart;
 - the priority of the spec, if the operator has ordered it or a PE has requested it.
 
-For T_lease after an order, an older HOLDS may still be on its way, so no announcement about this function is a
-violation. At the start of a mastership the manager knows what it has in its journal, or has heard as a standby manager.
-So its first announcement about a function in a term may be any priority that was ever ordered or requested. This
-announcement does not count as a change: a requested change may follow immediately. The time between two changes is
-measured by the manager's clock: if this clock jumps ahead, the jump is a part of that time.
+There are two exceptions:
+
+1. For T_lease after an order, an older HOLDS may still be on its way. So during this time no announcement about the
+   function is a violation.
+2. At the start of a mastership the manager knows what it has in its journal, or has heard as a standby manager. So its
+   first announcement about a function in a term may be any priority that was ever ordered or requested. This
+   announcement does not count as a change: a requested change may follow immediately.
+
+The time between two changes is measured by the manager's clock. If this clock jumps ahead, the jump is a part of that
+time.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,9 +1,12 @@
-"""Which PEs heard no node for T_lease, and when this silence ended: they may have missed a command (protocol rule 8).
+"""Which PEs heard no node for T_lease, and when this silence ended.
 
-The silence is derived from the frames on a PE's uplink: either no other node sent there, or the PE itself did not send,
-because its wire was broken or it was paused. A restart also counts as the end of a silence, since a restarted PE has no
-commands from before its start. When a bus breaks in the middle, or is repaired, the frames do not show which node heard
-which, so this counts as the end of a silence for every PE on the bus.
+Such a PE may have missed a command (protocol rule 8). The silence is derived from the frames on the PE's uplink: either
+no other node sent there, or the PE itself did not send, because its wire was broken or it was paused.
+
+Two other events also count as the end of a silence:
+
+- a restart of a PE: the PE has no commands from before its start;
+- a break in the middle of a bus, or its repair, for every PE on the bus: the frames do not show which node heard which.
 """
 
 from heronry_dg.model import Spec

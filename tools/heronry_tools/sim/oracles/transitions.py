@@ -2,13 +2,15 @@
 
 At the first GO or GO_ALL of an epoch, the oracle knows from state frames what every PE runs; PEs in state BROKEN have
 already stopped what they must give up. `heronry_dg.verify_transition` goes through every order in which the PEs may
-take the remaining steps, and must find that the data fit on each bus at every moment.
+take the remaining steps. In each order the data must fit on each bus at every moment.
 
-The oracle verifies an epoch only if it knows the configuration that ran before. This is so if every PE that takes part,
-and runs anything, is in one of two states: BROKEN in the epoch that is verified, or ACTIVE in an earlier epoch. The
-earlier epoch must be the same for all these PEs, and the oracle must have read it back from its frames.
+The oracle verifies an epoch only if it knows the configuration that ran before. For this, every PE that takes part in
+the epoch and runs anything must be in one of two states:
 
-A radio counts with its whole budget here; the oracle `radio` verifies the share that is usable.
+- BROKEN in the epoch that is verified;
+- ACTIVE in an earlier epoch: the same one for all these PEs, and one that the oracle has read back from its frames.
+
+For a radio this oracle uses the whole budget; the oracle `radio` verifies the share that is usable.
 """
 
 from collections.abc import Mapping, Sequence

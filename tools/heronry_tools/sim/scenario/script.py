@@ -1,7 +1,7 @@
 """A scenario file: what happens to an aircraft, and which frames are expected, one statement per line.
 
     # A processor dies; another one takes its work.        the comment at the top says why the scenario exists
-    spec elevator_and_chute                                a shipped spec, or a file, from the scenario's folder
+    spec elevator_and_chute                                a shipped spec, or a file: its path from this file's folder
     seed 7                                                 for the simulator; 0 by default
     loss 0.01                                              one frame in a hundred is destroyed (simulator)
     standby                                                there are two managers, 126 and 127
@@ -9,7 +9,7 @@
     unforeseen                                             nothing is pre-planned: the greedy plan flies immediately,
                                                            and the best one follows in the background (simulator)
     without pe:tail_pe                                     this PE is absent at the start
-    contingencies 1                                        contingencies on board cover up to so many faults at once
+    contingencies 1                                        the contingencies on board answer up to 1 fault at once
     at 2.0s kill pe:control_pe
     expect function:elevator served within 200ms
     end 8s
@@ -20,7 +20,7 @@ Times are seconds from the moment at which the first configuration runs. What ca
 
     kill|restore pe:NAME|manager|primary|standby
     phase NAME       fail|clear KIND:NAME       priority FUNCTION N|default     (orders of the operator)
-    script FILE      release                    (orders as well; FILE.pcs.script, from the scenario's folder)
+    script FILE      release                    (orders, too; FILE ends in .pcs.script, its path is as for `spec`)
     stick device:NAME                  the device still answers, but with its last reading (simulator)
     wait                               nothing is done; the expectations below count from this time
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)

@@ -1,15 +1,18 @@
 """A node's CAN controller on one bus: a mailbox for one frame, two error counters, and the state of its wires.
 
-The node keeps its frames in its own queue, by priority, and moves one at a time to the mailbox (protocol rule 13). A
-frame in the mailbox cannot be overtaken by a more urgent frame of the same node. It is repeated until it is sent
-without error (automatic retransmission), or until its time limit has passed and the node aborts it. (Most controllers
-can abort a frame, but SocketCAN has no call for it. So a real node may send one old frame when a wire is mended. No
-consumer accepts this frame: by then its sender is not the source of the datum.)
+*Mailbox.* The node keeps its frames in its own queue, by priority, and moves one at a time to the mailbox (protocol
+rule 13). A more urgent frame of the same node cannot overtake the frame in the mailbox. The frame in the mailbox is
+repeated until it is sent without error (automatic retransmission), or until its time limit has passed and the node
+aborts it. (A real node with SocketCAN cannot abort a frame, although most controllers could. So it may send one old
+frame when a wire is mended. No consumer accepts this frame: by then its sender is not the source of the datum.)
 
-Error counters follow ISO 11898-1 12.1.4, without the rules for single bits: a failed frame adds 8 at its sender and 1
-at every receiver, and a frame without error subtracts 1. Above 127 the controller is *error-passive*: it waits for 8
-bits after each of its frames, so that others may send first. Above 255 it is *bus-off*: it neither sends nor hears, and
-the frame in the mailbox is lost. It is restarted after `RESTART_NS` (Linux: `restart-ms`) and 128 times 11 bits.
+*Error counters.* They follow ISO 11898-1 12.1.4, without the rules for single bits. A failed frame adds 8 at its sender
+and 1 at every receiver; a frame without error subtracts 1.
+
+    above 127    *error-passive*: the controller waits for 8 bits after each of its frames, so that others may send
+                 first
+    above 255    *bus-off*: the controller neither sends nor hears, and the frame in the mailbox is lost. The controller
+                 is restarted after `RESTART_NS` (Linux: `restart-ms`) and then 128 times 11 bits
 """
 
 from collections.abc import Callable, Container

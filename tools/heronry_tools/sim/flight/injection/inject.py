@@ -1,8 +1,9 @@
 """The form of an injection: a function that injects a fault into a simulation, and returns the function that ends it.
 
-An injection returns None if it did nothing (for example a pause of a dead PE). The function that ends the fault is
-called at most once. A fault of a node, for example a broken receiver, ends with the death of the node, and the function
-then has no effect. Some faults outlast the node: its death, a wrong table, and faults of its modules.
+An injection that did nothing returns None (for example a pause of a dead PE). The function that ends the fault is
+called at most once. Most faults of a node, for example a broken receiver, end when the node dies; then this function
+has no effect. Three kinds of faults last beyond the death of the node: the death itself, a wrong table, and faults of
+the node's modules.
 """
 
 from collections.abc import Callable
