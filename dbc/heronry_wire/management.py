@@ -284,7 +284,8 @@ class Control:
 class Emergency:
     """The content of an EMCY: a fault, report or request (`code`), its element, and a detail.
 
-    The detail, 0..65535, depends on the code (`FaultCode`, `ElementKind`). For REPORTED the reporting module chose it.
+    The detail, 0..65535, depends on the code (`FaultCode`, `ElementKind`). For the code REPORTED, the module that
+    reports the fault has chosen the detail.
     """
 
     code: FaultCode

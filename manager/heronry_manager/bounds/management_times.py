@@ -79,10 +79,13 @@ class ManagementTimes:
                 self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
 
     def on(self, bus: str, burst: Burst) -> FrameTimes | None:
-        """Give the longest response times on `bus` if the frames of `burst` are sent in addition to the regular frames.
+        """Give the longest response times on `bus` when the frames of `burst` are added to the regular frames.
 
-        On the manager's bus, SLICE frames are counted once as a paced stream and once as a burst. Both give upper
-        bounds; the result is the one with the smaller bound for answers. None: the response times have no bound.
+        None: the response times have no bound.
+
+        On the manager's bus, the times are computed twice: with the SLICE frames as a paced stream, and with the SLICE
+        frames as one burst. Both results are upper bounds. Of the two, the one with the shorter time for answers is
+        returned.
         """
         entry = self._spec.buses[bus]
         ways = [

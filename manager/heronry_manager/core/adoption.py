@@ -58,8 +58,7 @@ class Adoption:
         """Give the epoch that is remembered or was overheard (`runs`) if the PEs run it; None otherwise.
 
         PEs that run nothing, or are missing, do not prevent the adoption; they are treated as faults. The memory does
-        not hold the limits of the radios for which the plan was made, so the plan counts as made for the limits in
-        `now`.
+        not say which limits the radios had when the plan was made. So the plan counts as made for the limits in `now`.
         """
         if runs is None:
             return None

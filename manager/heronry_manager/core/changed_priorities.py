@@ -213,10 +213,10 @@ class ChangedPriorities:
             self._accept(pe, incarnation, name, number)
 
     def held_no_longer(self, longest_beats: int) -> list[str]:
-        """Count a heartbeat of the active manager, and drop priorities that it no longer announces.
+        """Count a beat of the active manager, and drop each priority that it has ceased to announce.
 
-        A priority that it has not announced for `longest_beats` heartbeats becomes that of the spec again. Gives the
-        causes of a new plan.
+        A priority that was not announced for more than `longest_beats` beats becomes that of the spec again. Gives one
+        cause of a new plan for each priority that was dropped.
         """
         self._untold = Counter({name: self._untold[name] + 1 for name in self._changed})
         late = [name for name, beats in self._untold.items() if beats > longest_beats]

@@ -155,9 +155,11 @@ class Replanning:
     def ready(self, answer: PlanReady) -> None:
         """Deploy a plan from the planner; a manager that only advises reports it as advice.
 
-        The plan is dropped if the PEs run it already, or if it was requested in the background and is not better than
-        the running plan. If the changes that were gathered in a storm do not allow its deployment, a new plan is
-        requested.
+        There are three exceptions:
+
+        - Changes were gathered in a storm, and the plan does not suit the new situation: a new plan is requested.
+        - The plan was requested in the background, and is not better than the running plan: it is dropped.
+        - The PEs run the plan already: it is dropped.
         """
         deployment = self._known.deployment
         if not self.planning.awaits(answer):

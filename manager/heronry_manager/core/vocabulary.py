@@ -85,9 +85,10 @@ class JournalTold:
 
 @dataclass(frozen=True, slots=True)
 class ChannelsLost:
-    """The channels of the manager's bus, numbered from 1, on which a frame is missing that another channel has carried.
+    """Event: the channels of the manager's bus that are lost now, numbered from 1.
 
-    The driver reports them at every change.
+    A channel is lost if frames are missing on it that another channel has carried. The driver gives the event at every
+    change.
     """
 
     channels: frozenset[int]

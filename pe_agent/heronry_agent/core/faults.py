@@ -134,7 +134,9 @@ class Faults:
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
         """Request a mission phase, and drop any earlier request; returns the frames to send now.
 
-        forward_only: the manager is to ignore the request unless a phase rule leads from the present phase to this one.
+        forward_only: the manager is to ignore the request unless the requested phase may follow the present one: the
+            phase rule of the requested phase has the present phase in its `from`; a phase without a rule may follow
+            each phase that comes before it in the spec.
         """
         self.withdraw_request()
         self._requests = (self._requests + 1) % REQUEST_NUMBERS

@@ -1,4 +1,4 @@
-"""`heronry web`: a page that shows a running or recorded system to a browser.
+"""`heronry web`: serve a page that shows a running or recorded system in a browser.
 
 Exit codes: 0 it was served until it was stopped; 2 it cannot be served.
 """

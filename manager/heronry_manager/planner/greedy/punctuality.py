@@ -70,9 +70,12 @@ class _Level:
         self.streams[period, late] = self.streams.get((period, late), 0.0) + frame
 
     def delay(self, most_ns: float, rounding: float) -> float:
-        """Iterate the recurrence for the delay w of the next message, in ns, until it converges, or exceeds `most_ns`.
+        """Compute the delay w of the next message, in ns, by iteration of the recurrence (head of this file).
 
-        The iteration starts from the value without round-ups, which is less than the result; this saves most steps.
+        The iteration ends when w does not change any more, or when it exceeds `most_ns`; then the value returned
+        exceeds `most_ns`, too. It starts from the value without round-ups: this is below the result, and saves most
+        steps.
+
         rounding: `_UP` gives an upper bound of w, `_DOWN` a lower bound.
         """
         before, delay = 0.0, (self.demand - self.frames) / (1 - self.load) * _DOWN
@@ -157,7 +160,9 @@ class Punctuality:
         return True
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
-        """Decide whether one source meets its deadline on its route, and add its load to the buses; None: not decided.
+        """Tell whether a source meets its deadline on each bus of its route; None: the bounds do not decide it.
+
+        If it does, its load has been added to `above` for each of these buses.
 
         buses: numbers of the buses on which the source is published.
         above: by number of a bus, the load of all messages that are more urgent than this source.
@@ -179,9 +184,9 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Give an upper bound of one response time in ns; with `is_jitter`, give the exact response time.
+        """Give the response time of a source on one bus, in ns: an upper bound; with `is_jitter`, the exact value.
 
-        0: the response time is too long. None: the bounds do not decide whether the response time is too long.
+        0: the response time is too long. None: the bounds do not decide whether it is too long.
         """
         if level.load > _FULL:
             return None

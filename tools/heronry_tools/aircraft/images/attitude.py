@@ -47,8 +47,9 @@ class AttitudeFilter(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the attitude; nothing if a rate is missing.
 
-        After a start in mode `fused` there is an exception: the first attitude is the reference itself. It needs no
-        rate, but in `fused` it needs accelerations.
+        The first attitude after a start in mode `fused` is an exception. It is the attitude that the accelerations
+        show, so it needs accelerations, but no rates. (If the mode has changed before, it is the best glide, and needs
+        no inputs.)
         """
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG

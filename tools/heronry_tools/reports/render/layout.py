@@ -37,7 +37,9 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A segment: straight from `start` to `leave`, then a curve to `enter`, then straight to `end`.
+    """A segment: the piece of an edge from one column of symbols to the next.
+
+    It is straight from `start` to `leave`, a curve from `leave` to `enter`, and straight again from `enter` to `end`.
 
     edges: numbers of the edges that share the segment.
     last: whether the segment ends at the target of its only edge.
@@ -254,10 +256,13 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Give the x in pixels at which a segment ends: at its target, or at `left`, the left side of a passed column.
+        """Give the x in pixels at which a segment ends.
 
-        into: height at which the edge ends, from the top of the target. The side of a circle is farther to the right
-        near the top and the bottom of the circle, so an edge ends farther to the right there.
+        This is the left side of its target; if the segment ends at a column that its edges only pass, it is `left`, the
+        left side of that column. The left side of a circle lies farther to the right near its top and bottom, so a
+        segment to a circle ends farther to the right there.
+
+        into: height at which the segment ends, from the top of the target.
         """
         if not segment.last:
             return left
@@ -277,11 +282,12 @@ class _Placing:
 
 
 def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
-    """Give the heights at which no two symbols of a column overlap, nearest to the wanted heights.
+    """Place the symbols of a column: as near as possible to the wanted heights, by least squares, without overlap.
 
-    offsets: the least distance of each symbol from the first symbol.
-    wanted: the wanted height of each symbol, and its weight.
-    All heights and distances are in 1/64 of a pixel; the result is rounded down.
+    Gives the height of each symbol. All heights and distances are in 1/64 of a pixel; the result is rounded down.
+
+    offsets: the least distance of each symbol from the first symbol of the column.
+    wanted: for each symbol, the wanted height and the weight of this wish.
     """
     blocks: list[tuple[int, int, int]] = []  # sum of weighted heights, sum of weights, members
     for (height, weight), offset in zip(wanted, offsets, strict=True):

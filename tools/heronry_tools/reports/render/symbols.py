@@ -2,9 +2,11 @@
 
 Figure 1 of the paper shows modules and variables, Figure 2 the gates, and Figure 3 the devices.
 
-A symbol is drawn in its box. A *dead* symbol is crossed out: its module cannot run, its gate cannot hold, or its
-variable cannot be given. A *chosen* symbol has bold lines: its module runs, its gate holds, or its variable is given in
-the plan. The cell of the running mode is filled.
+Each symbol has a box, and is drawn in it. A module has a cell for each mode; the cell of the running mode is filled. A
+symbol may have a mark:
+
+    dead     crossed out: the module cannot run, the gate cannot hold, or no module can give the variable
+    chosen   bold lines: in the plan the module runs, the gate holds, or the variable is given
 """
 
 from collections.abc import Iterator
@@ -16,7 +18,7 @@ from heronry_tools.reports.render.shapes import CELL_ROW, NAME_LINE, NOTE_LINE
 
 
 def symbol(node: Node, box: Box, *, crossed: bool) -> Iterator[str]:
-    """Give the lines of SVG for one symbol; `crossed` draws the cross of a dead symbol."""
+    """Give the lines of SVG for one symbol; with `crossed`, they also draw the cross of a dead symbol."""
     set_marks = (("dead", node.dead), ("chosen", node.chosen), ("again", node.again))
     marks = "".join(f" {name}" for name, set_ in set_marks if set_)
     attribute = "data-again" if node.again else "data-key"  # a key is unique in a picture

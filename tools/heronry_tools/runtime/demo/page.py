@@ -78,7 +78,7 @@ class Page:
         return self._process.stdout
 
     def address(self) -> str | None:
-        """Read the first line that the page sends, and give the address in it; None if the line was read before.
+        """Read the first line of the page process, and give the address in it; None if the line was read before.
 
         To be called when one of `readers` is readable. Raises UserError where the page cannot be served.
         """

@@ -91,9 +91,10 @@ class Operator:
         return sorted(held - self._truth.declared.keys())
 
     def insist(self) -> None:
-        """From now on, repeat to each new active manager the orders about failed elements that it may not know.
+        """From now on, repeat some orders to each new active manager: declare an element failed, clear an element.
 
-        Nothing is repeated with one manager, or if no element has been declared failed or cleared before this call.
+        Only orders that the manager may not know are repeated. With one manager nothing is repeated. Nothing is
+        repeated either if no element was declared failed or cleared before this call.
         """
         self._insists = self._managers.are_two and bool(self._truth.declared or self._well)
         self._look()

@@ -72,11 +72,11 @@ class ModuleSteps:
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
-        """Begin; no step hangs, and the processor is not slow.
+        """Begin with modules that run on time: no step hangs, and the processor is not slow.
 
         drive: is called with every step of a module that drives an output.
-        look: is called with some steps of other modules.
-        broken: by module, or by NAME@PE: how the module fails in its steps.
+        look: is called with some steps of the other modules.
+        broken: how a module fails in its steps, by the name of the module or, for one PE, by NAME@PE.
         broke: is called with the name of a module that has raised an error or given a value outside its type's range.
         """
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
