@@ -100,9 +100,13 @@ class ManagementTimes:
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
         """List the frames on a bus that have priority over data, the most urgent first, with two counts.
 
-        The list has three parts, in this order: CANaerospace emergency events and commands, which include the SLICE
-        frames; CANopen EMCY frames; state frames and answers of PEs. The two numbers are the lengths of the first and
-        of the second part.
+        The list has three parts, in this order:
+
+        1. CANaerospace emergency events and commands, which include the SLICE frames;
+        2. CANopen EMCY frames;
+        3. state frames and answers of PEs.
+
+        The two counts are the lengths of parts 1 and 2.
 
         paced: treat the SLICE frames as an endless stream at their pace; otherwise as one burst.
         """

@@ -15,8 +15,8 @@ The filter copes with three problems of real images:
 
 Measurements are scalars and are used one after the other, so no matrix is inverted.
 
-Source: the delay as in S. Joo et al., "Vision Aided Inertial Navigation with Measurement Delay ...", IEEE Aerospace
-Conference 2008.
+Source: delayed images are treated as in S. Joo et al., "Vision Aided Inertial Navigation with Measurement Delay ...",
+IEEE Aerospace Conference 2008.
 """
 
 import math
