@@ -1,18 +1,21 @@
 """The worst-case response times of management frames on each bus, in normal operation and during a reconfiguration.
 
-The regular frames are those of semantics rule 9, the states that gateways forward to the manager, and page 1 with every
-tenth state. A reconfiguration adds frames (`Burst`), each once: emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and the
-answers of each PE. It also adds, in every heartbeat period, a PING for each silent PE. Data and all other frames have
-lower priority; they delay a management frame by one frame of 8 bytes at most.
+These frames are counted:
 
-The manager paces SLICE frames: it sends one in the time that two would take (`reconfiguration`). A bus that cannot
-carry an endless stream at that pace may still carry the frames of one reconfiguration. So the analysis counts the SLICE
-frames once as a stream and once as a burst, and takes the smaller result; both are upper bounds. Behind a gateway SLICE
-frames may come in a burst.
+    regular           the frames of semantics rule 9, the states that gateways forward to the manager, and page 1 with
+                      every tenth state
+    reconfiguration   once each (`Burst`): emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and the answers of each PE.
+                      In every heartbeat period: a PING for each silent PE
 
-A forwarded frame has a jitter of one of its periods. That holds as long as every response time is shorter than the
-period, which the caller must check. The bounds assume that no frame is lost or destroyed, and that the nodes need no
-time to compute.
+Data and all other frames have lower priority; they delay a management frame by one frame of 8 bytes at most.
+
+*SLICE frames.* The manager paces them: it sends one in the time that two would take (`reconfiguration`). A bus that
+cannot carry an endless stream at that pace may still carry the SLICE frames of one reconfiguration. So the analysis is
+made twice, with a stream and with one burst, and the smaller result counts; both are upper bounds. Behind a gateway
+SLICE frames may come in a burst.
+
+*Assumptions.* A forwarded frame has a jitter of one of its periods. This holds if every response time is shorter than
+the period, which the caller must check. No frame is lost or destroyed, and the nodes need no time to compute.
 """
 
 from collections.abc import Mapping

@@ -1,30 +1,33 @@
 """Deadlines (semantics rule 9) for the greedy planner: bounds that cost microseconds, and the exact analysis.
 
 The exact response-time analysis of `heronry_dg.response_times` takes longer than a greedy plan may take. So this file
-only computes bounds of the recurrence of that analysis:
+first computes bounds. Only where the bounds do not decide, it calls the exact analysis, and remembers its verdicts. So
+this check accepts exactly the drafts that the verifier accepts.
+
+*The recurrence* of the exact analysis is
 
     w = B + sum of ceil((w + J + tau) / T) C        over all messages on the bus that are more urgent
 
 Here w is the delay of a message before its transmission, B the blocking by a frame that is already being sent, and tau
-one bit time. J is the jitter of a message, T its period, and C its transmission time.
+one bit time. J is the jitter of a more urgent message, T its period, and C its transmission time.
 
-The first bound of w has a closed form, with (w + J + tau) / T + 1 in place of the round-up:
+*The first bound* of w has a closed form, with (w + J + tau) / T + 1 in place of the round-up:
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
-If the message is too late by this bound, w is computed by iteration. Both ways give a response time J + w + C. If this
-response time is within the message's own period, it is no less than the exact response time. The reason: B is the
-longest frame that exists, so B also covers the case that one instance of a message is blocked by the instance before it
-(Davis et al. 2007, section 3.4). The iterated response time of the first instance alone is also a lower bound of the
-exact response time.
+*The second bound* is computed if the message is too late by the first one: w by iteration of the recurrence.
 
-Sources are checked in the order of their identifiers, each along its route, so that every jitter is known when it is
-needed. The jitter of a message on its next bus is its response time on the bus before. A response time that is used as
-a jitter is always iterated.
+With each bound, the response time is w plus J and C of the message itself. It is an upper bound of the exact response
+time if it is within the message's own period. The reason: B is the longest frame that exists, so B also covers the case
+that one instance of a message is blocked by the instance before it (Davis et al. 2007, section 3.4). The iterated
+response time of the first instance alone is also a lower bound of the exact response time.
 
-The bounds are floating-point numbers, rounded to the safe side, and a response time is used as a jitter only if both
-directions of rounding give the same value. Where the bounds do not decide, the exact analysis does; its verdicts are
-remembered. So this check accepts exactly the drafts that the verifier accepts, whatever the rounding.
+*Jitter.* Sources are checked in the order of their identifiers, each along its route, so that every jitter is known
+when it is needed. The jitter of a message on its next bus is its response time on the bus before. A response time that
+is used as a jitter is always iterated.
+
+*Rounding.* The bounds are floating-point numbers, rounded to the safe side. A response time is used as a jitter only if
+both directions of rounding give the same value.
 """
 
 from math import ceil

@@ -1,10 +1,14 @@
 """The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
-Symbols stand in columns. An edge that passes a column has a *way-point* there (ordering.py), and each piece of it, from
-one column to the next, is a *segment*. Within a column every symbol is as close as possible, by least squares, to the
-height of the symbols to which edges join it, with at least a gap between any two symbols. The exact solution (pool
-adjacent violators) is computed column by column, from left to right and back. Between two columns an edge is one curve.
-Across a column the edge is straight, at a height of its own. Feedback edges run back below the graph.
+*Columns.* Symbols stand in columns. Where an edge passes a column without ending there, it has a *way-point*
+(ordering.py). A *segment* is the piece of an edge from one column to the next.
+
+*Heights.* Every symbol is as close as possible, by least squares, to the height of the symbols to which edges join it.
+Between two symbols of a column there is at least a gap. The solution is exact for one column (pool adjacent violators).
+It is computed column by column, from left to right and back.
+
+*Edges.* Between two columns an edge is one curve. Across a column it is straight, at a height of its own. Feedback
+edges run back below the graph.
 """
 
 from collections.abc import Iterator, Mapping
@@ -126,10 +130,10 @@ class _Placing:
         )
 
     def _in_ports(self) -> dict[int, int]:
-        """Give the height at which each edge ends, from the top of its target's box.
+        """Give, for each edge, the height at which it ends, from the top of its target's box.
 
-        The edges into one symbol or cell end one below the other, ordered from top to bottom as the symbols or
-        way-points that they come from. Feedback edges end lowest.
+        The edges into one symbol or cell end one below the other. Their order is that of the symbols or way-points from
+        which they come, from top to bottom. Feedback edges end lowest.
         """
         place = {key: number for column in self._layers.columns for number, key in enumerate(column)}
         comers: dict[tuple[str, int | None], list[tuple[int, int]]] = {}

@@ -1,12 +1,14 @@
 """The execution time of modules in a simulated PE: zero, unless there is a fault in a module or in the processor.
 
-A fault may make a module overrun, or the processor slow. An overrun is reported to the core as time spent. The time of
-a slow processor, a pause or a jump of the clock is not reported, as on a real node. A step whose turn comes after the
-core's time limit for it (`until_ns`) is not executed, as in a real partition. While a step is late, further steps of
-its partition wait.
+The faults:
 
-The faults: a module may be `broken` (it raises, gives a value outside its type's range or a wrong value, overruns, or
-requests a phase); the modules of a PE may be `stuck` (their steps hang); its processor may be `slow`.
+    broken   a module raises, gives a wrong value or one outside its type's range, overruns, or requests a phase
+    stuck    the steps of all modules of the PE hang
+    slow     the processor of the PE is slow
+
+An overrun is reported to the core as time spent. The time of a slow processor, of a pause or of a jump of the clock is
+not reported, as on a real node. While a step is late, further steps of its partition wait. If a step must wait beyond
+the time limit that the core has set for it (`until_ns`), it is not executed, as in a real partition.
 """
 
 from collections.abc import Callable, Mapping, Sequence
