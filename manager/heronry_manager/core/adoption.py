@@ -10,7 +10,7 @@ For this, three conditions must be met; if one is not, the manager opens a new e
 A plan is adopted only if every available PE runs it. A remembered or overheard configuration is adopted even if a PE is
 missing or runs nothing; the manager then treats this PE as a fault.
 
-Adoption does not show what a PE may drive at first (`exclusion`):
+At first the manager does not know which exclusive outputs a PE drives (`exclusion`):
 
     a silent PE         counts as holding the tokens that the adopted epoch places on it
     an available PE     may still start the configuration of another manager until it hears the new term. So until then

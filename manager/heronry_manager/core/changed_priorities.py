@@ -9,14 +9,12 @@ The priority of a function is the *spec's*, or *requested* by a module, or *orde
 A change has the same consequences as a fault: a new plan and a new epoch. The criticality of the function does not
 change. What the active manager does:
 
-    with an order                       the priority changes without waiting time: to the ordered one, or back to the
-                                        spec's
-    with a request                      the priority changes, and the request is acknowledged
-    with a request that would change a  the request is neither executed nor acknowledged. The PE repeats it, so the last
-    priority within CHANGE_NS after     of several requests is executed when the time is over
-    another request has changed one
-    with a request outside the range,   the request is acknowledged and refused, with an event that names the PE
-    or against the operator's order
+- An order: the priority changes without waiting time, to the ordered one or back to the spec's.
+- A request that would change a priority less than CHANGE_NS after the last such change by a request: it is neither
+  executed nor acknowledged. The PE repeats it, so the last of several requests is executed when the time is over.
+- A request outside the range, or against the operator's order: it is acknowledged and refused, with an event that names
+  the PE.
+- Any other request: the priority changes, and the request is acknowledged.
 
 A PE repeats a request until it is acknowledged, so a pause of the manager loses no request. The PE counts its requests
 for each function from its start on, and a request carries its number. A request with a number that the manager knows,

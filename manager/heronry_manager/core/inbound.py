@@ -8,10 +8,8 @@
     report of a gateway    to `known_situation`; nothing proves it (`authenticity`)
     SDO answer of a PE     to `pe_details`, if the manager reads objects; nothing proves it, and no decision depends on
                            it
-    SDO request to a PE    it comes from another SDO client. To `pe_details`, which then reads nothing from that PE for
-                           a while
-    request to identify    from any node (CANaerospace); `identification` answers it
-    the manager
+    SDO request to a PE    (from another SDO client) to `pe_details`, which then reads nothing from that PE for a while
+    request of any node    to identify the manager (CANaerospace): to `identification`, which answers it
 
 Dropped are extended and remote frames, error frames, frames with any other identifier, and frames that cannot be
 decoded.

@@ -60,8 +60,8 @@ class Planning:
         """Request a plan for the situation `now`.
 
         running: the placement that runs now; None if none is known.
-        in_background: request the optimal plan, however long it takes; otherwise an immediate plan. target: the
-            configuration of the operator's script, with which the plan is compared; None if there is no script.
+        in_background: request the optimal plan, however long it takes; otherwise an immediate plan.
+        target: the configuration of the operator's script, with which the plan is compared; None if there is no script.
         """
         self.causes += self.gathered
         self.gathered.clear()

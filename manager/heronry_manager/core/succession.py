@@ -8,8 +8,8 @@
     follow           as a standby or advising manager, take in the commands of the active manager (`following`)
     take over        the PEs report that no manager is active any more. Begin a term with what was learnt from the
                      manager that was active last. A PE that was available to that manager, and still runs its
-                     configuration, is not held down. A PE that has proven no state to this manager yet is waited for
-                     (`health`)
+                     configuration, is not held down. This manager waits for each PE that has proven no state to it
+                     yet (`health`)
     fall silent      no PE is heard, or most PEs refuse this manager. Forget all but the memory, send nothing, and
                      listen for a PE
 

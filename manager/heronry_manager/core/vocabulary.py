@@ -24,8 +24,8 @@ class RequestPlan:
 
     running: the running configuration; None: it is not known.
     in_background: the optimal plan is wanted, however long it takes; otherwise a legal plan is wanted immediately.
-    target: the configuration that a script of the operator makes (`held_script`). The plan is compared with it, so the
-        planner does not answer with a contingency. None: there is no script.
+    target: the configuration that a script of the operator makes (`held_script`). The best plan is compared with it,
+        and no contingency is given as the answer. None: there is no script.
     """
 
     request: int

@@ -3,11 +3,11 @@
 Each report is an EMCY. It is *pending* from its cause until the manager acknowledges it (CONTROL). A pending report is
 sent again once in a heartbeat period. If its cause is found again meanwhile, no second report is made.
 
-    fault           pending until its element is acknowledged. A monitor (which may run 40 times a second) may go on
-                    finding the fault. For a second the fault is not reported. Then it is pending again, since the
-                    manager may have cleared the element in the meantime. A reported fault stays *on record* until
-                    CONTROL clears it. Then an EMCY with code 0 ends the report, and the fault is reported anew as soon
-                    as it is found
+    fault           pending until its element is acknowledged. A monitor (which may run 40 times a second) may still
+                    find the fault after that. For a second the fault is not reported; then it is pending again when it
+                    is found, since the manager may have cleared the element in the meantime. A reported fault stays
+                    *on record* until CONTROL clears it. Then an EMCY with code 0 ends the report, and the fault is
+                    reported anew as soon as it is found
     phase request   at most one is pending: a newer request replaces it. The acknowledgement repeats the number of the
                     request, so that the answer to an older request does not end a newer one. A repeated request keeps
                     its number, so that a manager does not execute it twice
@@ -137,9 +137,9 @@ class Faults:
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
         """Request a mission phase, and drop any earlier request; returns the frames to send now.
 
-        forward_only: the manager is to ignore the request unless the requested phase may follow the present one: the
-            phase rule of the requested phase has the present phase in its `from`; a phase without a rule may follow
-            each phase that comes before it in the spec.
+        forward_only: the manager is to ignore the request unless the requested phase may follow the present one. A
+            phase with a phase rule may follow the phases in the rule's `from`; a phase without a rule may follow all
+            phases before it in the spec.
         """
         self.withdraw_request()
         self._requests = (self._requests + 1) % REQUEST_NUMBERS

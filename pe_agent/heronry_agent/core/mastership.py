@@ -17,8 +17,8 @@ effect. A late LEASE counts from the time at which it arrived, not from when it 
 prolong a lease. If the PE has a key, `authenticity` refuses forged LEASEs.
 
 *Restart.* The term is kept in memory only. A PE that restarts runs nothing, and follows the first manager that it
-hears. If another manager has already replaced this one, the PE reports an epoch of the replaced manager. The active
-manager has not commanded this epoch, and notices that at once.
+hears. This manager may already have been replaced by another one. Then the PE reports an epoch of the replaced manager.
+The active manager has not commanded this epoch, and notices that at once.
 """
 
 from heronry_wire.management import MAX_TERM

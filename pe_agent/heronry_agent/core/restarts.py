@@ -1,9 +1,9 @@
 """Whether and when a module that has failed is restarted, and when it is given up.
 
     running    the module has not failed, or was restarted after its last failure
-    waiting    the module has failed, and waits for its restart. The first restart is immediate; the second comes after
-               BACK_OFF_NS, and each further one after twice the time before. `due` gives the modules whose restart is
-               due
+    waiting    the module has failed, and waits for its restart. The first restart is immediate. The second comes
+               BACK_OFF_NS after its failure, and each further one after twice as long as the one before. `due` gives
+               the modules whose time has come
     given up   the module has failed more than `budget` times (the number of restarts that the table allows), each time
                within FORGIVEN_NS of the failure before. Its record is dropped: the manager has the report, and decides
                where the module runs. If the module is started here again, its failures are counted from 0
@@ -44,9 +44,9 @@ class Restarts:
         return frozenset(self._begin_ns)
 
     def failed(self, module: int, budget: int, now_ns: int) -> int | None:
-        """Record a failure; returns the number of failures so far, with this one; None: the module is given up.
+        """Record a failure; returns the number of failures, including this one; None: the module is given up.
 
-        If the last failure is longer ago than FORGIVEN_NS, counting starts again at 1.
+        If the failure before was more than FORGIVEN_NS ago, counting starts again at 1.
 
         budget: the module is restarted after each of its first `budget` failures, and is given up after the next one.
         """

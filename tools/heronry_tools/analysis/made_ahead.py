@@ -5,9 +5,9 @@ the phases that the spec's `contingency` names.
 
 *The same plans for all.* The manager refers to a contingency by its number, and a PE has its slice of that contingency
 on board (protocol rule 5). So the tables and the manager need the same plans. The same spec, planner and processor
-architecture give the same plans, so tables and manager may be made on different computers. Even if the plans differ, no
-PE runs another configuration than the manager commands: PREPARE has a digest that the PE does not hold, the PE answers
-that the contingency is not on board, and the manager sends the slice.
+architecture give the same plans, so tables and manager may be prepared on different computers. Even if the plans
+differ, no PE runs another configuration than the manager commands: PREPARE has a digest that the PE does not hold, the
+PE answers that the contingency is not on board, and the manager sends the slice.
 
 *When they are made.* The plans are made when they are first needed. (A demo does not wait for them: it makes them in
 the background.) They are kept in a file of the user's cache, under the digests of the spec and of the planner, so that

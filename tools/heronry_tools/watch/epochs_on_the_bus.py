@@ -45,7 +45,7 @@ class EpochsOnTheBus:
         self._lost: tuple[int, int] | None = None  # of the last lost PE: when it was called lost, and its last frame
 
     def lost(self, t_ns: int, last_heard_ns: int | None, node: int) -> None:
-        """Note the loss of a PE at `t_ns`; an epoch does not wait for this PE.
+        """Note the loss of a PE at `t_ns`; from now on no epoch waits for a report of this PE.
 
         last_heard_ns: time of the last frame of the PE; None: unknown, so the time to detect is taken to be 0.
         """

@@ -1,6 +1,6 @@
 """The lines of JSON that a feed has in addition to the manager's events; a feed is what a snapshot is made from.
 
- The manager's events are those of `heronry_manager.core.events`. The additional lines have the same form:
+The manager's events are those of `heronry_manager.core.events`. The additional lines have the same form:
 
     status, runs, lines_lost    from the manager's driver, to a reader of its events (`follow`)
     resumed                     begins a file of a recording

@@ -75,9 +75,9 @@ class _Level:
     def delay(self, most_ns: float, rounding: float) -> float:
         """Compute the delay w of the next message, in ns, by iteration of the recurrence (head of this file).
 
-        The iteration ends when w does not change any more, or when it exceeds `most_ns`; then the value returned
-        exceeds `most_ns`, too. It starts from the value without round-ups: this is below the result, and saves most
-        steps.
+        The iteration ends when w no longer changes. It also ends when w exceeds `most_ns`: then the value that is
+        returned is above `most_ns`, but is not the final one. The iteration starts from the value without round-ups.
+        This is below the result, and saves most steps.
 
         rounding: `_UP` gives an upper bound of w, `_DOWN` a lower bound.
         """
@@ -165,7 +165,7 @@ class Punctuality:
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
         """Tell whether a source meets its deadline on each bus of its route; None: the bounds do not decide it.
 
-        If it does, its load has been added to `above` for each of these buses.
+        If the source meets its deadline, its load has been added to `above` for each of these buses.
 
         buses: numbers of the buses on which the source is published.
         above: by number of a bus, the load of all messages that are more urgent than this source.

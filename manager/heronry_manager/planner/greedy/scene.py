@@ -1,7 +1,7 @@
 """The scene: the part of a spec that a situation leaves, in the integers of `Tables`.
 
 A scene has the same facts as `heronry_dg.situation.survivors` and `planner.candidates`. To work out a scene takes less
-than a tenth of the time of these two, since it starts from the scene without faults, and only works out the
+than a tenth of the time of these two: `Scenery` starts from the scene without faults, and only works out the
 consequences of the down elements. The buses form a forest, so between two PEs that the manager can command there is
 always the same route. So no route depends on faults.
 
@@ -122,7 +122,7 @@ class Scenery:
 
         hosts: by mode, the set of PEs that could run the mode if they are up.
         pes: the set of PEs that are up.
-        cpu: by PE, the usable CPU in thousandths.
+        cpu: by PE, the usable CPU in thousandths of the reference core.
         limited: False: no CPU is limited, so `cpu` need not be checked.
         """
         tables, homeless = self._tables, 0

@@ -3,8 +3,8 @@
 A sweep has already made the plans for all fault sets; this file counts what the plans serve. All fault sets with the
 same number of faults have the same weight, however likely each of them is.
 
-A function counts as lost after a fault set if the best plan does not serve it. There are two reasons: no plan can serve
-the function, or a more important function needs the remaining resources.
+A function counts as lost after a fault set if the best plan does not serve it. There are two possible
+reasons: no plan can serve the function, or a more important function needs the remaining resources.
 """
 
 from collections import Counter

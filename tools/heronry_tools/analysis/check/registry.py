@@ -1,7 +1,8 @@
 """All families of rules, and the functions `check` of those families that the loader does not check completely.
 
 The loader checks DG0xx, DG1xx, and those rules of DG2xx whose violation stops a spec from being loaded. Every other
-rule is checked by the function `check(subject, findings)` of its family. It is called only with a spec that loads.
+rule is checked by the function `check(subject, findings)` of its family. `check` is called only with a spec that
+loads.
 
 A *slow* family needs a solver, or runs foreign code. Its rules and its `check` are in files of this folder:
 

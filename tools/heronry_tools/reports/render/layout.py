@@ -71,7 +71,7 @@ class Layout:
 
     width, height: size of the whole picture.
     boxes: the box of each symbol, by its key.
-    curves: the segments.
+    curves: the segments, that is, the pieces of the edges from one column of symbols to the next.
     loops: the feedback edges.
     """
 
@@ -262,9 +262,9 @@ class _Placing:
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
         """Give the x in pixels at which a segment ends.
 
-        This is the left side of its target; if the segment ends at a column that its edges only pass, it is `left`, the
-        left side of that column. The left side of a circle lies farther to the right near its top and bottom, so a
-        segment to a circle ends farther to the right there.
+        The last segment of an edge ends at the left side of its target. Any other segment ends at `left`, the left side
+        of the column that it reaches. The side of a circle lies farther to the right near the top and the bottom of the
+        circle, so a segment to a circle ends farther to the right there.
 
         into: height at which the segment ends, from the top of the target.
         """

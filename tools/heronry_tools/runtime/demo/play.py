@@ -93,8 +93,8 @@ def play(arguments: argparse.Namespace) -> int:
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
     """Give the contingencies with which the demo flies, and the process that makes contingencies for the next demo.
 
-    The process is there in one case only: the plans for single faults are wanted, have not been made yet, and the
-    solver is installed. If they are wanted and not made yet, the contingencies are None.
+    The process is None, unless three things hold: the plans for single faults are wanted, they have not been made yet,
+    and the solver is installed. If they are wanted but have not been made yet, the contingencies are None.
     """
     if source is not Ahead.SINGLE_FAULTS:
         return contingencies_of(spec, source), None

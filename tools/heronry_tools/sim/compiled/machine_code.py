@@ -1,9 +1,9 @@
 """The simulator as machine code, which `heronry sim --compiled` flies: four times as fast, with equal frames.
 
-A campaign of thousands of flights needs speed, but must fly the same cores as an aircraft. So all packages are
-compiled: mypyc, a part of mypy, translates typed Python to C. Copies of all packages lie in the user's cache folder,
-each module with its compiled form beside its source; Python then imports the compiled form. No module of a flight asks
-whether it is compiled.
+A campaign of thousands of flights needs speed, but must fly the same cores as an aircraft. So it flies a compiled form
+of them: mypyc, a part of mypy, translates typed Python to C. This is done with a copy of all packages in the user's
+cache folder. There the modules in which a flight spends its time have a compiled form beside their source, and Python
+imports the compiled form. No module of a flight asks whether it is compiled.
 
 The folder of a copy is named by the digest of sources, specs, Python and mypy. So changed sources give another copy,
 and no old copy is flown. One process at a time makes a copy under another name, and renames it when it is complete. A

@@ -46,8 +46,8 @@ class AvailabilityCheck(Oracle):
     def denials(self, faults: Collection[Fault], witness: Witness, span_ns: range) -> list[Violation]:
         """Return a violation for each denial of service between the first configuration and the end of a flight.
 
-        The list is empty if there was no fault, if a fault was no forged frame, or if forged frames took a tenth of a
-        bus or more.
+        The list is empty if there was no fault, if any fault was something other than forged frames, or if forged
+        frames took a tenth of a bus or more.
 
         faults: everything that was injected
         span_ns: time of the first configuration, and of the end of the flight

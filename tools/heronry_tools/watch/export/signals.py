@@ -23,7 +23,7 @@ from heronry_wire.frame import Frame, Malformed
 
 @dataclass(slots=True)
 class Series:
-    """One signal.
+    """One signal: a series of numbers with their times.
 
     name, unit, comment: what the signal is.
     times_ns: times of the samples, in ns of the recording's clock.
