@@ -2,7 +2,8 @@
 
 The faults:
 
-    broken   a module raises an error, gives a wrong value or one outside its type's range, overruns, or requests a phase
+    broken   a module raises an error, gives a value that is wrong or outside its type's range, overruns, or requests a
+             phase
     stuck    the steps of all modules of the PE hang
     slow     the processor of the PE is slow
 
