@@ -150,7 +150,7 @@ class Response(NamedTuple):
 
 
 class _Stream(NamedTuple):
-    """A message, with its times as integers on the common denominator; `cost` is the length of its frame."""
+    """A message, with its times as integers (`_on_one_denominator`); `cost` is the length of its frame."""
 
     cost: int
     period: int
@@ -162,8 +162,8 @@ class _Window:
     """A time window that is exactly as long as it takes to send the messages that are released in it.
 
     length: the length of the window. ahead: time after the window in which a release counts, too. due: a heap with an
-    entry (next release, period, cost) for each stream; this release does not count yet. All times are integers on the
-    common denominator. The window only grows, so every release is counted once.
+    entry (next release, period, cost) for each stream; this release does not count yet. All times are
+    integers (`_on_one_denominator`). The window only grows, so every release is counted once.
     """
 
     __slots__ = ("ahead", "due", "length")

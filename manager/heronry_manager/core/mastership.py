@@ -1,14 +1,16 @@
 """Mastership: whether this manager is the active one, stands by, or has ended; and what lets it begin, or give way.
 
-    LISTENING   the manager sends nothing, in one of three cases.
-                It has just been started: it listens for T_lease, since a LEASE in that time shows that another manager
-                is active.
-                It was active, and hears no PE any more: its receiver has failed, or its wire is broken, and its
-                commands could only take outputs away from PEs that hear them. It listens until it hears a PE again.
-                Most PEs refuse it: they report that they hear no LEASE, because they know of a higher term. The manager
-                listens for twice as long after each refusal, and begins the next term, which may be high enough. After
-                two refusals in a row the manager once skips many terms: the higher terms may have been in a journal
-                that was lost
+    LISTENING   the manager sends nothing. There are three reasons for this state:
+                1. It has just been started: it listens for T_lease, since a LEASE in that time shows that another
+                   manager is active.
+                2. It was active, and hears no PE any more: its receiver has failed, or its wire is broken, and its
+                   commands could only take outputs away from PEs that hear them. It listens until it hears a PE again,
+                   and then for T_lease.
+                3. Most PEs refuse its term: they may know of a higher one. A PE shows this by the report that it hears
+                   no LEASE. The manager ends its term when most PEs have reported this for T_lease. It listens for
+                   T_lease, and begins the next term, which may be high enough. If the next term is refused, too, the
+                   manager ends it after twice that time, and so on. After the second refusal in a row it skips many
+                   terms, but only once: the higher terms may have been in a journal that was lost
     STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
                 to close
     ACTIVE      it is active, and has requested its first plan: normal operation (in the status: `reigning`)
@@ -20,7 +22,7 @@ A manager gives way if it hears another manager at its start, or later a manager
 then stands by, and otherwise it ends. Manager 127 also stands by for a while if it hears no manager at its start
 (`following`), so that 126 goes first. If a manager hears a LEASE with its own node-ID and term, a second manager with
 this node-ID was started by mistake. Of these two managers, the first that hears the other gives way. A manager that
-only advises sends nothing, and need not give way to another one.
+only advises the operator (`advice`) sends no frames, so it need not give way.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
 `TRANSITIONS`. Another manager repeats its LEASE in each period, so a lost LEASE comes again. A late or doubled LEASE

@@ -45,7 +45,8 @@ _LINGER_S = 1.0
 class SoftBus(can.BusABC):
     """A python-can bus on the hub at `channel`: the name of the bus, or the path of its UNIX socket.
 
-    `bitrate` may be left out; if given, it must be that of the hub. Raises CanInitializationError with a remedy.
+    `bitrate` may be left out; if given, it must be that of the hub. Raises CanInitializationError if the bus cannot be
+    opened.
     """
 
     def __init__(
@@ -73,12 +74,11 @@ class SoftBus(can.BusABC):
             raise
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Put a frame into the transmit mailbox.
+        """Wait until the transmit mailbox is empty, and then put a frame into it.
 
-        Wait up to `timeout` (s, None: without end) until the mailbox is empty.
-
-        Raises CanOperationError when the mailbox stays full or the hub is gone, ValueError for a message that is no CAN
-        frame.
+        timeout: the longest wait in s; None: without end.
+        Raises CanOperationError if the mailbox is still full after that time, or if the hub is gone; ValueError for a
+        message that is no classical CAN frame.
         """
         self._link.offer(_checked_frame(msg), msg.dlc, timeout)
 
