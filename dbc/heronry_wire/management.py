@@ -1,29 +1,33 @@
 """The management protocol: every message between a manager and the PEs, and its bytes.
 
 Senders
-    The manager (126 or 127) sends LEASE and ALIVE every heartbeat period, PREPARE, SLICE and ACTIVATE when it
+    The manager (node 126 or 127) sends LEASE and ALIVE every heartbeat period, PREPARE, SLICE and ACTIVATE when it
     reconfigures, PING to a suspect PE, and CONTROL for an `Operation`. With a key, a TAG follows each of these commands
-    (`command_tags`). A PE sends STATE every heartbeat period (`state_frames`) and EMCY for a fault or a request. A
+    (`command_tags`). A PE sends STATE every heartbeat period (`state_frames`), and EMCY for a fault or a request. A
     gateway also sends LINK (`gateway_report`). There are no other commands or reports.
 
 Reconfiguration: stage, then activate
-    PREPARE names a new epoch, the digest of the whole configuration, and, if the configuration is a contingency, its
-    number: a PE that has the contingency on board stages its slice of it. For each other PE, SLICE with index 0 gives
-    length and digest of the PE's slice. A PE that already runs a slice with this digest stages it immediately. Any
-    other PE collects the slice from the frames 1, 2, ... (five bytes each), in any order, doubled or not. Page 1 of the
-    state reports what is staged. ACTIVATE then carries a step, and LEASE repeats the step for a PE that missed
-    ACTIVATE. What a PE does at each step:
+    PREPARE names a new epoch and the digest of its configuration; if this is a contingency, also its number. Then each
+    PE stages its slice:
+
+    - A PE that has the contingency on board takes its slice from there.
+    - For each other PE, SLICE with index 0 gives the length and the digest of its slice. If the PE already runs a slice
+      with this digest, it stages this slice. If not, it collects the slice from the SLICE frames 1, 2, ..., with five
+      bytes each. They may come in any order, and doubled.
+
+    Page 1 of the state reports what is staged. ACTIVATE then carries a step. LEASE repeats the step, for a PE that
+    missed ACTIVATE. What a PE does at each step:
 
     BREAK    stops modules that the new slice lacks, rewires those that stay, sends no new data, reports BROKEN
     GO       starts the other modules, but holds DEMUX branches that are new on this PE; reports PARTIAL if it holds one
     GO_ALL   starts these branches, too; reports ACTIVE
 
     A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. Every
-    command may be lost, late or doubled: the command names its epoch, and a PE ignores an older epoch, a lower term,
-    and a step that it has already taken.
+    command may be lost, late or doubled, since it names its epoch: a PE ignores an older epoch, a lower term, and a
+    step that it has already taken.
 
 Numbers
-    An epoch is compared modulo 2^16 (`is_newer`); 0 means that there is no epoch. A term is 1..4095 (PREPARE has no
+    Epochs are compared modulo 2^16 (`is_newer`); 0 means that there is no epoch. A term is 1..4095 (PREPARE has no
     room for more) and only rises; any other value is malformed. A digest is 24 bits. All numbers are big-endian, except
     the error code in EMCY, which is little-endian as in CiA 301.
 
@@ -71,10 +75,14 @@ class Operation(IntEnum):
 class ElementKind(IntEnum):
     """Kinds of elements in EMCY and CONTROL. The index of an element is its position among its kind in the spec.
 
-    An EMCY has the kind PHASE or PRIORITY only if the EMCY is a request. The rule for the index has two exceptions.
-    For a requested priority, the index in an EMCY has the function in its high byte and the number of the request in
-    its low byte; the detail is the priority, or SPECS_PRIORITY. For a channel, the index is the position of its bus
-    among the buses of the reporting PE, and the detail of the EMCY is the number of the channel, from 1.
+    The index has another meaning in two cases:
+
+    - A requested priority, in an EMCY: the high byte of the index is the function, the low byte the number of the
+      request. The detail is the priority, or SPECS_PRIORITY.
+    - A channel: the index is the position of its bus among the buses of the reporting PE. The detail of the EMCY is the
+      number of the channel, from 1.
+
+    In an EMCY, the kinds PHASE and PRIORITY occur only in requests.
     """
 
     PE = 0
@@ -284,7 +292,8 @@ class Control:
 class Emergency:
     """The content of an EMCY: a fault, report or request (`code`), its element, and a detail.
 
-    The detail, 0..65535, depends on the code (`FaultCode`, `ElementKind`). For REPORTED the reporting module chose it.
+    The detail, 0..65535, depends on the code (`FaultCode`, `ElementKind`). For the code REPORTED, the module that
+    reports the fault has chosen the detail.
     """
 
     code: FaultCode

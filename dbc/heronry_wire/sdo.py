@@ -1,19 +1,23 @@
 """CANopen SDO: the first byte of its messages, its abort codes and its checksum (CiA 301, 7.2.4.3).
 
-This file reads and writes messages; the server (`heronry_agent.core.sdo_server`) acts on them. An SDO message always
-has eight bytes: a command, index (little-endian), sub-index, and four bytes of data or a length; or a command and seven
-bytes of data.
+This file reads and writes messages, and keeps no state. The server (`heronry_agent.core.sdo_server`) acts on the
+messages. An SDO message always has eight bytes, in one of two forms:
 
-    client  command (three bits)        server answers
-    1       download, initiate          3
-    0       download, segment           1
-    2       upload, initiate            2
-    3       upload, segment             0
-    6       block download              5       two more bits tell the step of the block transfer
-    5       block upload                6
-    4       abort                       4
+- a command, the index (little-endian), the sub-index, and four bytes of data or a length;
+- a command and seven bytes of data.
 
-This file keeps no state.
+The upper three bits of the first byte are the command:
+
+    client                      server answers
+    1   download, initiate      3
+    0   download, segment       1
+    2   upload, initiate        2
+    3   upload, segment         0
+    6   block download          5
+    5   block upload            6
+    4   abort                   4
+
+In a block transfer, two further bits of this byte tell its step.
 """
 
 import struct

@@ -1,15 +1,17 @@
 """Measures how late a driver's loop wakes up, and counts the times in which this process was kept from running.
 
-A process that works correctly may still wake up late: other processes have the processors, the computer swaps, a
-virtual machine is stopped. Then the frames of the process are late, and other nodes treat its node as lost. The driver
-measures its lateness at each turn of its loop: the time from its deadline until it woke, less the processor time that
-it has used since its last wake-up. The processor time is subtracted because the driver's own work is not a standstill.
-A wait that ends early (because a frame has come) is never late. The driver gives each standstill to its core as an
-event.
+A process without a fault may still wake up late: other processes use the processors, the computer swaps, or a virtual
+machine is stopped. Then its frames are late, and other nodes may treat its node as lost.
 
-A standstill longer than a quarter period, the slack of a heartbeat, is counted. A standstill longer than a period may
-make another node suspect this one, so the core reports such a standstill in an event. The core does so at most once in
-TELL_AGAIN_NS, unless a standstill is longer than the last one reported.
+The driver measures its lateness at each turn of its loop: the time from its deadline until it woke, less the processor
+time that it has used since its last wake-up. This processor time is its own work, and its own work is no standstill. A
+wait that ends early, because a frame has come, is never late. The driver gives each standstill to its core as an event.
+
+    up to 1/4 heartbeat period     within the slack of a heartbeat: nothing follows
+    more than 1/4                  the standstill is counted
+    more than 1 heartbeat period   another node may suspect this one; the core also reports it in an event
+
+The core reports at most one standstill in TELL_AGAIN_NS, unless one is longer than the last one reported.
 """
 
 from dataclasses import dataclass

@@ -1,18 +1,21 @@
 """Reads gate expressions: from the tree of the file to `gates.Expression`, with all named gates expanded.
 
 To expand a named gate is to replace its name by its expression. A `Reading` is an expression with facts that the gates
-around it need: the place of each leaf in the file, whether the expression holds with nothing wired, its DEMUXes and its
-depth. A leaf of a named gate has the place where that gate is named.
+around it need:
 
-Each named gate is read before the gates that name it. If no such order exists, the gates name one another in a cycle,
-which is reported. Each named gate is read twice, since the default worth of its leaves depends on whether an OR or a
-XOR is above the gate. All expressions that name the gate share the two readings.
+- the place of each leaf in the file; for a leaf of a named gate, this is where the gate is named;
+- whether the expression holds with nothing wired;
+- its DEMUXes and its depth.
 
-Gates with too many inputs are refused. The inputs are counted before named gates are expanded, so that a small file
-cannot take much memory.
+*Order.* Each named gate is read before the gates that name it. If no such order exists, the gates name one another in a
+cycle, which is reported. Each named gate is read twice, for use below an OR or a XOR and for use elsewhere, since the
+default worth of its leaves depends on this. All expressions that name the gate share the two readings.
 
-If a part of an expression has a mistake, its reading is None. The parts around it are still read, to find their
-mistakes, too.
+*Limits.* An expression with too many inputs is refused. The inputs are counted before named gates are expanded, so that
+a small file cannot take much memory.
+
+*Mistakes.* If a part of an expression has a mistake, its reading is None. The parts around it are still read, to find
+their mistakes, too.
 """
 
 import re

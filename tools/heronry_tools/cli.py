@@ -5,9 +5,16 @@
 A Python module that loads slowly is imported only when a command needs it. With -o FILE, everything that a command
 prints goes into FILE (`console.output`).
 
-Exit codes of every command: 0 the answer is yes, or done; 1 the answer is no: findings, a violation, a refusal; 2 the
-input cannot be used; 130 ended by Ctrl-C, 143 by SIGTERM; 141 the reader of the output has gone. Only `heronry check`
-has one more: 3 a defect of heronry. An error that a user can correct is a `UserError`: one sentence on stderr.
+Exit codes of every command:
+
+    0          the answer is yes, or the command has done what it should
+    1          the answer is no: findings, a violation, a refusal
+    2          the input cannot be used
+    3          only of `heronry check`: a defect of heronry
+    130, 143   ended by Ctrl-C; ended by SIGTERM
+    141        the reader of the output has gone
+
+An error that a user can correct is a `UserError`: one sentence on stderr.
 """
 
 import argparse

@@ -1,18 +1,21 @@
 """The worst-case response times of management frames on each bus, in normal operation and during a reconfiguration.
 
-The regular frames are those of semantics rule 9, the states that gateways forward to the manager, and page 1 with every
-tenth state. A reconfiguration adds frames (`Burst`), each once: emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and the
-answers of each PE. It also adds, in every heartbeat period, a PING for each silent PE. Data and all other frames have
-lower priority; they delay a management frame by one frame of 8 bytes at most.
+These frames are counted:
 
-The manager paces SLICE frames: it sends one in the time that two would take (`reconfiguration`). A bus that cannot
-carry an endless stream at that pace may still carry the frames of one reconfiguration. So the analysis counts the SLICE
-frames once as a stream and once as a burst, and takes the smaller result; both are upper bounds. Behind a gateway SLICE
-frames may come in a burst.
+    regular           the frames of semantics rule 9, the states that gateways forward to the manager, and page 1 with
+                      every tenth state
+    reconfiguration   once each (`Burst`): emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and the answers of each PE.
+                      In every heartbeat period: a PING for each silent PE
 
-A forwarded frame has a jitter of one of its periods. That holds as long as every response time is shorter than the
-period, which the caller must check. The bounds assume that no frame is lost or destroyed, and that the nodes need no
-time to compute.
+Data and all other frames have lower priority; they delay a management frame by one frame of 8 bytes at most.
+
+*SLICE frames.* The manager paces them: it sends one in the time that two would take (`reconfiguration`). A bus that
+cannot carry an endless stream at that pace may still carry the SLICE frames of one reconfiguration. So the analysis is
+made twice, with a stream and with one burst, and the smaller result counts; both are upper bounds. Behind a gateway
+SLICE frames may come in a burst.
+
+*Assumptions.* A forwarded frame has a jitter of one of its periods. This holds if every response time is shorter than
+the period, which the caller must check. No frame is lost or destroyed, and the nodes need no time to compute.
 """
 
 from collections.abc import Mapping
@@ -79,10 +82,13 @@ class ManagementTimes:
                 self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
 
     def on(self, bus: str, burst: Burst) -> FrameTimes | None:
-        """Give the longest response times on `bus` if the frames of `burst` are sent in addition to the regular frames.
+        """Give the longest response times on `bus` when the frames of `burst` are added to the regular frames.
 
-        On the manager's bus, SLICE frames are counted once as a paced stream and once as a burst. Both give upper
-        bounds; the result is the one with the smaller bound for answers. None: the response times have no bound.
+        None: the response times have no bound.
+
+        On the manager's bus, the times are computed twice: with the SLICE frames as a paced stream, and with the SLICE
+        frames as one burst. Both results are upper bounds. Of the two, the one with the shorter time for answers is
+        returned.
         """
         entry = self._spec.buses[bus]
         ways = [
@@ -97,9 +103,13 @@ class ManagementTimes:
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
         """List the frames on a bus that have priority over data, the most urgent first, with two counts.
 
-        The list has three parts, in this order: CANaerospace emergency events and commands, which include the SLICE
-        frames; CANopen EMCY frames; state frames and answers of PEs. The two numbers are the lengths of the first and
-        of the second part.
+        The list has three parts, in this order:
+
+        1. CANaerospace emergency events and commands, which include the SLICE frames;
+        2. CANopen EMCY frames;
+        3. state frames and answers of PEs.
+
+        The two counts are the lengths of parts 1 and 2.
 
         paced: treat the SLICE frames as an endless stream at their pace; otherwise as one burst.
         """

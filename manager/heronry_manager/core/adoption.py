@@ -1,15 +1,20 @@
 """Adopting: the manager takes over a running configuration that it knows, without a new epoch.
 
-The manager adopts if all available PEs that run anything are ACTIVE in one epoch, and no PE was seen on a newer epoch.
-The digest of that epoch must belong to the configuration that the manager remembers (`memory`) or has overheard, or to
-the plan that it would deploy. If one of these conditions is not met, the manager opens a new epoch.
+For this, three conditions must be met; if one is not, the manager opens a new epoch:
 
-If every available PE runs the plan that the manager would deploy, the manager adopts it. A remembered or overheard
-configuration is adopted even if a PE is missing or runs nothing; the manager then treats this PE as a fault.
+- All available PEs that run anything are ACTIVE in one epoch.
+- No PE was seen on a newer epoch.
+- The manager knows the configuration by the digest of that epoch: it remembers it (`memory`), it has overheard it, or
+  it is the plan that the manager would deploy now.
 
-The manager does not know what a silent PE runs, so a silent PE counts as holding the tokens that the epoch places there
-(`exclusion`). An available PE may still start the configuration of another manager until it hears this term. So at
-first it counts as holding every token that could be placed on it.
+A plan is adopted only if every available PE runs it. A remembered or overheard configuration is adopted even if a PE is
+missing or runs nothing; the manager then treats this PE as a fault.
+
+At first the manager does not know which exclusive outputs a PE drives (`exclusion`):
+
+    a silent PE         counts as holding the tokens that the adopted epoch places on it
+    an available PE     may still start the configuration of another manager until it hears the new term. So until then
+                        it counts as holding every token that could be placed on it
 """
 
 from dataclasses import replace
@@ -58,8 +63,7 @@ class Adoption:
         """Give the epoch that is remembered or was overheard (`runs`) if the PEs run it; None otherwise.
 
         PEs that run nothing, or are missing, do not prevent the adoption; they are treated as faults. The memory does
-        not hold the limits of the radios for which the plan was made, so the plan counts as made for the limits in
-        `now`.
+        not say which limits the radios had when the plan was made. So the plan counts as made for the limits in `now`.
         """
         if runs is None:
             return None

@@ -1,23 +1,26 @@
 """Which functions have another priority than the spec gives them, and what may change it.
 
+The priority of a function is the *spec's*, or *requested* by a module, or *ordered* by the operator:
+
     the operator    may set any priority of any function. The order stands until the operator ends it
     a module        may set a priority within the function's `priority_range`: its PE sends a request (EMCY,
                     PRIORITY_REQUEST). The last request counts
 
-So the priority of a function is the *spec's*, or *requested* by a module, or *ordered* by the operator. A change has
-the same consequences as a fault: a new plan and a new epoch. The criticality of the function does not change.
+A change has the same consequences as a fault: a new plan and a new epoch. The criticality of the function does not
+change. What the active manager does:
 
-    request that is accepted            the priority changes
-    request within CHANGE_NS after the  the request is neither executed nor acknowledged. The PE repeats it, so the last
-    last one that changed a priority    of several requests is executed when the time is over
-    request outside the range, or       acknowledged and refused, with an event that names the PE
-    against the operator's order
-    order                               the priority changes to the ordered one, or to the spec's; without waiting time
+- An order: the priority changes without waiting time, to the ordered one or back to the spec's.
+- A request that would change a priority less than CHANGE_NS after the last such change by a request: it is neither
+  executed nor acknowledged. The PE repeats it, so the last of several requests is executed when the time is over.
+- A request outside the range, or against the operator's order: it is acknowledged and refused, with an event that names
+  the PE.
+- Any other request: the priority changes, and the request is acknowledged.
 
-A PE repeats a request until it is acknowledged. The request carries a number; the PE counts its requests for each
-function from its start on. A request with a number that the manager knows, or with an older number, is acknowledged and
-has no further effect. A pause of the manager loses no request. A forged request changes a priority within the spec's
-range; an order of the operator prevents that. A manager that restarts remembers priorities and numbers.
+A PE repeats a request until it is acknowledged, so a pause of the manager loses no request. The PE counts its requests
+for each function from its start on, and a request carries its number. A request with a number that the manager knows,
+or with an older one, is acknowledged and has no further effect. A manager that restarts remembers priorities and
+numbers. A forged request can change a priority only within the spec's range; an order of the operator prevents even
+that.
 
 The active manager announces its facts in turn (`announcing`). So a standby manager hears each changed priority
 (CONTROL, HOLDS), the end of a change (CLEAR), and which requests were executed. It drops a changed priority that was
@@ -204,7 +207,8 @@ class ChangedPriorities:
     def answered(self, pe: str, incarnation: int, index: int) -> None:
         """Note that the active manager has acknowledged a request.
 
-        The request was executed if the active manager has just announced the priority of that function.
+        If the active manager has announced the priority of that function immediately before, it has executed the
+        request. Then the number of the request is remembered.
 
         index: index of the function and number of the request, in one number as in CONTROL.
         """
@@ -214,10 +218,10 @@ class ChangedPriorities:
             self._accept(pe, incarnation, name, number)
 
     def held_no_longer(self, longest_beats: int) -> list[str]:
-        """Count a heartbeat of the active manager, and drop priorities that it no longer announces.
+        """Count a beat of the active manager, and drop each priority that it has ceased to announce.
 
-        A priority that it has not announced for `longest_beats` heartbeats becomes that of the spec again. Gives the
-        causes of a new plan.
+        A priority that was not announced for more than `longest_beats` beats becomes that of the spec again. Gives one
+        cause of a new plan for each priority that was dropped.
         """
         self._untold = Counter({name: self._untold[name] + 1 for name in self._changed})
         late = [name for name, beats in self._untold.items() if beats > longest_beats]

@@ -1,16 +1,19 @@
 """Received frames: each is decoded, authenticated where there is a key, and handed to the file that deals with it.
 
-    state of a PE          `pe_reports`; with a key only if it is believed
-    EMCY of a PE           `pe_reports`; with a key once a page 0 has proven it. A report on a channel of a replicated
-                           bus needs no proof, since it changes no plan
-    command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need no TAG, since a
+    state of a PE          to `pe_reports`; with a key only if it is believed
+    EMCY of a PE           to `pe_reports`; with a key once a page 0 has proven it. A report on a channel of a
+                           replicated bus needs no proof, since it changes no plan
+    command of a manager   to `succession`; with a key once its TAG has come. PREPARE and SLICE need no TAG, since a
                            proven ACTIVATE or LEASE names their digest
-    report of a gateway    `known_situation`; nothing proves it (`authenticity`)
-    SDO answer of a PE     `pe_details`, if the manager reads objects; nothing proves it, and nothing is decided by it
-    SDO request to a PE    from another SDO client; `pe_details`, which then reads nothing from that PE for a while
-    request of any node    to identify the manager (CANaerospace): answered by `identification`
+    report of a gateway    to `known_situation`; nothing proves it (`authenticity`)
+    SDO answer of a PE     to `pe_details`, if the manager reads objects; nothing proves it, and no decision depends on
+                           it
+    SDO request to a PE    (from another SDO client) to `pe_details`, which then reads nothing from that PE for a while
+    request of any node    to identify the manager (CANaerospace): to `identification`, which answers it
 
-A frame that is extended, remote or an error frame, that has another identifier, or that cannot be decoded, is dropped.
+Dropped are extended and remote frames, error frames, frames with any other identifier, and frames that cannot be
+decoded.
+
 The file that processes a frame says what follows if the frame is late, doubled or forged.
 """
 

@@ -2,18 +2,21 @@
 
     well      no fault is reported
     latched   a PE or the operator has reported a fault: the element counts as down. Repeated reports have no effect,
-              and only the operator clears the element (`clear`). If the operator has declared an element failed, a
-              report of a PE about this element replaces the operator's: the PE may have stopped the element
+              and only the operator clears the element (`clear`). If the operator has declared an element failed, and a
+              PE then reports it, the report of the PE replaces the operator's: the PE may have stopped the element
 
-A module that fails on one PE is at first down on that PE alone (`where`): its place `module:NAME@PE` is latched, and
-plans use the module on other PEs. When it fails on a second PE, or a module that watches its output reports it, the
-module is down everywhere. A PE on which the code of the module is missing does not count as such a second PE. A module
-with one possible PE has no places, and is down immediately.
+*Modules.* A module with several possible PEs has a place on each of them, `module:NAME@PE`. If it fails on one PE, its
+place there is latched, and plans use the module on other PEs (`where`). The module is down everywhere in two cases:
 
-A PE repeats its report until it is acknowledged, so a report that is lost, or sent during a pause, comes again. A late
-report, which comes after the operator has cleared the element, latches the element again; a fault that persists would
-be found again anyway. A doubled report has no effect. A forged report takes the element out of use until the operator
-clears the element. After a restart, everything but the times of the faults is remembered.
+- It fails on a second PE. (A PE on which the code of the module is missing does not count as a second one.)
+- A module that watches its output reports it.
+
+A module with one possible PE has no places, and is down at its first failure.
+
+*Lost, late, doubled and forged reports.* A PE repeats its report until it is acknowledged, so a report that is lost, or
+sent during a pause, comes again. A report that comes after the operator has cleared the element latches the element
+again; a fault that persists would be found again anyway. A doubled report has no effect. A forged report takes the
+element out of use until the operator clears it. After a restart, everything but the times of the faults is remembered.
 """
 
 from dataclasses import dataclass
@@ -110,8 +113,8 @@ class LatchedFaults:
     def latch(self, fault: LatchedFault) -> bool:
         """Keep a fault, unless one is latched on the same element already; tells whether it was kept.
 
-        A PE's report replaces a fault that only the operator has reported. For a place, a PE's report also replaces a
-        fault that only another manager has announced.
+        There are two exceptions: a PE's report replaces a fault that only the operator has reported; for a place, it
+        also replaces a fault that only another manager has announced.
         """
         before = self._failed.get(fault.element)
         if before is not None:

@@ -1,15 +1,16 @@
-"""The numbers of masterships and epochs: each is used by one manager, once.
+"""The numbers of masterships and epochs: two managers never use the same number, and no manager uses one twice.
 
     terms    manager 126 takes the odd terms, manager 127 the even terms. So two managers can never be active in the
              same term, even if they have not heard of each other
-    epochs   come in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second
+    epochs   come in blocks of EPOCHS_PER_TERM. A mastership begins with the block of its term, and takes every second
              block from there on. So two managers that are active on the two sides of a broken bus do not give two
              epochs the same number
 
-A new epoch is also newer than the epoch in the journal, and than every epoch that a PE was seen to run: a silent PE may
-still hear commands and drive outputs, and accepts no older epoch. A block is reserved (`memory`) before its first
-number is used: a manager that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16
-(`is_newer`).
+A new epoch is also newer than the epoch in the journal, and than every epoch that a PE was seen to run. The reason: a
+PE accepts no epoch that is older than its own, and a silent PE may still hear commands and drive outputs.
+
+A block is reserved in the journal (`memory`) before its first number is used. So a manager that restarts goes on behind
+all numbers that it may have used. Epochs are counted modulo 2^16 (`is_newer`).
 """
 
 from heronry_manager.core.memory import EPOCHS, Reserved

@@ -1,24 +1,25 @@
-"""Requests for plans: only the latest one counts, and its causes are kept.
+"""Requests for plans: only the latest request counts, and its causes are kept.
 
     idle      no answer is awaited
-    waiting   RequestPlan is out. PlanReady or PlanFailed with its number ends the state; an answer with an older number
-              is dropped
-    again     the planner has failed: the core repeats the request after PLAN_AGAIN_NS, or earlier if the situation
-              changes. Until then the running configuration goes on
+    waiting   RequestPlan was sent. PlanReady or PlanFailed with its number ends this state; an answer with an older
+              number is dropped
+    again     the planner has failed. The core repeats the request after PLAN_AGAIN_NS, or earlier if the situation
+              changes. Until the next plan the running configuration goes on
 
-*In the background.* An immediate plan may not be the best one. Once it runs everywhere and nothing else is under way,
+*In the background.* An immediate plan may not be the best one. When it runs everywhere and nothing else is under way,
 the core requests the optimal plan, with as few changes to the running configuration as possible. There is one such
-request for each situation. The core takes the answer only if it is better at levels 1 to 3 of the objective. These
-levels rank above the number of changes (level 4), so they justify interrupting a module; lower levels do not. After a
-failure there is no second request. While a plan is being deployed, the core makes no such request: the answer could end
-a change that is half done.
+request for each situation, and none after a failure of the planner. There is none either while a plan is being
+deployed, since the answer could end a change that is half done.
+
+The core takes the answer only if it is better at levels 1 to 3 of the objective. These levels rank above the number of
+changes (level 4), so they justify that a module is interrupted. The lower levels do not.
 
 A lost answer blocks nothing: the next change of the situation leads to a new request. An answer that comes twice is
 dropped.
 
-*Causes* are kept from the moment they are known until the epoch that takes them into account runs everywhere. A restart
-forgets them: the manager then finds the faults again. If a mastership begins while every PE is held down, the
-mastership itself is the cause of its first request. So every change in the events has a cause.
+*Causes* are kept from the moment at which they are known until the epoch that takes them into account runs everywhere.
+So every change in the events has a cause. A restart forgets the causes; the manager then finds the faults again. If a
+mastership begins while every PE is held down, the cause of its first request is the mastership itself.
 """
 
 from heronry_dg.configuration import Configuration
@@ -56,9 +57,10 @@ class Planning:
         in_background: bool = False,
         target: Configuration | None = None,
     ) -> None:
-        """Request a plan for this situation.
+        """Request a plan for the situation `now`.
 
         running: the placement that runs now; None if none is known.
+        in_background: request the optimal plan, however long it takes; otherwise an immediate plan.
         target: the configuration of the operator's script, with which the plan is compared; None if there is no script.
         """
         self.causes += self.gathered

@@ -9,21 +9,22 @@
                   background, or the core reports that the configuration has settled (`Settled`)
     a storm       of changes: they are gathered, and what is under way is finished first where possible (`storms`)
 
-Desired, commanded and observed stay apart: the plan is desired; `Deployment.current`, the last epoch whose ACTIVATE
-went out, is commanded; only state frames show what a PE runs.
+Three things stay apart: the plan is desired; `Deployment.current`, the last epoch whose ACTIVATE was sent, is
+commanded; only state frames show what a PE runs.
 
 A fault while an epoch is being prepared ends that epoch. A fault after the first ACTIVATE does not end the epoch: LEASE
 goes on repeating its step until the next epoch is ready to replace it.
 
-*What runs already.* After a restart or a take-over, PEs go on with the configuration that they run. If the manager
-knows that configuration, it adopts it. If the configuration can stay as it is, the manager requests the optimal plan in
-the background; if not, it requests an immediate plan. If the manager does not know the configuration, it requests a
-plan. The result may be the configuration that runs.
+*What runs already.* After a restart or a take-over, PEs go on with the configuration that they run:
 
-*Advising.* A manager that only advises plans as if it were active, reports what it would do (`advice`), and adopts an
-advised plan when the PEs run it. While another manager is active, it follows what this manager announces and activates,
-as a standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor advised, it
-reports the unknown epoch, and advises nothing.
+- The manager knows this configuration: it adopts it. If the configuration may stay as it is, the manager requests the
+  optimal plan in the background; if not, it requests an immediate plan.
+- The manager does not know this configuration: it requests a plan. The result may be the configuration that runs.
+
+*Advising.* A manager that only advises plans as if it were active, and reports what it would do (`advice`). When the
+PEs run an advised plan, it adopts this plan. While another manager is active, it follows what this manager announces
+and activates, as a standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor
+advised, it reports the unknown epoch, and advises nothing.
 
 `planning` drops answers that are late or doubled, and repeats a request after the planner has failed.
 """
@@ -155,9 +156,11 @@ class Replanning:
     def ready(self, answer: PlanReady) -> None:
         """Deploy a plan from the planner; a manager that only advises reports it as advice.
 
-        The plan is dropped if the PEs run it already, or if it was requested in the background and is not better than
-        the running plan. If the changes that were gathered in a storm do not allow its deployment, a new plan is
-        requested.
+        There are three exceptions:
+
+        - Changes were gathered in a storm, and the plan does not suit the new situation: a new plan is requested.
+        - The plan was requested in the background, and is not better than the running plan: it is dropped.
+        - The PEs run the plan already: it is dropped.
         """
         deployment = self._known.deployment
         if not self.planning.awaits(answer):

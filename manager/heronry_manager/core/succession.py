@@ -1,13 +1,16 @@
-"""The succession of managers: this file carries out for all parts of the core what `mastership` has decided.
+"""What follows in the whole core when this manager becomes active, stands by, or stops sending.
 
-    begin a term     from now on this manager commands; a PE that is not heard may go on driving its outputs for T_lease
-    give way         another manager is active, and has a higher term or was active first: forget all but the memory,
+`mastership` decides; this file carries the decision out for all parts of the core:
+
+    begin a term     this manager commands from now on. A PE that is not heard may still drive its outputs for T_lease
+    give way         another manager is active, and has a higher term or was active first. Forget all but the memory,
                      and follow that manager
-    follow           a standby or advising manager takes the commands of the active one (`following`)
-    take over        the PEs report that no manager is active any more: begin a term with what was learnt from the last
-                     active manager. A PE that was available to that manager, and still runs its configuration, is not
-                     held down. This manager waits for a PE that has proven no state to it yet (`health`)
-    fall silent      no PE is heard, or most PEs refuse this manager: forget all but the memory, send nothing, and
+    follow           as a standby or advising manager, take in the commands of the active manager (`following`)
+    take over        the PEs report that no manager is active any more. Begin a term with what was learnt from the
+                     manager that was active last. A PE that was available to that manager, and still runs its
+                     configuration, is not held down. This manager waits for each PE that has proven no state to it
+                     yet (`health`)
+    fall silent      no PE is heard, or most PEs refuse this manager. Forget all but the memory, send nothing, and
                      listen for a PE
 
 `mastership` and `following` say what lost, late, doubled and forged frames cause.

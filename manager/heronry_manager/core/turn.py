@@ -1,8 +1,8 @@
 """One call of the manager's core: its time, and the actions that the core has requested so far.
 
-The objects of the core share one `Turn`, so that not every call has to pass a time and a list on. From one call to the
-next it keeps what all of them need: the time, the term of this mastership, the memory, and the kinds of the last
-events, which an InvariantError lists.
+The objects of the core share one `Turn`, so they need not pass the time and the list of actions to one another. From
+one call to the next, the `Turn` keeps what all of them need: the time, the term of this mastership, the memory, and the
+kinds of the last events, which an InvariantError lists.
 """
 
 from collections import deque

@@ -20,12 +20,12 @@ from heronry_wire.standstill import StoodStill
 
 @dataclass(frozen=True, slots=True)
 class RequestPlan:
-    """The core requests a plan; the driver answers with PlanReady or PlanFailed, which repeat the number.
+    """The core requests a plan; the driver answers with PlanReady or PlanFailed, which repeat the number `request`.
 
     running: the running configuration; None: it is not known.
     in_background: the optimal plan is wanted, however long it takes; otherwise a legal plan is wanted immediately.
-    target: the configuration that a script of the operator makes (`held_script`); the plan is compared with it, and no
-        contingency is given as the answer. None: there is no script.
+    target: the configuration that a script of the operator makes (`held_script`). The best plan is compared with it,
+        and no contingency is given as the answer. None: there is no script.
     """
 
     request: int
@@ -85,9 +85,10 @@ class JournalTold:
 
 @dataclass(frozen=True, slots=True)
 class ChannelsLost:
-    """The channels of the manager's bus, numbered from 1, on which a frame is missing that another channel has carried.
+    """Event: the channels of the manager's bus that are lost now, numbered from 1.
 
-    The driver reports them at every change.
+    A channel is lost if frames are missing on it that another channel has carried. The driver gives the event at every
+    change.
     """
 
     channels: frozenset[int]

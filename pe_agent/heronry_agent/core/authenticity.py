@@ -1,45 +1,52 @@
 """Which commands a PE with a key accepts: new ones that a holder of the key has tagged (protocol rule 11).
 
-A TAG is a frame that follows a command and proves that a holder of the key sent the command. Every command passes this
-file before its handler is called. The PE holds a command until its TAG comes, for at most T_lease: if the computer of
-the manager is busy, the TAG may come late. If the TAG is valid, the handler gets the command with the time at which the
-command itself arrived; if the command is forwarded, its TAG follows it. A command without a valid TAG changes nothing;
-it is counted (`command_tags.Refusal`), and page 3 of the state reports the count.
+*Commands.* A TAG is a frame that follows a command, and proves that a holder of the key has sent the command. Every
+command passes this file before its handler is called:
 
-*Welcome.* After its own start a PE accepts no command, since every command that it hears may be old. The PE sends a
-nonce (page 2), and the manager answers with the command WELCOME, whose tag covers this nonce. Each manager numbers its
-commands; from the WELCOME on, the PE accepts a command of this manager if its number is above that of the last accepted
-command. While the PE hears a manager that has not welcomed the PE, the PE sends a nonce once in a heartbeat period.
-This happens when the PE or the manager has restarted, and when the standby manager has taken over. The PE also sends a
-nonce if it has accepted no command for T_lease and has missed so many commands that it cannot derive their numbers any
-more: a TAG carries only the lowest 13 bits of a number. A PE that has a session with its manager, and has accepted a
-command within T_lease, does not react to commands that it cannot verify, since any node can send such commands. There
-is one exception: after a LEASE or ACTIVATE with a higher term and a tag made with the key, the PE sends a nonce. Only
-the active manager sends a WELCOME. Like any command the WELCOME names a term, so the PE then refuses commands of the
-previous manager.
+- The PE holds a command until its TAG comes, for at most T_lease. (The TAG may be late if the manager's computer is
+  busy.)
+- If the TAG is valid, the handler gets the command, with the time at which the command itself arrived. If the handler
+  forwards the command, the TAG is forwarded after it.
+- A command without a valid TAG changes nothing. It is counted (`command_tags.Refusal`), and page 3 of the state reports
+  the count.
 
-*Session.* The number of the WELCOME also identifies the session under which the PE tags its states from now on; a
-manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed the
-PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a session, the tag is 0.
+*Welcome.* After its start a PE accepts no command, since every command that it hears may be old. So the PE sends a
+nonce (page 2). The active manager answers with the command WELCOME, whose tag covers this nonce. Each manager numbers
+its commands. From the WELCOME on, the PE accepts a command of this manager if the number of the command is above that
+of the last accepted command. Like any command, a WELCOME names a term, so the PE then refuses commands of the previous
+manager.
 
-*EMCY.* The next page 0 authenticates an EMCY: the tag of the page covers one pending EMCY; if several are pending, the
-pages cover them in turn. A new EMCY causes an immediate page 0, so authentication takes no extra time.
+After the first nonce, the PE sends a nonce in three cases, at most once in a heartbeat period:
 
-A command of a manager that has not welcomed this PE is not executed. But a LEASE or ACTIVATE whose tag was made with
-the key proves that its epoch was activated at some time. If this epoch is newer than that of the PE, the PE is
-overtaken (`output_authorization`); an older epoch proves nothing. A PE whose transmitter has failed cannot send a nonce
-and gets no WELCOME from a new manager: only this proof shows that the PE is overtaken.
+- It has no session, and hears a manager. The PE or the manager has restarted, or the standby manager has taken over.
+- It has accepted no command for T_lease, and hears commands that it cannot verify. It may have missed so many commands
+  that it cannot derive their numbers any more, since a TAG carries only the lowest 13 bits of a number.
+- A manager that has not welcomed it sends a LEASE or ACTIVATE with a higher term, and with a tag made with the key.
+
+In any other case the PE does not react to commands that it cannot verify, since any node can send such commands.
+
+*Session.* The number of the WELCOME also identifies the session under which the PE tags its states from then on: a
+manager uses no number twice in a term. A manager that begins a new term has no session with this PE until it has
+welcomed the PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a session, the tag is 0.
+
+*EMCY.* An EMCY is authenticated by the next page 0, whose tag covers one pending EMCY. If several are pending,
+successive pages cover them in turn. A new EMCY causes an immediate page 0, so that its authentication is not delayed.
+
+*Overtaken.* The PE executes no command of a manager that has not welcomed it. But a LEASE or ACTIVATE with a tag made
+with the key proves that its epoch was activated at some time. If this epoch is newer than that of the PE, the PE is
+overtaken (`output_authorization`); an older epoch proves nothing. A PE whose transmitter has failed depends on this
+proof: it cannot send a nonce, so a new manager cannot welcome it.
 
 *Lock.* The PE refuses NMT commands and SDO downloads until the active manager sends it UNLOCK, and again after the time
-that UNLOCK gives. While the lock is open any node can send SDO requests, since these do not name their sender; so a
-table must also be sealed with the key (`opened`).
+that UNLOCK gives. While the lock is open, any node can send SDO requests, since an SDO request does not name its
+sender. So a table must also be sealed with the key (`opened`).
 
-If a page 2, a WELCOME or a TAG is lost, the PE sends its nonce again at the manager's next command. A WELCOME that
-comes more than T_lease after the nonce was drawn is refused. A doubled WELCOME is refused, too, since its number is not
-above the last one. Forged commands are refused and counted. After a restart the PE has no session and no open lock, and
-its nonces come from another salt.
+*Lost, late, doubled and forged frames.* If a page 2, a WELCOME or a TAG is lost, the PE sends its nonce again at the
+manager's next command. A WELCOME that comes more than T_lease after the nonce was drawn is refused. A doubled WELCOME
+is refused, too, since its number is not above the last one. Forged commands are refused and counted. After a restart
+the PE has no session and no open lock, and its nonces come from another salt.
 
-A gateway cannot verify a WELCOME for another node; it forwards the WELCOME toward that node, with the TAG that follows.
+A gateway cannot verify a WELCOME for another node. It forwards the WELCOME toward that node, with the TAG that follows.
 """
 
 from collections import Counter

@@ -1,16 +1,18 @@
-"""Reports of this PE on the channels of its replicated buses: which channel carries nothing here (protocol rule 8).
+"""Reports of this PE on its replicated buses: which channel is lost, that is, brings no frames (protocol rule 8).
 
 A replicated bus has two channels, which carry the same frames. The driver finds out which channel is lost
-(`ChannelsLost`); this file reports it to the manager, by EMCY:
+(`ChannelsLost`). This file reports it to the manager, by EMCY:
 
     lost    CHANNEL_LOST immediately, and again every second while the channel is lost
     back    CHANNEL_BACK, once
 
-The manager does not acknowledge these reports. It also counts a channel as back when no PE has reported the loss for
-three seconds. So if a CHANNEL_LOST frame does not arrive, the manager learns of the loss one second later; if a
-CHANNEL_BACK frame does not arrive, the manager learns of the return three seconds later. A manager that restarts or
-takes over learns of a lost channel within one second, and the reports of a PE that has failed expire. These reports
-change no plan, since the bus itself still carries frames.
+The manager does not acknowledge these reports. They change no plan, since the bus itself still carries frames. The
+manager also counts a channel as back when no PE has reported its loss for three seconds. From this follows:
+
+    a CHANNEL_LOST is not received        the manager learns of the loss one second later
+    a CHANNEL_BACK is not received        the manager learns of the return within three seconds
+    the manager restarts or takes over    it learns of a lost channel within one second
+    the reporting PE fails                its reports expire after three seconds
 """
 
 from heronry_agent.core.table_index import TableIndex

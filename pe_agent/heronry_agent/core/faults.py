@@ -4,33 +4,36 @@ Each report is an EMCY. It is *pending* from its cause until the manager acknowl
 sent again once in a heartbeat period. If its cause is found again meanwhile, no second report is made.
 
     fault           pending until its element is acknowledged. A monitor (which may run 40 times a second) may still
-                    find the fault afterwards. Then the fault is not reported for a second, and is pending again after
-                    that, since the manager may have cleared the element in the meantime. A reported fault stays on
-                    record until CONTROL clears it. Then an EMCY with code 0 ends the report, and the fault is reported
-                    anew as soon as it is found
+                    find the fault after that. For a second the fault is not reported; then it is pending again when it
+                    is found, since the manager may have cleared the element in the meantime. A reported fault stays
+                    *on record* until CONTROL clears it. Then an EMCY with code 0 ends the report, and the fault is
+                    reported anew as soon as it is found
     phase request   at most one is pending: a newer request replaces it. The acknowledgement repeats the number of the
                     request, so that the answer to an older request does not end a newer one. A repeated request keeps
                     its number, so that a manager does not execute it twice
     priority        at most one request is pending for each function. It is handled like a phase request, but the
                     requests for each function have numbers of their own
 
-Two more events are reported like faults, but do not stay on record: the restart of a module, and the suspicion of a
-module that a PE or a bus has failed (the manager assesses the suspicion). The restart of a module and its final failure
-are acknowledged separately, since the manager must learn of both.
+Two more events are reported like faults, but do not stay on record:
 
-A fault on record is reported again to every new active manager, since the previous manager may have acknowledged the
-fault, and failed before the standby manager learned of it (`tell_all_again`). There is one exception: if this PE has
-been cut off from all other nodes since the acknowledgement, it may have missed a CLEAR. Then it reports only faults of
+- the restart of a module. It is acknowledged separately from the module's final failure, since the manager must learn
+  of both;
+- the suspicion of a module that a PE or a bus has failed. The manager assesses it.
+
+*A new active manager.* The PE reports every fault on record to it (`tell_all_again`). The previous manager may have
+acknowledged a fault, and failed before the standby manager learned of it. There is one exception: if this PE has been
+cut off from all other nodes since the acknowledgement, it may have missed a CLEAR. Then it reports only faults of
 modules that it does not run because of the fault (`tell_again`).
 
-A fault of an element that may serve a function of class A is flight-critical: together with every EMCY of this fault
-the PE sends a CANaerospace emergency event. The event carries the code of the fault, and the kind and the index of the
-element in one signed byte each; -1 stands for an index that does not fit.
+*Flight-critical faults.* A fault is flight-critical if its element may serve a function of class A. With every EMCY of
+such a fault, the PE also sends a CANaerospace emergency event. The event carries the code of the fault, and the kind
+and the index of the element in one signed byte each; -1 stands for an index that does not fit.
 
-If an EMCY or an acknowledgement is lost, the report is sent once more. If a CLEAR is lost, the fault stays on record
-and is reported to the next active manager: the operator has to clear it again. Late or doubled frames change nothing.
-After a pause of the process each report that is due is sent once. After a forged acknowledgement the fault is not
-reported for a second. A restart of the PE empties the record of the PE; the manager keeps its own record.
+*Lost, late, doubled and forged frames.* If an EMCY or an acknowledgement is lost, the report is sent once more. If a
+CLEAR is lost, the fault stays on record and is reported to the next active manager: the operator has to clear it again.
+Late or doubled frames change nothing. After a pause of the process, each report that is due is sent once. After a
+forged acknowledgement, the fault is not reported for a second. A restart of the PE empties this record; the manager
+keeps its own record.
 """
 
 from collections.abc import Collection
@@ -134,7 +137,9 @@ class Faults:
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
         """Request a mission phase, and drop any earlier request; returns the frames to send now.
 
-        forward_only: the manager is to ignore the request unless a phase rule leads from the present phase to this one.
+        forward_only: the manager is to ignore the request unless the requested phase may follow the present one. A
+            phase with a phase rule may follow the phases in the rule's `from`; a phase without a rule may follow all
+            phases before it in the spec.
         """
         self.withdraw_request()
         self._requests = (self._requests + 1) % REQUEST_NUMBERS

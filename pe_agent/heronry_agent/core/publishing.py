@@ -1,13 +1,13 @@
 """The data frames of this PE: outputs of its modules, and echoes of the values to which it commanded its actuators.
 
-Every identifier has its own message code, incremented with each frame that is sent. This file only makes frames; which
-of them are sent depends on the slice, and on protocol rule 6. The output echo shows on the bus, with a lower priority
-than all data, to which value an actuator was commanded. Observers and simulated plants read the echo:
+Every identifier has its own message code, incremented with each frame that is sent. This file only makes frames; the
+slice and protocol rule 6 decide which of them are sent. The output echo shows on the bus, with a lower priority than
+all data, to which value an actuator was commanded. Observers and simulated plants read the echo:
 
     byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
 
-If a module serves a function, but drives no actuator or writes something other than a number to it (text on a display),
-another frame under the same identifier shows that the module runs:
+A module that serves a function may have no such echo: it drives no actuator, or its output to the actuator is no number
+(text on a display). Then another frame under the same identifier shows that the module runs:
 
     byte 0  node-ID   1  ULONG   2  index of its mode                 3  message code   4..7  index of the module
 

@@ -1,15 +1,19 @@
 """Whether and when a module that has failed is restarted, and when it is given up.
 
-    running    the module has not failed, or has been restarted since
-    waiting    the module has failed and will be restarted: immediately the first time, then after BACK_OFF_NS, doubled
-               each time. `due` gives the modules whose time has come
+    running    the module has not failed, or was restarted after its last failure
+    waiting    the module has failed, and waits for its restart. The first restart is immediate. The second comes
+               BACK_OFF_NS after its failure, and each further one after twice as long as the one before. `due` gives
+               the modules whose time has come
     given up   the module has failed more than `budget` times (the number of restarts that the table allows), each time
                within FORGIVEN_NS of the failure before. Its record is dropped: the manager has the report, and decides
                where the module runs. If the module is started here again, its failures are counted from 0
 
-If a partition ends, the module that was computing counts as failed (not if it has been stopped since its step began).
-If no module was computing, all modules in the partition count as failed. Modules of the partition that do not count as
-failed are restarted immediately. A restart of the agent drops all records.
+If a partition ends, these modules count as failed:
+
+- the module that was computing, unless it has been stopped since its step began;
+- if no module was computing: all modules of the partition.
+
+The other modules of the partition are restarted immediately. A restart of the agent drops all records.
 """
 
 from dataclasses import dataclass
@@ -40,7 +44,9 @@ class Restarts:
         return frozenset(self._begin_ns)
 
     def failed(self, module: int, budget: int, now_ns: int) -> int | None:
-        """Record a failure; returns how often the module has failed so far, None if it is given up.
+        """Record a failure; returns the number of failures, including this one; None: the module is given up.
+
+        If the failure before was more than FORGIVEN_NS ago, counting starts again at 1.
 
         budget: the module is restarted after each of its first `budget` failures, and is given up after the next one.
         """

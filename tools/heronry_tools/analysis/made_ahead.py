@@ -1,17 +1,21 @@
 """The plans made ahead with which an aircraft flies: those of a file, those for every single fault, or none.
 
-The manager refers to a contingency by its number, and a PE has its slice of that contingency on board (protocol rule
-5). So the tables and the manager need the same plans. The user may name a file of plans. Otherwise tables and manager
-use the plans for every single fault, in the phases that the spec's `contingency` names. The same spec, planner and
-processor architecture give the same plans, so tables and manager may be made on different computers. If the plans
-differ all the same, PREPARE has a digest that the PE does not hold; the PE answers that the contingency is not on
-board, and the manager sends the slice. So no PE runs another configuration than the manager commands.
+*Which plans.* The user may name a file of plans, or `none`. Otherwise the plans are those for every single fault, in
+the phases that the spec's `contingency` names.
 
-The plans are made when they are first needed. (A demo does not wait for them: it makes them in the background.) The
-plans are kept in a file of the user's cache, under the digests of the spec and of the planner. So a manager that starts
-again in flight finds them. A lock ensures that only one process makes the plans. If that process is killed, the next
-process continues its work (`contingency.journal`). The file is written whole or not at all, and a damaged file is made
-anew. If the plans cannot be made or kept, a message says so, and the system flies without them.
+*The same plans for all.* The manager refers to a contingency by its number, and a PE has its slice of that contingency
+on board (protocol rule 5). So the tables and the manager need the same plans. The same spec, planner and processor
+architecture give the same plans, so tables and manager may be prepared on different computers. Even if the plans
+differ, no PE runs another configuration than the manager commands: PREPARE has a digest that the PE does not hold, the
+PE answers that the contingency is not on board, and the manager sends the slice.
+
+*When they are made.* The plans are made when they are first needed. (A demo does not wait for them: it makes them in
+the background.) They are kept in a file of the user's cache, under the digests of the spec and of the planner, so that
+a manager that starts again in flight finds them. A lock ensures that only one process makes the plans. If that process
+is killed, the next process continues its work (`contingency.journal`). The file is written whole or not at all, and a
+damaged file is made anew.
+
+If the plans cannot be made or kept, a message says so, and the system flies without them.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""`heronry cutsets`: the smallest sets of faults that lose a function.
+"""`heronry cutsets`: the smallest sets of faults after which a function cannot be served.
 
 Exit codes: 0 done, whatever was found; 2 the input cannot be used.
 """

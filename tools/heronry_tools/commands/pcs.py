@@ -1,7 +1,7 @@
 """`heronry pcs`: component graphs of polymorphic control, assessed, edited, cut, and rewired by scripts.
 
 Exit codes: 0 what was requested holds, or was done; 1 it does not hold, or cannot be done; 2 the input cannot be used.
-With --json, an operation that cannot be done gives `{"error": NAME}`, with the names of docs/polymorphic.md.
+With --json, an operation that cannot be done gives `{"error": NAME}`; docs/polymorphic.md lists the names.
 """
 
 import argparse

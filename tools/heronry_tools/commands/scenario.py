@@ -1,7 +1,10 @@
 """`heronry scenario`: fly scenario files, and tell whether their expectations hold on the bus.
 
-Exit codes: 0 every expectation holds; 1 one does not hold, and is printed with its time, with what was expected and
-with what was seen; 2 a file cannot be read, or an action of it is not possible in the simulator or on these buses.
+Exit codes:
+
+    0   every expectation holds
+    1   an expectation does not hold; it is printed with its time, and with what was seen instead
+    2   a file cannot be read, or one of its actions is not possible in the simulator or on these buses
 """
 
 import argparse

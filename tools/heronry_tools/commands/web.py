@@ -1,6 +1,6 @@
-"""`heronry web`: a page that shows a running or recorded system to a browser.
+"""`heronry web`: serve a page that shows a running or recorded system in a browser.
 
-Exit codes: 0 it was served until it was stopped; 2 it cannot be served.
+Exit codes: 0 the page was served until the command was stopped; 2 the page cannot be served.
 """
 
 import argparse

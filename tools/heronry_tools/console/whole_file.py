@@ -1,8 +1,8 @@
 """Files that are written whole or not at all.
 
-A result is written at the end: first into a draft beside the file, which then replaces the file in one step. A result
-may take minutes, so the command checks at the start whether the file can be written. A folder is refused. A device is
-refused, too, since the draft would replace the device file.
+A result is written at the end: first into a draft beside the file; then the draft replaces the file in one step. A
+result may take minutes, so the command checks at the start whether the file can be written. A folder is refused. A
+device is refused, too, since the draft would replace the device file.
 """
 
 import os

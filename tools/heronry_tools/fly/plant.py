@@ -1,13 +1,14 @@
 """What a plant with flight dynamics offers to the devices of the PEs, and to the record of a flight.
 
 A plant steps at 120 Hz; step 0 is at time 0 of the plant. `advance` steps the plant up to a time; actuators keep their
-last command during these steps. A plant never steps back: a call with an earlier time than the present one acts at the
-present time. The plant uses no bus, no module and no clock. Its random numbers come from its seed. So two plants with
+last command during these steps. A plant never steps back: a call with an earlier time acts at the time that the plant
+has reached. The plant uses no bus, no module and no clock. Its random numbers come from its seed. So two plants with
 the same seed and the same calls give the same results, bit by bit.
 
 Positions are in the runway's frame: x along the landing direction from the aiming point of the approach (m), y to the
-right of the centre line (m), height of the wheels above the runway (m). The landing direction is north in JSBSim. BIG
-BLUE has no runway: its x is to the north of home, its y to the east, its height is that of the skids above the field.
+right of the centre line (m), height of the wheels above the runway (m). The landing direction is north in JSBSim (the
+flight dynamics). The aircraft BIG BLUE has no runway: its x points north from home and its y east; its height is that
+of the skids above the field.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
-"""Reconfigurations as a bus shows them: PREPARE, ACTIVATE, and the PEs that report to run the epoch.
+"""Reconfigurations as a bus shows them: PREPARE, ACTIVATE, and the reports of the PEs that they run the epoch.
 
-The bus shows when an epoch was prepared, activated, and reported by every PE that is heard, but not why. The times to
-detect and to decide are known only if the loss of a PE was noticed before (`lost`). Then the time to detect begins with
-the last frame of that PE, and the time to decide begins when the PE was called lost.
+The bus shows when an epoch was prepared, when it was activated, and when every PE that is heard has reported it. It
+does not show why. So the times to detect and to decide are known only if the loss of a PE was noticed before (`lost`):
+the time to detect begins with the last frame of that PE, and the time to decide begins when the PE was called lost.
 """
 
 from collections.abc import Callable, Iterator
@@ -45,7 +45,7 @@ class EpochsOnTheBus:
         self._lost: tuple[int, int] | None = None  # of the last lost PE: when it was called lost, and its last frame
 
     def lost(self, t_ns: int, last_heard_ns: int | None, node: int) -> None:
-        """Note the loss of a PE at `t_ns`; an epoch does not wait for this PE.
+        """Note the loss of a PE at `t_ns`; from now on no epoch waits for a report of this PE.
 
         last_heard_ns: time of the last frame of the PE; None: unknown, so the time to detect is taken to be 0.
         """
@@ -55,7 +55,8 @@ class EpochsOnTheBus:
     def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[dict[str, Any]]:
         """Take a command of a manager; yields the events that follow from it.
 
-        They report a change of the manager or its term, an epoch of unknown content, or an epoch that every PE runs.
+        An event reports one of these: another manager or term, an epoch of unknown content, an epoch that every PE
+        runs.
         """
         message = decode_command(command, data)
         if isinstance(message, Malformed):

@@ -1,8 +1,9 @@
 """A snapshot as metrics for Prometheus, in its text format; names and units by Prometheus' conventions.
 
-A metric is a figure of each PE, bus, function or module, or of the manager. A figure that the feed does not give has no
-sample. Times are seconds, shares are ratios from 0 to 1, sizes are bytes. A state is given by one sample for each of
-its possible names: 1 for the present name, 0 for all others. Counters are 0 when the feed begins.
+A metric is a figure of each PE, bus, function or module, or of the manager. A figure that is not known has no sample:
+the feed, from which the snapshot is made, does not give it. Times are seconds, shares are ratios from 0 to 1, sizes are
+bytes. A state is given by one sample for each of its possible names: 1 for the present name, 0 for all others. Counters
+are 0 when the feed begins.
 """
 
 from collections.abc import Iterable, Iterator

@@ -1,8 +1,13 @@
-"""What a feed gives in addition to the manager's events, as JSON lines of the same form.
+"""The lines of JSON that a feed has in addition to the manager's events; a feed is what a snapshot is made from.
 
-The manager's events are those of `heronry_manager.core.events`. The manager's driver also sends `status`, `runs` and
-`lines_lost` to a reader of its events (`follow`). `resumed` begins a file of a recording, and `feed` begins a feed. All
-other kinds come from the frames of a bus, live or recorded. A reader ignores a kind that it does not know.
+The manager's events are those of `heronry_manager.core.events`. The additional lines have the same form:
+
+    status, runs, lines_lost    from the manager's driver, to a reader of its events (`follow`)
+    resumed                     begins a file of a recording
+    feed                        begins a feed
+    all other kinds             from the frames of a bus, live or recorded
+
+A reader ignores a kind that it does not know.
 """
 
 from collections.abc import Mapping

@@ -3,11 +3,11 @@
 `reducer` makes it from events and the spec. All views (`heronry top`, `heronry web`, metrics) show a snapshot, and the
 same events give the same snapshot. `docs/watch.md` describes it to users.
 
-Times end in `_ns`: nanoseconds of the clock of the feed, which is CLOCK_MONOTONIC of a live system, the recorder's
-clock of a recording, or virtual time of the simulator. The *document* is a snapshot as JSON. In it, `null` stands for a
-fact that this feed does not give, unless the text about a field says something else. The feed of a bus alone gives no
-causes (`knows_why` is false): then reconfigurations have no `causes`, and `detect` and `decide` are known only where a
-PE fell silent.
+A *feed* is the stream of events from which a snapshot is made. Names of times end in `_ns`: they are nanoseconds of the
+feed's clock. This clock is CLOCK_MONOTONIC for a live system, the recorder's clock for a recording, and virtual time
+for the simulator. The *document* is a snapshot as JSON. In it, `null` stands for a fact that the feed does not give,
+unless the text about a field says something else. A feed that has only the frames of a bus gives no causes (`knows_why`
+is false). Then reconfigurations have no `causes`, and `detect` and `decide` are known only if a PE fell silent.
 
 A later program may add keys to the document. If it removes a key, or changes the meaning of a key, it also raises the
 version `v`.

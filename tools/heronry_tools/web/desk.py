@@ -1,4 +1,4 @@
-"""The process that answers the questions of pages: what would be planned, and why a function is not served.
+"""The process that answers the questions of web pages: what would be planned, and why a function is not served.
 
     python -m heronry_tools.web.desk SPEC DIGEST           started by `questions`, which holds its standard input;
                                                            DIGEST is that of the spec that the pages show

@@ -1,8 +1,9 @@
-"""The orders in which the inputs of gates, and their givers, are tried: by worth, and by price.
+"""The orders in which the planner tries the inputs of gates, and the modes that may feed each input.
 
-Inputs of equal worth or price are tried in the order of the spec. The *price* of a mode is an estimate of the CPU that
-it takes together with its cheapest producers. The price only orders alternatives. A *giver* of a leaf is a mode that
-may feed it.
+A *giver* of a leaf is a mode that may feed the leaf. The *price* of a mode is an estimate of the CPU that the mode
+takes together with its cheapest producers; it serves only to order alternatives.
+
+There are two orders: by worth, and by price. Inputs or givers with equal values are tried in the order of the spec.
 """
 
 from collections.abc import Sequence

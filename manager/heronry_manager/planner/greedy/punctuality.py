@@ -1,30 +1,33 @@
 """Deadlines (semantics rule 9) for the greedy planner: bounds that cost microseconds, and the exact analysis.
 
 The exact response-time analysis of `heronry_dg.response_times` takes longer than a greedy plan may take. So this file
-only computes bounds of the recurrence of that analysis:
+first computes bounds. Only where the bounds do not decide, it calls the exact analysis, and remembers its verdicts. So
+this check accepts exactly the drafts that the verifier accepts.
+
+*The recurrence* of the exact analysis is
 
     w = B + sum of ceil((w + J + tau) / T) C        over all messages on the bus that are more urgent
 
 Here w is the delay of a message before its transmission, B the blocking by a frame that is already being sent, and tau
-one bit time. J is the jitter of a message, T its period, and C its transmission time.
+one bit time. J is the jitter of a more urgent message, T its period, and C its transmission time.
 
-The first bound of w has a closed form, with (w + J + tau) / T + 1 in place of the round-up:
+*The first bound* of w has a closed form, with (w + J + tau) / T + 1 in place of the round-up:
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
-If the message is too late by this bound, w is computed by iteration. Both ways give a response time J + w + C. If this
-response time is within the message's own period, it is no less than the exact response time. The reason: B is the
-longest frame that exists, so B also covers the case that one instance of a message is blocked by the instance before it
-(Davis et al. 2007, section 3.4). The iterated response time of the first instance alone is also a lower bound of the
-exact response time.
+*The second bound* is computed if the message is too late by the first one: w by iteration of the recurrence.
 
-Sources are checked in the order of their identifiers, each along its route, so that every jitter is known when it is
-needed. The jitter of a message on its next bus is its response time on the bus before. A response time that is used as
-a jitter is always iterated.
+With each bound, the response time is w plus J and C of the message itself. It is an upper bound of the exact response
+time if it is within the message's own period. The reason: B is the longest frame that exists, so B also covers the case
+that one instance of a message is blocked by the instance before it (Davis et al. 2007, section 3.4). The iterated
+response time of the first instance alone is also a lower bound of the exact response time.
 
-The bounds are floating-point numbers, rounded to the safe side, and a response time is used as a jitter only if both
-directions of rounding give the same value. Where the bounds do not decide, the exact analysis does; its verdicts are
-remembered. So this check accepts exactly the drafts that the verifier accepts, whatever the rounding.
+*Jitter.* Sources are checked in the order of their identifiers, each along its route, so that every jitter is known
+when it is needed. The jitter of a message on its next bus is its response time on the bus before. A response time that
+is used as a jitter is always iterated.
+
+*Rounding.* The bounds are floating-point numbers, rounded to the safe side. A response time is used as a jitter only if
+both directions of rounding give the same value.
 """
 
 from math import ceil
@@ -70,9 +73,12 @@ class _Level:
         self.streams[period, late] = self.streams.get((period, late), 0.0) + frame
 
     def delay(self, most_ns: float, rounding: float) -> float:
-        """Iterate the recurrence for the delay w of the next message, in ns, until it converges, or exceeds `most_ns`.
+        """Compute the delay w of the next message, in ns, by iteration of the recurrence (head of this file).
 
-        The iteration starts from the value without round-ups, which is less than the result; this saves most steps.
+        The iteration ends when w no longer changes. It also ends when w exceeds `most_ns`: then the value that is
+        returned is above `most_ns`, but is not the final one. The iteration starts from the value without round-ups.
+        This is below the result, and saves most steps.
+
         rounding: `_UP` gives an upper bound of w, `_DOWN` a lower bound.
         """
         before, delay = 0.0, (self.demand - self.frames) / (1 - self.load) * _DOWN
@@ -157,7 +163,9 @@ class Punctuality:
         return True
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
-        """Decide whether one source meets its deadline on its route, and add its load to the buses; None: not decided.
+        """Tell whether a source meets its deadline on each bus of its route; None: the bounds do not decide it.
+
+        If the source meets its deadline, its load has been added to `above` for each of these buses.
 
         buses: numbers of the buses on which the source is published.
         above: by number of a bus, the load of all messages that are more urgent than this source.
@@ -179,9 +187,9 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Give an upper bound of one response time in ns; with `is_jitter`, give the exact response time.
+        """Give the response time of a source on one bus, in ns: an upper bound; with `is_jitter`, the exact value.
 
-        0: the response time is too long. None: the bounds do not decide whether the response time is too long.
+        0: the response time is too long. None: the bounds do not decide whether it is too long.
         """
         if level.load > _FULL:
             return None

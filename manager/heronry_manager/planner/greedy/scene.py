@@ -1,11 +1,15 @@
 """The scene: the part of a spec that a situation leaves, in the integers of `Tables`.
 
-A scene has the facts of `heronry_dg.situation.survivors` and `planner.candidates`. It takes less than a tenth of their
-time, since only the consequences of the down elements are worked out. The buses form a forest, so between two PEs that
-the manager can command there is always the same route: routes never depend on faults.
+A scene has the same facts as `heronry_dg.situation.survivors` and `planner.candidates`. To work out a scene takes less
+than a tenth of the time of these two: `Scenery` starts from the scene without faults, and only works out the
+consequences of the down elements. The buses form a forest, so between two PEs that the manager can command there is
+always the same route. So no route depends on faults.
 
-A mode is *possible* under three conditions. Its module works. The module has a PE that is up and could carry the mode.
-The needs of the mode could hold if every other possible mode ran.
+A mode is *possible* if three conditions are met:
+
+- Its module works.
+- A PE that could run the module in this mode is up.
+- The needs of the mode could hold if every other possible mode ran.
 """
 
 from collections.abc import Mapping
@@ -116,8 +120,10 @@ class Scenery:
     def _homeless(self, hosts: list[int], pes: int, cpu: list[int], *, limited: bool) -> int:
         """Return the set of modes that no PE could run.
 
-        hosts: by mode, the set of PEs that could run the mode if they are up. pes: the set of PEs that are up. cpu: by
-        PE, the usable CPU in thousandths; limited: False: `cpu` is not limited, and need not be checked.
+        hosts: by mode, the set of PEs that could run the mode if they are up.
+        pes: the set of PEs that are up.
+        cpu: by PE, the usable CPU in thousandths of the reference core.
+        limited: False: no CPU is limited, so `cpu` need not be checked.
         """
         tables, homeless = self._tables, 0
         for mode, carriers in enumerate(hosts):

@@ -1,19 +1,24 @@
-"""Attitude in three versions: gyros corrected by accelerometers, gyros alone, horizon sensor alone.
+"""Attitude in three versions: gyros corrected by accelerometers, gyros without accelerometers, horizon sensor.
 
-Gyros react at once, but drift. Accelerometers show gravity on average, but are noisy. The complementary filter turns
-the angle by the gyros, and corrects it slowly towards a reference: the angle that the accelerometers show. Without
-accelerometers the reference is the best glide with level wings, in which a glider flies most of the time.
+*Gyros.* Gyros react at once, but drift. A complementary filter turns the angle by the rates of the gyros, and corrects
+it slowly towards a reference:
 
-This reference does not bound the error of gyros alone, since a control loop holds the filtered angle and not the true
-one. The true angle drifts with the bias of the gyros and, in a turn, with the correction towards level wings. So the
-inner loop corrects the pitch by the airspeed (control.py), and the outer loop corrects the bank by the track
-(guidance.py). The horizon sensor does not drift, but is coarse.
+    with accelerometers       the angle that they show. They show gravity on average, but are noisy
+    without accelerometers    the best glide with level wings, since a glider flies in it most of the time
 
-Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive. When the nose
-points up, gravity is measured as a forward acceleration; when the right wing is low, as an acceleration to the left.
+The reference without accelerometers does not bound the error, since a control loop holds the filtered angle and not the
+true one. The true angle drifts with the bias of the gyros and, in a turn, with the correction towards level wings. So
+the inner loop corrects the pitch by the airspeed (control.py), and the outer loop corrects the bank by the track
+(guidance.py).
 
-A change of the mode keeps the angles. After a restart, the filter with accelerometers starts from the angle that they
-show. The filter of gyros alone starts from the best glide; if this start is wrong, the error decreases only slowly.
+*Horizon sensor.* It does not drift, but is coarse.
+
+*Signs.* They are those of CANaerospace: pitch nose up, roll right, forward and right accelerations are positive. When
+the nose points up, gravity is measured as a forward acceleration. When the right wing is low, gravity is measured as an
+acceleration to the left.
+
+*Changes.* A change of the mode keeps the angles. After a restart, the filter starts from its reference. If the best
+glide is a wrong start, the error decreases only slowly.
 """
 
 import math
@@ -47,8 +52,9 @@ class AttitudeFilter(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the attitude; nothing if a rate is missing.
 
-        After a start in mode `fused` there is an exception: the first attitude is the reference itself. It needs no
-        rate, but in `fused` it needs accelerations.
+        The first attitude after a start in mode `fused` is an exception. It is the attitude that the accelerations
+        show, so it needs accelerations, but no rates. (If the mode has changed before, it is the best glide, and needs
+        no inputs.)
         """
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG

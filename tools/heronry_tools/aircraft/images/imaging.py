@@ -1,14 +1,17 @@
-"""Pictures for the ground: a thumbnail is sent as a stream of 32-bit words, and put together on the ground.
+"""Pictures for the ground: `Imaging` sends a thumbnail as a stream of words, `ImageArchive` puts it together again.
 
-A word is an index (8 bits) and a payload (24 bits). Words 0 to 3 are the head: the number of the picture, and the
-position of the camera. Latitude and longitude are (degrees + 256) * 32768, the altitude is in m; 0xFFFFFF means
-unknown. Each other word has three grey pixels. Mode `preview` sends every fourth pixel word, which gives a coarser
-picture.
+A word has 32 bits: an index (8 bits) and a payload (24 bits).
 
-The camera of the plant gives only a counter. The pixels are a pattern computed from the counter, so that the archive
-can verify what has arrived. A lost word spoils only its own picture: the next picture starts again at index 0.
+    word 0 to 3     the head: the number of the picture, then latitude, longitude and altitude of the camera. Latitude
+                    and longitude are (degrees + 256) * 32768, the altitude is in m; 0xFFFFFF means unknown
+    other words     three grey pixels each. Mode `preview` sends every fourth of these words, for a coarser picture
 
-After a restart, `Imaging` begins a new picture, with the present count of the camera; the archive's counts begin at 0.
+The camera of the plant gives only a counter. The pixels are a pattern that is computed from the counter, so that
+`ImageArchive` can verify what has arrived. A lost word spoils only its own picture: the next picture starts again at
+index 0.
+
+After a restart, `Imaging` begins a new picture, with the present count of the camera. The counts of `ImageArchive`
+begin at 0 after a restart.
 """
 
 from collections.abc import Mapping

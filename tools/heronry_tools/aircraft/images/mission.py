@@ -1,4 +1,4 @@
-"""Finds the stage of the flight, by which the manager enters the phases of the spec.
+"""Finds the stage of the flight; when it changes, the manager enters the phase of the spec that belongs to it.
 
 The stage only advances, and only after the inputs have indicated a later stage for several periods. Any input may be
 missing. For example: with a pitot, an airspeed shows that the aircraft is released from the balloon; without a pitot,

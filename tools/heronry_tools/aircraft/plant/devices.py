@@ -1,12 +1,13 @@
 """The device table of the two shipped specs: what each sensor measures, and what each actuator moves.
 
-An actuator moves a *mechanism*, for example a surface or the gas in the wings (mechanism.py). The aircraft reacts to
-its surfaces: pitch and roll are those of the scripted flight (flight.py) plus a share of the elevator's and the
-rudder's angle. The share grows with the square of the airspeed, and the airframe adds a lag. On the balloon's line
-there is hardly any flow, so the surfaces have no effect.
+*Actuators.* An actuator moves a *mechanism*, for example a surface or the gas in the wings (mechanism.py). The aircraft
+reacts to its surfaces. Its pitch is that of the scripted flight (flight.py) plus a share of the elevator's angle; its
+roll is that of the scripted flight plus a share of the rudder's angle. This share grows with the square of the
+airspeed, and the airframe follows with a lag. While the aircraft hangs below the balloon there is hardly any flow, so
+the surfaces have no effect.
 
-A sensor's reading is the value that the real device gives to its driver, in the units of the device: an inertial unit
-and a GPS receiver give integers, a pressure transducer hectopascals. Noise and bias are as large as those of such
+*Sensors.* A reading is the value that the real device gives to its driver, in the units of the device. An inertial unit
+and a GPS receiver give integers, a pressure transducer gives hectopascals. Noise and bias are as large as those of such
 devices.
 
 A device that is not in the table can be used, too: a sensor reads 0.0, an actuator keeps its last command.

@@ -4,8 +4,8 @@ A *push* is a command to the mechanism. Two servos on one surface share one mech
 holds it. The clutch of a failed servo slips, and the surface stays where it is until the other servo pushes it.
 
 The state is the position at the last push, and the target and time of this push. Before its first push a mechanism is
-at the position `resting`, which the caller gives. After a restart of the process `resting` may be wrong, if there were
-pushes before the restart. A few time constants after the next push, the position is right again.
+at the position `resting`, which the caller gives. If there were pushes before a restart of the process, `resting` may
+be wrong. A few time constants after the next push, the position is right again.
 """
 
 import math

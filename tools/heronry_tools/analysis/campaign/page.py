@@ -1,8 +1,8 @@
-"""A campaign as one page: pictures of graceful degradation, and its tables, in a single file that needs no other file.
+"""A campaign as one page: pictures of graceful degradation, and tables, in a single file that needs no other file.
 
-A picture has the number of faults on its horizontal axis. Its vertical axis shows what is left, in per cent of the
-healthy system: an area from the worst to the best case, and a line for the mean. The style sheet has a light and a dark
-set of colours; the setting of the reader's browser chooses one.
+A picture has the number of faults on its horizontal axis. On its vertical axis it has what is left, in per cent of the
+healthy system. An area reaches from the worst to the best case, and a line shows the mean. The style sheet has a light
+and a dark set of colours; the setting of the reader's browser chooses one.
 """
 
 from collections.abc import Callable, Iterator, Sequence

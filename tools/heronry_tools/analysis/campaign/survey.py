@@ -1,8 +1,10 @@
 """The figures of a campaign: what survives a number of faults.
 
-A sweep has already made the plans for all fault sets; this file counts what the plans serve. Every fault set of a size
-counts alike, however likely it is. A function counts as lost after a fault set if the best plan does not serve it:
-either no plan can serve it, or the remaining resources go to a more important function.
+A sweep has already made the plans for all fault sets; this file counts what the plans serve. All fault sets with the
+same number of faults have the same weight, however likely each of them is.
+
+A function counts as lost after a fault set if the best plan does not serve it. There are two possible
+reasons: no plan can serve the function, or a more important function needs the remaining resources.
 """
 
 from collections import Counter

@@ -1,10 +1,13 @@
-"""All families of rules, and the functions `check` of the families that the loader does not check completely.
+"""All families of rules, and the functions `check` of those families that the loader does not check completely.
 
-The loader checks DG0xx, DG1xx, and the rules of DG2xx whose violation stops a spec from being loaded. All other rules
-are checked by a function `check(subject, findings)` of their family. `check` is called only with a spec that loads. A
-family that needs a solver, or runs foreign code, has its rules and its `check` in files of this folder. Such a file
-imports the planner inside functions, so that rules can be listed without a solver. The `check` of such a family is
-imported only when it is called, so that `heronry check --fast` is fast.
+The loader checks DG0xx, DG1xx, and those rules of DG2xx whose violation stops a spec from being loaded. Every other
+rule is checked by the function `check(subject, findings)` of its family. `check` is called only with a spec that
+loads.
+
+A *slow* family needs a solver, or runs foreign code. Its rules and its `check` are in files of this folder:
+
+- The file of the rules imports the planner only inside functions, so that rules can be listed without a solver.
+- The file of `check` is imported only when `check` is called, so that `heronry check --fast` is fast.
 
 To add a family: write its files, name its FAMILY in `FAMILIES` and its `check` in `CHECKS`.
 """

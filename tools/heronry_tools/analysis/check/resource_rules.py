@@ -1,7 +1,7 @@
-"""DG3xx, rules about resources: with everything up, there is room, bandwidth and time for all that is wanted.
+"""The rules DG3xx, about resources: with everything up, there is room, bandwidth and time for all that is wanted.
 
-resources.py checks these rules in a spec that loads. Every rule is about the system with nothing down; DG4xx is about
-faults. The head of heronry_dg/rules/rule.py shows how a rule is added.
+They are checked by resources.py, in a spec that loads. They are about the system with nothing down; the rules DG4xx are
+about faults. The head of heronry_dg/rules/rule.py shows how a rule is added.
 """
 
 from typing import Final

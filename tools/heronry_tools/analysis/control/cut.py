@@ -1,15 +1,19 @@
 """The least cut of a component graph: the least bandwidth that the radio must carry between two sides.
 
-The cut divides the leaves that have a port in the graph, except plants. A leaf that is pinned to a side stays there,
-and the pinned leaves must name exactly two sides. A port has a weight, the bandwidth of its data. This weight counts
-once if one or more consumers of the port are on the other side. So a port and its consumers are one *net*, not several
-edges. If there are several least cuts, the result is the cut with as many leaves as possible on the first side. Least
-cuts form a lattice, so there is exactly one such cut.
+*What is cut.* A cut divides the leaves that have a port in the graph, except plants, into two sides. A leaf may be
+pinned to a side, and then stays there. The pinned leaves must name exactly two sides. A port and its consumers are one
+*net*. The weight of a net is the bandwidth of the port's data. It counts once if at least one consumer is on the other
+side than the port, however many consumers are there.
 
-The cut is found by maximum flow. The leaves pinned to the first side are the source, and the leaves pinned to the
-second side are the sink. Each net becomes an arc of its weight between two nodes of its own. Arcs lead from each leaf
-of the net to the first of these nodes, and from the second node to each leaf (Lawler 1973). After the maximum flow, the
-first side keeps all leaves from which no path of arcs with free capacity leads to the sink.
+*Which cut.* If there are several least cuts, the result is the one with as many leaves as possible on the first side.
+Least cuts form a lattice, so there is exactly one such cut.
+
+*How it is found:* by maximum flow (Lawler 1973).
+
+- The leaves pinned to the first side are the source, and the leaves pinned to the second side are the sink.
+- Each net has two nodes of its own, and an arc of its weight from the first to the second of these.
+- Arcs lead from each leaf of the net to the first node, and from the second node to each leaf of the net.
+- After the maximum flow, the first side keeps each leaf from which no path with free capacity leads to the sink.
 
 Source: Ippolito et al. (docs/polymorphic.md), section 3.4: "a minimum-cut was determined to partition the components".
 """
@@ -35,9 +39,11 @@ class Cut:
 
 
 def least_cut(graph: Graph, first: str | None = None) -> Cut:
-    """Find the least cut; of several least cuts, the one with as many leaves as possible on the side `first`.
+    """Divide the leaves of a graph into two sides such that the radio between them carries as little as possible.
 
-    first: name of a side; None: the side of the first pinned leaf.
+    If there are several such cuts, the result is the one with as many leaves as possible on the side `first`.
+
+    first: name of a side; None: the side of the first leaf that is pinned to a side.
     Raises PcsError `sides` if the leaves are not pinned to exactly two sides.
     """
     inner = {parent(vertex) for vertex in graph.vertices}
@@ -71,7 +77,8 @@ def _weight(graph: Graph, vertex: str) -> int:
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
     """Give the maximum flow from node 0 to node 1, and the nodes from which free capacity leads to node 1.
 
-    number: leaf -> its node. nets: port -> the leaves that its net joins.
+    number: leaf -> its node.
+    nets: port -> the leaves that give or read its data.
     """
     network = SimpleMaxFlow()
     network.add_arc_with_capacity(0, 1, 0)  # both nodes are there, even if nothing leads to them

@@ -1,12 +1,17 @@
 """The longest component-cycle of a block of a component graph, found with the solver CP-SAT.
 
-A *block* is a largest set of members that stays connected whichever one of them is removed; a *component-cycle* is a
-path of three or more members whose last member is a neighbor of the first (heronry_pcs.cycles).
+The terms are those of heronry_pcs.cycles, where the members of a graph are its components:
 
-The solver's model is one circuit (AddCircuit). It has an arc in each direction between any two neighbors, and a loop at
-each member that the cycle may leave out. A pair of arcs there and back between two members is excluded, since it is no
-cycle. The search ends when the solver's own count of its work reaches `effort`, so the bounds are the same on every
-machine. If the search ends before a longest cycle is proven, the lower and the upper bound differ.
+    component-cycle   a path of three or more members whose last member is a neighbor of the first
+    block             a largest set of members that stays connected whichever one of them is removed
+
+The solver's model is one circuit (AddCircuit). It has an arc in each direction between any two neighbors. A member that
+the cycle may leave out has a loop. Of the two arcs between two members at most one is used, since a path there and back
+is no cycle.
+
+The search ends when the solver has done as much work as `effort` allows. The solver counts this work itself, so the
+bounds are the same on every machine. If the search ends before a cycle is proven to be the longest, the lower and the
+upper bound differ.
 """
 
 from typing import Final

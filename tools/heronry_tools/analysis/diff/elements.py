@@ -1,9 +1,11 @@
-"""The changes of a spec's file: elements added, removed and changed, field by field, with the keys of the spec.
+"""The changes between two specs, field by field: elements that were added, removed and changed.
 
-Every element becomes a flat map from field to text, in the units in which a spec is written; two specs are compared map
-by map. A renamed element appears as one removed and one added. Where order carries meaning (modes, branches, phases)
-the order is a field. A change in comments, in the spelling of a shorthand, or in the order of other elements is not
-listed.
+Every element is turned into a flat map from field to text, and the two specs are compared map by map. Fields are named
+by the keys of a spec, and have the units in which a spec is written. An element that was renamed appears as one removed
+and one added.
+
+Where order carries meaning (modes, branches, phases), the order is a field. Not listed is a change in comments, in the
+spelling of a shorthand, or in the order of other elements.
 """
 
 from collections.abc import Iterator, Mapping

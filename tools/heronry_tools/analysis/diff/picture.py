@@ -1,4 +1,4 @@
-"""A difference as a Mermaid picture: what changed, and its neighbours, old and new in one graph.
+"""The difference between two specs as a Mermaid picture: what changed, and its neighbours, in one graph.
 
 New elements are green, removed elements red and dashed, changed elements amber. Neighbours, which did not change, are
 plain.

@@ -15,8 +15,8 @@ The filter copes with three problems of real images:
 
 Measurements are scalars and are used one after the other, so no matrix is inverted.
 
-Source: the delay as in S. Joo et al., "Vision Aided Inertial Navigation with Measurement Delay ...", IEEE Aerospace
-Conference 2008.
+Source: delayed images are treated as in S. Joo et al., "Vision Aided Inertial Navigation with Measurement Delay ...",
+IEEE Aerospace Conference 2008.
 """
 
 import math
@@ -66,13 +66,13 @@ class TrackingFilter:
 
     @classmethod
     def by_sight(cls, camera_m: Camera, elevation_rad: float, now_ns: int, *, sinks: bool) -> "TrackingFilter":
-        """Begin without a receiver, where the line of sight meets the nominal approach.
+        """Begin with the camera alone, at the point where the line of sight meets the nominal approach.
 
-        The position is uncertain along this line. Near the ground even a wrong range gives a good height, since the
-        height is the range times the elevation.
+        Along the line of sight, the position is uncertain. The height is the range times the elevation, so near the
+        ground the height is good even if the range is wrong.
 
         sinks: True: the aircraft sinks, so it is on the slope of the approach. False: it may also be on the level part
-        before the slope, where the camera can see it at the same elevation.
+            before the slope, where the camera can see it at the same elevation.
         """
         rise = math.tan(elevation_rad)
         if sinks or elevation_rad < _LEVEL_FROM_RAD:

@@ -1,7 +1,8 @@
 """The Exploration Aerial Vehicle on final: dynamics, sensors, servos, and the rover's camera beside the runway.
 
-The first group below has the sensors with their readings, the second the actuators with their commands. Values in
-mdeg/s, mdeg, mm/s, mm, 0.1 mrad and ms are whole numbers, as such devices give them.
+Values in mdeg/s, mdeg, mm/s, mm, 0.1 mrad and ms are whole numbers, as such devices give them.
+
+Sensors, and what they read:
 
     ins_1, ins_2             roll, pitch and yaw rate (mdeg/s), roll, pitch (mdeg), velocity north, east, up (mm/s)
     pitot_1, pitot_2         airspeed (m/s)
@@ -9,10 +10,14 @@ mdeg/s, mdeg, mm/s, mm, 0.1 mrad and ms are whole numbers, as such devices give 
     gps                      x, y, height (mm), height with a bias of 3.5 to 7 m
     camera                   azimuth, elevation (0.1 mrad), age of the image (ms); empty before the first image
     head_encoder             azimuth, elevation (0.1 mrad) to which the head points
-    elevator_sensor, aileron_sensor, rudder_sensor    angle of the surface (deg); throttle_sensor    0 to 1
+    elevator_sensor, aileron_sensor, rudder_sensor    angle of the surface (deg)
+    throttle_sensor          0 to 1
 
-    elevator_1, elevator_2, aileron_1, aileron_2, rudder_1, rudder_2    angle (deg); throttle_1, throttle_2    0 to 1
-    pan_tilt                 azimuth, elevation (0.1 mrad) demanded of the head
+Actuators, and what they are commanded to:
+
+    elevator_1, elevator_2, aileron_1, aileron_2, rudder_1, rudder_2    angle of the surface (deg)
+    throttle_1, throttle_2   0 to 1
+    pan_tilt                 azimuth, elevation (0.1 mrad) to which the head is to point
 
 The elevator is positive down, the aileron positive for a roll to the right, the rudder positive for a yaw to the left.
 """

@@ -1,10 +1,14 @@
 """The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
-Symbols stand in columns. An edge that passes a column has a *way-point* there (ordering.py), and each piece of it, from
-one column to the next, is a *segment*. Within a column every symbol is as close as possible, by least squares, to the
-height of the symbols to which edges join it, with at least a gap between any two symbols. The exact solution (pool
-adjacent violators) is computed column by column, from left to right and back. Between two columns an edge is one curve.
-Across a column the edge is straight, at a height of its own. Feedback edges run back below the graph.
+*Columns.* Symbols stand in columns. Where an edge passes a column without ending there, it has a *way-point*
+(ordering.py). A *segment* is the piece of an edge from one column to the next.
+
+*Heights.* Every symbol is as close as possible, by least squares, to the height of the symbols to which edges join it.
+Between two symbols of a column there is at least a gap. The solution is exact for one column (pool adjacent violators).
+It is computed column by column, from left to right and back.
+
+*Edges.* Between two columns an edge is one curve. Across a column it is straight, at a height of its own. Feedback
+edges run back below the graph.
 """
 
 from collections.abc import Iterator, Mapping
@@ -37,7 +41,9 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A segment: straight from `start` to `leave`, then a curve to `enter`, then straight to `end`.
+    """A segment: the piece of an edge from one column of symbols to the next.
+
+    It is straight from `start` to `leave`, a curve from `leave` to `enter`, and straight again from `enter` to `end`.
 
     edges: numbers of the edges that share the segment.
     last: whether the segment ends at the target of its only edge.
@@ -65,7 +71,7 @@ class Layout:
 
     width, height: size of the whole picture.
     boxes: the box of each symbol, by its key.
-    curves: the segments.
+    curves: the segments, that is, the pieces of the edges from one column of symbols to the next.
     loops: the feedback edges.
     """
 
@@ -124,10 +130,10 @@ class _Placing:
         )
 
     def _in_ports(self) -> dict[int, int]:
-        """Give the height at which each edge ends, from the top of its target's box.
+        """Give, for each edge, the height at which it ends, from the top of its target's box.
 
-        The edges into one symbol or cell end one below the other, ordered from top to bottom as the symbols or
-        way-points that they come from. Feedback edges end lowest.
+        The edges into one symbol or cell end one below the other. Their order is that of the symbols or way-points from
+        which they come, from top to bottom. Feedback edges end lowest.
         """
         place = {key: number for column in self._layers.columns for number, key in enumerate(column)}
         comers: dict[tuple[str, int | None], list[tuple[int, int]]] = {}
@@ -254,10 +260,13 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Give the x in pixels at which a segment ends: at its target, or at `left`, the left side of a passed column.
+        """Give the x in pixels at which a segment ends.
 
-        into: height at which the edge ends, from the top of the target. The side of a circle is farther to the right
-        near the top and the bottom of the circle, so an edge ends farther to the right there.
+        The last segment of an edge ends at the left side of its target. Any other segment ends at `left`, the left side
+        of the column that it reaches. The side of a circle lies farther to the right near the top and the bottom of the
+        circle, so a segment to a circle ends farther to the right there.
+
+        into: height at which the segment ends, from the top of the target.
         """
         if not segment.last:
             return left
@@ -277,11 +286,12 @@ class _Placing:
 
 
 def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
-    """Give the heights at which no two symbols of a column overlap, nearest to the wanted heights.
+    """Place the symbols of a column: as near as possible to the wanted heights, by least squares, without overlap.
 
-    offsets: the least distance of each symbol from the first symbol.
-    wanted: the wanted height of each symbol, and its weight.
-    All heights and distances are in 1/64 of a pixel; the result is rounded down.
+    Gives the height of each symbol. All heights and distances are in 1/64 of a pixel; the result is rounded down.
+
+    offsets: the least distance of each symbol from the first symbol of the column.
+    wanted: for each symbol, the wanted height and the weight of this wish.
     """
     blocks: list[tuple[int, int, int]] = []  # sum of weighted heights, sum of weights, members
     for (height, weight), offset in zip(wanted, offsets, strict=True):

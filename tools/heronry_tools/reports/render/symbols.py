@@ -2,9 +2,11 @@
 
 Figure 1 of the paper shows modules and variables, Figure 2 the gates, and Figure 3 the devices.
 
-A symbol is drawn in its box. A *dead* symbol is crossed out: its module cannot run, its gate cannot hold, or its
-variable cannot be given. A *chosen* symbol has bold lines: its module runs, its gate holds, or its variable is given in
-the plan. The cell of the running mode is filled.
+Each symbol has a box, and is drawn in it. A module has a cell for each mode; the cell of the running mode is filled. A
+symbol may have a mark:
+
+    dead     crossed out: the module cannot run, the gate cannot hold, or no module can give the variable
+    chosen   bold lines: in the plan the module runs, the gate holds, or the variable is given
 """
 
 from collections.abc import Iterator

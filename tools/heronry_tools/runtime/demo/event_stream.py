@@ -1,4 +1,4 @@
-"""The events of a manager, or of a plant, that runs as a process of its own: a line of JSON each, read as they come.
+"""Reads the events of another process, a manager or a plant, as they come; each event is a line of JSON.
 
 An event is given when its line is complete; the beginning of a line is kept until its end comes.
 """

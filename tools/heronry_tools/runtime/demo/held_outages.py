@@ -1,7 +1,7 @@
 """Gathers outages, so that a demo on a busy computer does not report each outage in a line of its own.
 
-The first outages after a quiet second are reported at once. Those that come within a second after them are reported
-together at the end of that second.
+An outage that comes when nothing was reported for a second is reported at once. Outages that come within a second after
+a report are held, and are reported together at the end of that second.
 """
 
 from collections.abc import Sequence

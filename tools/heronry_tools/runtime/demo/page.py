@@ -1,10 +1,14 @@
 """The page of a demo: a process of `heronry web`, and the orders that come from it.
 
-    started ──its first line: the address──► serving ──its end──► ended
+    started   the process has been started. Its first line has the address of the page
+    serving   the first line has been read
+    ended     the process has ended; the demo goes on
 
-The page gets what it shows from the manager's socket, as every other client does. Only the demo can kill and restore a
-PE. So the page process has one end of a socket pair. On it the page process sends `{"do": "kill", "what": "nav"}`, or
-the same with `"restore"` in the place of `"kill"`. The demo answers `{"done": ..., "sentence": ...}`.
+The page process gets what it shows from the manager's socket, as every other client does. But only the demo can kill
+and restore a PE. So the page process and the demo share a socket pair:
+
+    page process   {"do": "kill", "what": "nav"}, or the same with "restore" in place of "kill"
+    demo           {"done": ..., "sentence": ...}
 """
 
 import json
@@ -78,7 +82,7 @@ class Page:
         return self._process.stdout
 
     def address(self) -> str | None:
-        """Read the first line that the page sends, and give the address in it; None if the line was read before.
+        """Read the first line of the page process, and give the address in it; None if the line was read before.
 
         To be called when one of `readers` is readable. Raises UserError where the page cannot be served.
         """

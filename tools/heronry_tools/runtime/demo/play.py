@@ -93,8 +93,8 @@ def play(arguments: argparse.Namespace) -> int:
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
     """Give the contingencies with which the demo flies, and the process that makes contingencies for the next demo.
 
-    If the plans for single faults are wanted but have not been made yet, the contingencies are None, and the process
-    makes these plans; the process is None if the solver is not installed. In all other cases there is no process.
+    The process is None, unless three things hold: the plans for single faults are wanted, they have not been made yet,
+    and the solver is installed. If they are wanted but have not been made yet, the contingencies are None.
     """
     if source is not Ahead.SINGLE_FAULTS:
         return contingencies_of(spec, source), None

@@ -3,7 +3,7 @@
     with a slash      a path: /tmp/can0.sock, ./can0.sock
     without a slash   a name: can0 is can0.bus in the user's `heronry_wire.runtime_folder`
 
-So `heronry softbus` in one terminal and `-i softbus -c can0` in any other are the same bus.
+So `-i softbus -c can0` in any terminal finds the bus that `heronry softbus` has started in another one.
 """
 
 import re
@@ -22,9 +22,9 @@ class BusNameError(HeronryError, ValueError):
 
 
 def path_to_listen(channel: str) -> Path:
-    """Give the path at which a hub serves the bus `channel`; for a name, its folder is made.
+    """Give the path at which a hub serves the bus `channel`; if this is a name, create the folder for it.
 
-    Raises RuntimeFolderError if the folder cannot be made or another user could write into it, and BusNameError if
+    Raises RuntimeFolderError if the folder cannot be created or another user could write into it, and BusNameError if
     `channel` is neither a path nor a name.
     """
     return Path(channel) if _is_path(channel) else owned_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
@@ -33,8 +33,8 @@ def path_to_listen(channel: str) -> Path:
 def path_to_call(channel: str) -> Path:
     """Give the path at which clients find the bus `channel`.
 
-    Raises RuntimeFolderError if another user could write into the folder of a bus with a name, and BusNameError if
-    `channel` is neither a path nor a name.
+    Raises RuntimeFolderError if `channel` is a name and another user could write into the folder for it, and
+    BusNameError if `channel` is neither a path nor a name.
     """
     return Path(channel) if _is_path(channel) else trusted_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
 

@@ -1,16 +1,21 @@
 """The simulator as machine code, which `heronry sim --compiled` flies: four times as fast, with equal frames.
 
-A campaign of thousands of flights needs speed, but must fly the cores that fly in an aircraft. mypyc, a part of mypy,
-translates typed Python to C. A copy of all packages is compiled in the user's cache folder; Python imports the compiled
-form of a module if it stands beside the module's source. No module of a flight asks whether it is compiled.
+A campaign of thousands of flights needs speed, but must fly the same cores as an aircraft. So it flies a compiled form
+of them: mypyc, a part of mypy, translates typed Python to C. This is done with a copy of all packages in the user's
+cache folder. There the modules in which a flight spends its time have a compiled form beside their source, and Python
+imports the compiled form. No module of a flight asks whether it is compiled.
 
 The folder of a copy is named by the digest of sources, specs, Python and mypy. So changed sources give another copy,
 and no old copy is flown. One process at a time makes a copy under another name, and renames it when it is complete. A
 copy that was not used for a month is deleted.
 
-Compiled code differs from Python where a declared type is less exact than the value: a tuple of fixed length has no
-identity; a member of an IntEnum that is declared as an int is only an int; an int passed as a float becomes a float. So
-`proof_flights` are flown in both forms, and must give the same frames. If they do not, the copy is not kept.
+Compiled code differs from Python where a declared type is less exact than the value:
+
+- A tuple of fixed length has no identity.
+- A member of an IntEnum that is declared as an int is only an int.
+- An int that is passed as a float becomes a float.
+
+So `proof_flights` are flown in both forms, and must give the same frames. If they do not, the copy is not kept.
 """
 
 import fcntl
@@ -103,7 +108,7 @@ def is_compiled() -> bool:
 def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -> None:
     """Replace this process by one that runs `command` in the compiled form; no effect if this process is compiled.
 
-    If there is no compiled form of these sources, it is made first. Raises UserError if that is not possible.
+    If these sources have not been compiled yet, they are compiled first. Raises UserError if that is not possible.
     """
     if is_compiled():
         return

@@ -1,23 +1,28 @@
 """Draws the faults of a flight from a seed: swarm testing, aimed at protocol states that are hard to hit.
 
-A seed first draws the kinds of faults of its flight, about half of all kinds, and how often each occurs. So one flight
-may have only restarts and another only noise, and no kind always hides the effect of another.
+*Kinds.* A seed first draws which kinds of faults its flight has, about half of all kinds, and how often each occurs. So
+one flight may have only restarts and another only noise, and no kind always hides the effect of another.
 
-A reconfiguration takes milliseconds, and the time between two reconfigurations is seconds. So most faults wait for a
-state of the protocol (`protocol_state`), and a state that lasts for a shorter time is drawn more often (`_AIM`). The
-state *idle* has the lowest weight, since most faults that wait for no state are injected in it. The weights were chosen
-with the tables of campaigns (`campaign.Coverage`). They are the same for every seed, so that a seed flown alone gives
-the same flight as in a campaign.
+*States.* A reconfiguration takes milliseconds, and the time between two reconfigurations is seconds. So most faults
+wait for a state of the protocol (`protocol_state`). A state that lasts for a shorter time is drawn more often (`_AIM`).
+The state *idle* has the lowest weight, since most faults that wait for no state are injected in it. The weights were
+chosen with the tables of campaigns (`campaign.Coverage`). They are the same for every seed, so that a seed flown alone
+gives the same flight as in a campaign.
 
-For a fault that waits for a state other than idle, further faults are drawn that lead to this state: a PE other than
-the target is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost,
-which ends its mastership. For `activating` a PE must release an exclusive output. So a PE is cut off, and when it
-counts as lost the mastership ends. The PE returns with its old epoch, which the next manager does not know, and with
-the outputs that this epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
+*Leading to a state.* For a fault that waits for a state other than idle, further faults are drawn that lead to this
+state:
 
-With two managers, faults of managers are drawn more often. Their target is the active, the primary or the standby
-manager. The kinds that need two managers (`Kind.of_two`) are drawn, too. Kinds for flights with a key (`Kind.of_keyed`)
-are drawn in every flight with a key, and more often than others.
+    in general    a PE other than the target is lost and returns, so that the protocol goes through all states
+    orphaned      the active manager is lost, which ends its mastership
+    activating    a PE must have an exclusive output to release. So the PE is cut off, and when it counts as lost, the
+                  mastership ends. The PE returns with its old epoch, which the next manager does not know, and with the
+                  outputs of this epoch. If several PEs can drive one DEMUX, the loss of one of them is enough
+
+*Two managers.* Faults of managers are drawn more often. Their target is the active, the primary or the standby manager.
+The kinds that need two managers (`Kind.of_two`) are drawn as well.
+
+*With a key.* The kinds for such flights (`Kind.of_keyed`) are drawn in every flight with a key, and more often than
+others.
 """
 
 from collections.abc import Sequence

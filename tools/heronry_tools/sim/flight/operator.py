@@ -1,14 +1,18 @@
 """The operator of a simulated aircraft, who gives orders to the active manager; the manager accepts or refuses each.
 
-For the oracles, an accepted order is the truth: an element that was declared failed counts as down until it is cleared.
-A module that has failed everywhere stays down on every PE until the module itself is cleared; an order to clear one of
-its places changes nothing. Without an active manager no order can be given, with one exception: the order to clear an
-element is kept, and given as soon as a manager is active.
+*Truth.* For the oracles, an accepted order is the truth: an element that was declared failed counts as down until it is
+cleared. If a module has failed everywhere, it stays down on every PE until the module itself is cleared. An order to
+clear one of its places then changes nothing.
 
-With two managers, a term can end before the other manager has heard of an order. The protocol does not promise that the
-next manager learns of this order. A real operator sees in the status that the order is missing, and repeats it. After
-`insist` this operator repeats in each new term the orders by which it has declared elements failed or cleared them.
-With one manager nothing is repeated, since a manager that restarts reads the orders in its journal.
+*No active manager.* Then no order can be given. There is one exception: the order to clear an element is kept, and
+given as soon as a manager is active.
+
+*Two managers.* A term can end before the other manager has heard of an order. The protocol does not promise that the
+next manager learns of this order. A real operator sees in the status that the order is missing, and repeats it. So does
+this operator after `insist`: in each new term it repeats the orders by which it has declared elements failed or cleared
+them.
+
+*One manager.* Nothing is repeated, since a manager that restarts reads the orders in its journal.
 """
 
 from heronry_dg.losses import lost_elements
@@ -91,9 +95,10 @@ class Operator:
         return sorted(held - self._truth.declared.keys())
 
     def insist(self) -> None:
-        """From now on, repeat to each new active manager the orders about failed elements that it may not know.
+        """From now on, repeat some orders to each new active manager: declare an element failed, clear an element.
 
-        Nothing is repeated with one manager, or if no element has been declared failed or cleared before this call.
+        Only orders that the manager may not know are repeated. With one manager nothing is repeated. Nothing is
+        repeated either if no element was declared failed or cleared before this call.
         """
         self._insists = self._managers.are_two and bool(self._truth.declared or self._well)
         self._look()

@@ -1,14 +1,14 @@
-"""With a key, forged frames on less than a tenth of a bus deny no service (protocol rule 11).
+"""With a key, forged frames that take less than a tenth of a bus deny no service (protocol rule 11).
 
-The oracle verifies flights with a key whose only faults are forged frames on less than a tenth of a bus. It requires
-that
+The oracle verifies only flights with a key in which all faults are forged frames, and these take less than a tenth of a
+bus. Three things must hold in such a flight:
 
-- no function that was heard is silent for longer than both T_lease and the longest silence of a served function
-  (`Witness.patience_ns`);
-- each ALIVE of the active manager names every PE that the ALIVE before it named;
-- the active manager ends no session (RENEW).
+- A function that was heard is never silent for longer than T_lease, unless the longest silence of a served function
+  (`Witness.patience_ns`) is longer.
+- Each ALIVE of the active manager names every PE that the ALIVE before it named.
+- The active manager ends no session (it sends no RENEW).
 
-Not verified: a flight with any other fault or order; only the other oracles verify such a flight.
+Not verified: a flight with any other fault or order. Only the other oracles verify such a flight.
 """
 
 from collections.abc import Collection
@@ -46,7 +46,8 @@ class AvailabilityCheck(Oracle):
     def denials(self, faults: Collection[Fault], witness: Witness, span_ns: range) -> list[Violation]:
         """Return a violation for each denial of service between the first configuration and the end of a flight.
 
-        The list is empty if a fault of another kind was injected, or forged frames on a tenth of a bus or more.
+        The list is empty if there was no fault, if any fault was something other than forged frames, or if forged
+        frames took a tenth of a bus or more.
 
         faults: everything that was injected
         span_ns: time of the first configuration, and of the end of the flight

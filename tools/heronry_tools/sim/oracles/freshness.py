@@ -1,16 +1,20 @@
 """No module is given a datum that is old, or that its producer has not sent; verified against the frames on the bus.
 
-Two things must hold for every input that the PE's epoch wires to another PE. The producer's node has sent a frame on
-one of the PE's buses within three periods of the producer's slowest mode. The value given to the module is that of one
-of these frames; an input with another value is called *foreign*. Ages count back from the moment at which the PE
-requested the step. How long a slow processor may take to begin the step is limited elsewhere (`until_ns`, at most
-T_lease).
+Two things must hold for every input that the PE's epoch wires to another PE:
+
+- The producer's node has sent a frame on one of the PE's buses within three periods of the producer's slowest mode.
+- The value given to the module is that of one of these frames. An input with another value is called *foreign*.
+
+The three periods end at the moment at which the PE requested the step. After this moment a slow processor may still
+delay the step; `until_ns` limits this delay (at most T_lease).
 
 Every step of a module that drives an actuator or a branch of a DEMUX is verified, and every eighth step of all other
 modules (`world.steps_seen`).
 
-Not verified: an input from the same PE, a variable with an initial value, and the time from the activation of an epoch
-until the PE's state frames show that the PE runs this epoch.
+Not verified:
+
+- an input from the same PE, and a variable with an initial value;
+- the time from the activation of an epoch until the PE's state frames show that the PE runs this epoch.
 """
 
 from collections import deque

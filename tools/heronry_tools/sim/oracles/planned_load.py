@@ -1,8 +1,8 @@
-"""Once the aircraft has converged, the buses carry the planned data and no other.
+"""Once the aircraft has converged, the buses carry the planned data, and no other data.
 
-`begin` starts the counting of frames. No source of the last epoch may send more than its rate, and no other source may
-send anything. (Other oracles detect a source that sends less: `freshness`, `service` and `end_state`.) A PE that cannot
-reach the manager gets no plan, so its data are not counted.
+Frames are counted from `begin` on. No source of the last epoch may send at more than its rate, and no other source may
+send anything. (A source that sends too little is detected by the oracles `freshness`, `service` and `end_state`.) A PE
+that cannot reach the manager gets no plan, so its data are not counted.
 """
 
 from collections import Counter

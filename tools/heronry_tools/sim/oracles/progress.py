@@ -1,20 +1,26 @@
 """An aircraft reaches a new epoch even if changes come fast.
 
-*Epochs.* A manager that prepares one epoch after the other must activate one of them. The oracle reads PREPARE and
-ACTIVATE of the active manager. A violation is more than `_IN_A_ROW` epochs prepared in a row, over more than
-`_STORM_NS`, without one ACTIVATE.
+*Epochs.* If a manager prepares one epoch after the other, it must activate one of them. The oracle reads PREPARE and
+ACTIVATE of the active manager. A violation is more than `_IN_A_ROW` epochs that were prepared in a row, over more than
+`_STORM_NS`, without an ACTIVATE.
 
-*Requests.* A manager that requests one plan after the other must use an answer. The oracle sees the requests, and the
-answers that a manager is given. A request is *in vain* in two cases. The manager replaces the request before its answer
-has come. Or the answer differs from the running configuration, and the manager makes another request at the moment at
-which it gets this answer. A violation is more than `_IN_A_ROW` requests in vain, one after the other, over more than
-`_STORM_NS`, without one ACTIVATE.
+*Requests.* If a manager requests one plan after the other, it must use one of the answers. The oracle sees the
+requests, and the answers that each manager is given. A request is *in vain* in two cases:
 
-Up to these limits, epochs and requests may follow each other, since the manager answers each change by a plan for the
+- The manager makes another request before the answer has come.
+- The answer differs from the running configuration, but the manager makes another request at the moment at which it
+  gets the answer.
+
+A violation is more than `_IN_A_ROW` requests in vain, one after the other, over more than `_STORM_NS`, without an
+ACTIVATE.
+
+Up to these limits epochs and requests may follow each other, since the manager answers each change by a plan for the
 newest situation.
 
-Not verified: whether the manager was right to abandon a single epoch or request, and a request that is never answered
-(`end_state` detects that if a plan was needed).
+Not verified:
+
+- whether the manager was right to abandon a single epoch or request;
+- a request that is never answered (`end_state` detects that if a plan was needed).
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """A script of the operator is announced only in the term in which a manager accepted it, and not after its release.
 
-While a script is held, the aircraft may be worse than the best plan on every level but the first; the oracle
-`end_state` asks here whether a script is held. Only the announcements (CONTROL, HOLDS) show whether a script is held.
-The manager repeats them, so when none has come for `ANNOUNCED_WITHIN_NS`, no script is held.
+While a script is held, the running configuration may be worse than the best plan at every level except level 1. So the
+oracle `end_state` asks here whether a script is held. Only the announcements of the manager (CONTROL, HOLDS) show this.
+The manager repeats them; if none has come for `ANNOUNCED_WITHIN_NS`, no script is held.
 """
 
 from heronry_tools.sim.oracles.oracle import Oracle

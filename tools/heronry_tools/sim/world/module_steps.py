@@ -1,12 +1,15 @@
 """The execution time of modules in a simulated PE: zero, unless there is a fault in a module or in the processor.
 
-A fault may make a module overrun, or the processor slow. An overrun is reported to the core as time spent. The time of
-a slow processor, a pause or a jump of the clock is not reported, as on a real node. A step whose turn comes after the
-core's time limit for it (`until_ns`) is not executed, as in a real partition. While a step is late, further steps of
-its partition wait.
+The faults:
 
-The faults: a module may be `broken` (it raises, gives a value outside its type's range or a wrong value, overruns, or
-requests a phase); the modules of a PE may be `stuck` (their steps hang); its processor may be `slow`.
+    broken   a module raises an error, gives a value that is wrong or outside its type's range, overruns, or requests a
+             phase
+    stuck    the steps of all modules of the PE hang
+    slow     the processor of the PE is slow
+
+An overrun is reported to the core as time spent. The time of a slow processor, of a pause or of a jump of the clock is
+not reported, as on a real node. While a step is late, further steps of its partition wait. If a step must wait beyond
+the time limit that the core has set for it (`until_ns`), it is not executed, as in a real partition.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -72,11 +75,11 @@ class ModuleSteps:
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
-        """Begin; no step hangs, and the processor is not slow.
+        """Begin with modules that run on time: no step hangs, and the processor is not slow.
 
         drive: is called with every step of a module that drives an output.
-        look: is called with some steps of other modules.
-        broken: by module, or by NAME@PE: how the module fails in its steps.
+        look: is called with some steps of the other modules.
+        broken: how a module fails in its steps, by the name of the module or, for one PE, by NAME@PE.
         broke: is called with the name of a module that has raised an error or given a value outside its type's range.
         """
         self._clock, self._time, self._host, self._processor = clock, time, host, processor

@@ -2,7 +2,8 @@
 
 A node uses a `Station` and the virtual `Clock` as a real driver uses a socket and a timer. While the node's processor
 is paused, its CAN controllers keep working: the frame in the mailbox is sent, and frames that arrive are kept, up to
-the capacity of a socket. After the pause the core gets the kept frames, with their age, before any deadline.
+the capacity of a socket. After the pause the core first gets the kept frames, with their age; only then is it called
+for deadlines that have passed.
 """
 
 from collections.abc import Callable, Container, Sequence

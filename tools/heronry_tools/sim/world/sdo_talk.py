@@ -202,9 +202,9 @@ class SdoTalk:
     def download_by_block(
         self, index: int, sub_index: int, data: bytes, *, loses: int = 0, checksum: int | None = None
     ) -> Talk[Abort | None]:
-        """Write an object by blocks; return the server's abort, or None.
+        """Write an object by SDO block transfer; return the server's abort, or None.
 
-        loses: number, in the first block, of the segment that is not sent; 0 if all are sent
+        loses: the segment of the first block that is not sent, counted from 1; 0: all are sent
         checksum: a wrong checksum to send; None for the right one
         """
         answer = yield from self.ask(

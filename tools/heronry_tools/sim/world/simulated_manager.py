@@ -1,7 +1,7 @@
-"""The driver of a simulated manager: its core, its stations, its disk, and the driver of its planners.
+"""The driver of a simulated manager, with the manager's core, stations on the bus, disk and planners.
 
-The core is the same code as on an aircraft. Its invariants are checked after every call that did more than send a
-frame, and after every sixteenth call.
+The core is the same code as on an aircraft. The invariants of the core are checked after each call in which it did more
+than send frames, and after every sixteenth call.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,9 +1,13 @@
-"""The signals of a recorded flight: every variable of the spec as each module gives it, and what PEs and buses show.
+"""The signals of a recorded flight: variables of the spec, and figures of PEs, buses and functions.
 
-A signal is a series of numbers with a name and a unit. The signal of a variable is named MODULE.VARIABLE, with .0, .1,
-... for each element of an array. Each PE has the signals pe.NAME.load in % and pe.NAME.epoch. Each bus has
-bus.NAME.load and bus.NAME.peak in %. Each function has function.NAME.served (1 or 0). A variable that no frame carried
-has a series without samples, so that a reader finds every signal of the spec.
+A signal is a series of numbers with a name and a unit:
+
+    MODULE.VARIABLE                        a variable as this module gives it; an array has .0, .1, ... for its elements
+    pe.NAME.load, pe.NAME.epoch            load of a PE in %, and the epoch that it runs
+    bus.NAME.load, bus.NAME.peak           load of a bus in %, and its peak
+    function.NAME.served                   1: the function is served; 0: it is not
+
+A variable that no frame carried has a series without samples, so that a reader finds every signal of the spec.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +23,7 @@ from heronry_wire.frame import Frame, Malformed
 
 @dataclass(slots=True)
 class Series:
-    """One signal.
+    """One signal: a series of numbers with their times.
 
     name, unit, comment: what the signal is.
     times_ns: times of the samples, in ns of the recording's clock.

@@ -45,7 +45,7 @@ class Objects(Topic):
         self._running = running
 
     def constants(self) -> Talk[None]:
-        """Demand that the dictionary's fixed properties are right.
+        """Demand that the fixed properties of the object dictionary are right.
 
         These are the value of each constant, the length of each variable, and the objects that can only be written.
         Objects and sub-indices that are not in the dictionary must not exist.
