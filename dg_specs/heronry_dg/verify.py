@@ -6,7 +6,7 @@ The rules and their sub-rules:
 
     1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed,
                  failed_there
-    2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
+    2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, phase, route
     3 gate       leaf, and, or, xor (does not hold), below (an input is wired, but a gate above it does not hold)
     4 demux      branches, ends (more than one runs), wired (a branch runs, and its input for the DEMUX is not wired)
     5 purpose    idle (a module serves no wanted function)

@@ -112,11 +112,11 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Choose what to deploy: the configuration of a script, or `known`, the best plan for this situation.
+        """Choose what to deploy: the configuration of a script, or `known`, the plan for this situation.
 
-        First the configuration that was asked for is compared with `known`, then the held one. If it is worse than
-        `known` at level 1, it is refused, or no longer held. If it is not worse, a plan of it is returned.
-        Returns None if no configuration is left, so that `known` is to be deployed.
+        First the configuration that was asked for is compared with `known`, and then the held one. A configuration that
+        is worse than `known` at level 1 is refused, or no longer held. Returns a plan of the first configuration that
+        is not worse. Returns None if there is none; then `known` is to be deployed.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

@@ -25,10 +25,9 @@ A plan comes from the first of these sources that has one:
 
 Special cases:
 
-    - If the verifier refuses a greedy plan, the exact planner answers instead. If there is no exact planner, the request
-      fails.
-    - If the exact planner fails, or needs more time than the driver gives it, the greedy planner answers instead. So the
-      aircraft gets a configuration even if a planner hangs. A request that is only for a better plan fails.
+    - If the verifier refuses a greedy plan, the exact planner answers. If there is no exact planner, the request fails.
+    - If the exact planner fails, or needs more time than the driver gives it, the greedy planner answers. So the
+      aircraft gets a configuration even if a planner hangs. But a request that is only for a better plan then fails.
     - Without a solver there is no exact planner: the greedy planner answers everything, and nothing is pre-planned.
     - Some simulated flights leave out the greedy planner. Then the exact planner answers everything.
 

@@ -10,9 +10,9 @@ The PE keeps its configuration, so its state frames report the same state, epoch
 page 1 becomes smaller.
 
 A LEASE that names the configuration of this PE starts the stopped modules again: it shows that no other configuration
-was activated. A LEASE that names another configuration, or none, starts nothing: its manager will decide what this PE
-runs. A new configuration always starts its modules. In both states an exclusive output still needs its authorization
-(protocol rule 6).
+was activated. A LEASE that names another configuration, or none, starts nothing: the manager that sent the LEASE will
+decide what this PE runs. A new configuration always starts its modules. In both states an exclusive output still needs
+its authorization (protocol rule 6).
 
 One LEASE within T_lease is enough, so single LEASEs may be lost or late. After a pause of the process, the frames that
 came in the pause are handled before the deadline of the lease is checked, so a LEASE among them counts. A forged LEASE

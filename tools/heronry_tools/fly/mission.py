@@ -44,7 +44,7 @@ class Mission:
     blows: faults that are injected at a time of the flight or below a height
     acts: faults of the kinds of `heronry sim`; their times count from the beginning of the flight
     most_height_bias_m: upper limit of the constant height error of the differential receiver; the seed draws the error
-    judged: whether the simulator's oracles check the flight; `Landing.violations` has what they find
+    `judged`: whether the simulator's oracles check the flight; `Landing.violations` has what they find
     probed: whether latencies from sensor to servo are measured; the air is then still, and the sensors have no errors
     longest_s: time of the flight; if there is no touchdown before it, the flight ends at this time
     """

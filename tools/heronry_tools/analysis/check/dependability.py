@@ -107,8 +107,8 @@ def _redundancy(subject: Subject, findings: Findings) -> None:
     """Find gates with useless redundancy.
 
     DEMUX, XOR   all alternatives are lost with one element
-    voter        there are no three inputs that are independent; two inputs are independent if no element is needed by
-                 both
+    voter        it has fewer than three independent inputs; inputs are independent if no two of them depend on the same
+                 element
     """
     dependence = Dependence(subject.spec)
     for demux in subject.spec.demuxes.values():

@@ -12,8 +12,8 @@ Without velocity these modules publish nothing: a receiver gives only 10 positio
 
 A restart of a receiver's estimator loses nothing. A restart of the tracking filter loses what the filter has learnt
 from images. The filter then begins at the receiver's position, or, without a receiver, where the line of sight of an
-image meets the nominal approach. It needs some seconds of images to be accurate again. A change of the mode loses
-nothing.
+image meets the nominal approach. The filter needs some seconds of images to be accurate again. A change of the mode
+loses nothing.
 """
 
 from collections.abc import Mapping

@@ -21,8 +21,8 @@ clock in three cases:
 
 Angular rates are given per second of the avionics' clock.
 
-*Inertial units.* The gyros of this aircraft give the rates of the pitch and roll angles. An inertial unit uses the
-airspeed to remove the acceleration of the aircraft's path from the readings of its accelerometers. So it does not
+*Inertial units.* The gyros of this aircraft give the rates of the pitch and roll angles. An inertial unit removes the
+acceleration of the flight path, which the airspeed shows, from the readings of its accelerometers. So it does not
 mistake a turn for level flight.
 """
 

@@ -174,7 +174,7 @@ class Show:
         """Name what the demo still waits for before it ends.
 
         It waits for PEs to join, for a deployment to be complete, for functions to be heard, and for the page to be
-        served. If the demo did not wait for these, they would look like faults at its end.
+        served. If the demo did not wait, what is missing at its end would look like a fault.
         """
         joining = [f"{pe} to join" for pe in sorted(self._coming_back)]
         deploying = [] if self._pending is None else [f"{self._pending} to be complete"]

@@ -1,14 +1,14 @@
 """The socket of a hub in the file system; at most one hub uses a path.
 
-A hub that starts first tries to connect to the socket at its path:
+If there is a socket at the path already, a new hub tries to connect to it:
 
-    the connection is refused    a hub that crashed has left the socket. The new hub replaces it
-    the connection is accepted   another hub runs. `Address` raises HubError
+    the connection is refused    a hub that crashed has left the socket. The new hub replaces the socket
+    the connection is accepted   another hub runs there. `Address` raises HubError
 
 Trying and replacing happen under a lock on the folder. So two hubs that start together cannot both take the path.
 
-`Address` also raises HubError if the folder does not exist or is not writable, or if there is something else than a
-socket at the path. At the end the hub removes its socket, unless another hub has taken the path meanwhile.
+`Address` also raises HubError if the folder does not exist or is not writable, or if the path leads to something other
+than a socket. At the end the hub removes its socket, unless another hub has taken the path meanwhile.
 """
 
 import fcntl

@@ -1,4 +1,4 @@
-"""The python-can interface `softbus`: `can.Bus(interface="softbus", channel=NAME)`, or a path (`place`).
+"""The python-can interface `softbus`: `can.Bus(interface="softbus", channel=NAME)`; NAME may be a path (`place`).
 
 This file decides nothing; it maps python-can's calls to the two sockets of `protocol.py`.
 

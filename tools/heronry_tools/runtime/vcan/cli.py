@@ -127,10 +127,10 @@ def _can_utils() -> Path | None:
 
 
 def _can_utils_if_to_be_had() -> Path | None:
-    """Fetch candump and cansend if they are not installed, and give their folder; None if there is none.
+    """Fetch candump and cansend if they are not installed, and give the folder into which they were fetched.
 
-    There is none if the two programs are installed, or cannot be fetched. If they cannot be fetched, a message says so,
-    and the command runs without them: it may not need them.
+    None: they are installed, or cannot be fetched. If they cannot be fetched, a message says so, and the command of the
+    user runs without them, since it may not need them.
     """
     try:
         return _can_utils()

@@ -2,7 +2,7 @@
 
 `interfaces_up` makes the interfaces that are missing, and removes them after the command. Interfaces that existed stay
 as they were. If one of these is down, CannotRunError is raised. Making an interface needs root and the kernel's vcan
-module. Without root or without the module UnavailableError is raised, and nothing is left behind.
+module. If one of these two is missing, UnavailableError is raised, and nothing is left behind.
 """
 
 import os

@@ -5,7 +5,7 @@ The bound is the sum of these times, each at its longest:
     controllers     the restart of a bus-off controller, and T_lease for the frames that wait in its queue
     a manager       T_lease, for which a manager listens after its start, and its start-up window, in which it waits for
                     PEs that are never heard
-    an old epoch    one patience: so long an epoch that is under way may wait for one PE before it is abandoned
+    an old epoch    one patience: an epoch that is under way is abandoned when a PE has not answered for so long
     the way back    the hold-down of a PE. It doubles after each loss, up to a minute. The last fault may cause one more
                     loss
     radios          the window in which a radio is measured (ten periods), and two hold-downs of the radio: the first

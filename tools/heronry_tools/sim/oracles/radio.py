@@ -4,7 +4,7 @@ The oracle reads the frames on both sides of each radio.
 
     age     a gateway sends each datum by radio at most T_lease plus one heartbeat period of the radio after it has
             received the datum, however slow the radio is. The heartbeat period allows for the time that a frame spends
-            in the CAN controller. So the gateway's queue has not grown
+            in the CAN controller. If all this holds, the gateway's queue has not grown
     load    in each second, the data on a radio stay within their budget: the share of the radio's bit rate that its
             gateway reports as usable, times the load that the spec allows for data. A quarter more is tolerated, as in
             `load.py`

@@ -6,7 +6,7 @@ Time is real, and the computer also runs other programs. So three things differ 
     - an expectation during the start of a process gets 3 s more
     - no golden trace is compared
 
-`--patience N` multiplies by N the 100 ms, and the time within which an expectation must come true.
+`--patience N` makes the 100 ms N times as long, and also the time within which an expectation must come true.
 
 Partitions load their code when their first module starts. So the script begins when all functions that the first
 configuration serves have been heard, but no later than `LOADING_S` seconds after this configuration runs.

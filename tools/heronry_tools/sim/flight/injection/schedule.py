@@ -1,8 +1,8 @@
 """Injects the faults of one flight: when each fault begins, and when it ends.
 
-A fault begins at its time, or when the protocol enters the state for which the fault waits. It ends after its duration.
-The functions that inject each kind of fault are in the other files of this folder. The oracles read from `injected`
-what was injected, and when.
+A fault begins at its time, unless it waits for a state of the protocol. Then it begins shortly after the protocol has
+entered that state, but no later than WAITS_MS after its time. It ends after its duration. The functions that inject
+each kind of fault are in the other files of this folder. The oracles read from `injected` what was injected, and when.
 
 Each fault has its own random generator. The seed of this generator consists of the flight's seed and the text of the
 fault. So removing one fault from a list does not change the others, and `shrink` can shorten a list that makes a flight
