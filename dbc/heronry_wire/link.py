@@ -9,7 +9,7 @@ the frame up and counts it. If the echo comes after all, the link still recogniz
 of another node.
 
 Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock (`arrival_times`). So a
-process that was paused does not take old frames for new ones, and a clock of the day that is set changes nothing.
+process that was paused does not take old frames for new ones, and setting the clock of the day changes nothing.
 
 If the controller's own queue is full (ENOBUFS, a busy mailbox), the link tries the frame again a millisecond later. No
 error ends a link that was once open:

@@ -155,7 +155,7 @@ class Response(NamedTuple):
 
 
 class _Stream(NamedTuple):
-    """A message, with its times as integers on the common denominator; `cost` is the length of its frame."""
+    """A message, with its times as integers (`_on_one_denominator`); `cost` is the length of its frame."""
 
     cost: int
     period: int
@@ -169,8 +169,8 @@ class _Window:
     length: the length of the window.
     ahead: time after the window; a release in this time counts, too.
     due: a heap with an entry (next release, period, cost) for each stream. The next release is not counted yet.
-    All times are integers on the common denominator. The window only grows, and a release that it reaches is counted
-    once.
+    All times are integers (`_on_one_denominator`). The window only grows, and counts each release once, when it reaches
+    the release.
     """
 
     __slots__ = ("ahead", "due", "length")

@@ -1,14 +1,14 @@
-"""Reads gate expressions: from the tree of the file to `gates.Expression`, with all named gates written out.
+"""Reads gate expressions: from the tree of the file to `gates.Expression`, with all named gates expanded.
 
-A `Reading` is an expression with facts that the gates around it need: the place of each leaf in the file, whether the
-expression holds with nothing wired, its DEMUXes and its depth. A leaf of a named gate has the place where that gate is
-named.
+To expand a named gate is to replace its name by its expression. A `Reading` is an expression with facts that the gates
+around it need: the place of each leaf in the file, whether the expression holds with nothing wired, its DEMUXes and its
+depth. A leaf of a named gate has the place where that gate is named.
 
 Each named gate is read before the gates that name it. If no such order exists, the gates name one another in a cycle,
 which is reported. Each named gate is read twice, since the default worth of its leaves depends on whether an OR or a
 XOR is above the gate. All expressions that name the gate share the two readings.
 
-Gates with too many inputs are refused. The inputs are counted before named gates are written out, so that a small file
+Gates with too many inputs are refused. The inputs are counted before named gates are expanded, so that a small file
 cannot take much memory.
 
 If a part of an expression has a mistake, its reading is None. The parts around it are still read, to find their
@@ -28,7 +28,7 @@ from heronry_dg.gates import And, Expression, Leaf, Or, Xor
 from heronry_dg.rules import graph as rules
 from heronry_dg.yaml_source import Node
 
-MOST_LEAVES: Final = 1_000  # of one mode, with named gates written out
+MOST_LEAVES: Final = 1_000  # of one mode, with named gates expanded
 MOST_LEAVES_OF_ALL: Final = 100_000
 DEEPEST: Final = 64
 
@@ -316,12 +316,12 @@ class ExpressionReader:
 
     def _is_small(self, place: Place, inputs: list[Reading]) -> bool:
         if sum(len(reading.places) for reading in inputs) > MOST_LEAVES:
-            sentence = f"this gate has more than {MOST_LEAVES} inputs when named gates are written out"
+            sentence = f"this gate has more than {MOST_LEAVES} inputs when named gates are expanded"
             hint = "let a module in between read some of the inputs, and give one variable for them"
             self._findings.add(rules.GATE_TOO_LARGE, place, sentence, hint)
             return False
         if max(reading.depth for reading in inputs) >= DEEPEST:
-            sentence = f"this gate has more than {DEEPEST} levels when named gates are written out"
+            sentence = f"this gate has more than {DEEPEST} levels when named gates are expanded"
             self._findings.add(rules.GATE_TOO_LARGE, place, sentence, "leave out gates that have a single input")
             return False
         return True

@@ -1,16 +1,16 @@
 """Gate expressions: what the inputs of a module mode must satisfy.
 
-An expression is a tree of `And`, `Or` (k of n) and `Xor` over leaves. The loader has written out named gates, so the
-only names in a tree are those of variables. A leaf is addressed by its index path in the tree: `""` for a lone leaf,
+An expression is a tree of `And`, `Or` (k of n) and `Xor` over leaves. The loader has replaced each named gate by its
+expression, so every leaf names a variable. A leaf is addressed by its index path in the tree: `""` for a lone leaf,
 `"0"`, `"0.1"`.
 
 A leaf holds iff it is wired. A gate holds iff the number of its inputs that hold lies between the two numbers of
 `bounds`; everything else about a gate follows from these numbers. So a new kind of gate needs a class, a case in
 `bounds` and in `words`, and a syntax (`expression_reader`, `check.json_schema`). A DEMUX is no node of a tree. Instead,
-the expression of each branch has a leaf that carries the name of the DEMUX.
+the expression of each branch has a leaf for the variable of the DEMUX; `demux` of this leaf names the DEMUX.
 
-Source: the paper by Rawashdeh et al. that docs/semantics.md names, section 3.1 and Figure 2. The paper has no numbers
-for worth and accepted versions.
+Source: section 3.1 and Figure 2 of the paper by Rawashdeh et al. (docs/semantics.md gives its title). The paper has no
+numbers for worth and accepted versions.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence

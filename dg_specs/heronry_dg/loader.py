@@ -5,7 +5,7 @@ The stages, each with the files that do it:
     yaml_source                      reads the bytes into a tree of values with their places in the file
     draft, schema, quantities        read elements and their fields, in exact numbers
     reference_rules                  checks names and numbers against one another
-    expression_reader, gate_rules    read gates, write named gates out, and check the gates
+    expression_reader, gate_rules    read gates, replace named gates by their expressions, and check the gates
     this file                        builds the model, but only if no finding stops the spec from being loaded
     demux_paths                      checks the paths behind DEMUXes in the model
 """

@@ -245,7 +245,7 @@ class Spec:
     devices: Mapping[str, Device]
     variables: Mapping[str, Variable]
     demuxes: Mapping[str, Demux]
-    shorthands: Mapping[str, Expression]  # named gates that are no DEMUX; in modules they are written out
+    shorthands: Mapping[str, Expression]  # named gates that are no DEMUX; modules have their expressions instead
     modules: Mapping[str, Module]
     functions: Mapping[str, Function]
     phases: Mapping[str, Phase] = field(default_factory=dict)  # the first is the initial one

@@ -52,15 +52,16 @@ class PlanError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LevelReport:
-    """A level of the objective: its value, and a bound.
+    """A level of the objective: its value in the plan, and a bound on what is possible.
 
-    No legal configuration that has the same values at all levels above has a better value than the bound at this level.
+    Take all legal configurations that equal the plan at every earlier level: none of them is better than `bound` at
+    this level.
     """
 
     level: str
     value: int
     bound: int | None  # None: not known
-    proven: bool  # value and bound are equal, before bits per second are rounded
+    proven: bool  # value and bound are equal; compared before the bandwidth is rounded for this report
 
 
 @dataclass(frozen=True, slots=True)

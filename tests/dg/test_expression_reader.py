@@ -278,13 +278,13 @@ class TestLimits:
         gates = "".join(f", g{i}: {{and: [g{i - 1}, g{i - 1}]}}" for i in range(1, 200))
         gates = gates.replace("{and: [g9, g9]}", "{»and: [g9, g9]}")
         said = complaint(logic("", gates=f"{{g0: command{gates}}}"))
-        assert "this gate has more than 1000 inputs when named gates are written out" in said
+        assert "this gate has more than 1000 inputs when named gates are expanded" in said
 
     def test_depth(self) -> None:
         gates = "".join(f", g{i}: {{and: [g{i - 1}]}}" for i in range(1, 5000))
         gates = gates.replace("{and: [g63]}", "{»and: [g63]}")
         said = complaint(logic("", gates=f"{{g0: command{gates}}}"))
-        assert "this gate has more than 64 levels when named gates are written out" in said
+        assert "this gate has more than 64 levels when named gates are expanded" in said
 
     def test_all_modes_together(self) -> None:
         variables = ", ".join(f"v{i}: {{type: FLOAT}}" for i in range(900))

@@ -248,7 +248,7 @@ def test_the_list_of_one_rule_says_which_command_has_more(capsys: pytest.Capture
     assert main(["rules", "dg401"]) == 0
     row, _, more = capsys.readouterr().out.splitlines()
     assert row.startswith("DG401  ")
-    assert more == "heronry explain DG401 has more: why it matters, how to mend it, and an example"
+    assert more == "'heronry explain DG401' has more: why it matters, how to mend it, and an example"
     assert main(["rules", "DG4", "DG5"]) == 0
     assert [line[:5] for line in capsys.readouterr().out.splitlines()] == [
         code for code in registry.RULES if code.startswith(("DG4", "DG5"))
@@ -256,7 +256,7 @@ def test_the_list_of_one_rule_says_which_command_has_more(capsys: pytest.Capture
     assert main(["rules", "DG401", "--json"]) == 0
     assert [rule["code"] for rule in json.loads(capsys.readouterr().out)] == ["DG401"]
     assert main(["rules", "DG401", "dg999"]) == 2
-    assert "no rule of heronry check begins with 'dg999'; heronry rules lists all codes" in capsys.readouterr().err
+    assert "no code of 'heronry check' begins with 'dg999'; 'heronry rules' lists all codes" in capsys.readouterr().err
     assert main(["rules", "DG4", "--format", "markdown"]) == 2
     assert "leave the codes out" in capsys.readouterr().err
 

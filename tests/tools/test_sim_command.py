@@ -137,11 +137,11 @@ def test_a_file_without_faults_is_refused(tmp_path: Path, capsys: pytest.Capture
     assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
     assert (
         capsys.readouterr().err
-        == f"heronry: --acts {file}: the file has no fault; write one a line, or leave --acts out\n"
+        == f"heronry: --acts {file}: the file lists no faults; write one fault per line, or leave --acts out\n"
     )
     file.write_bytes(b"\xff\xfe")
     assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
-    assert "the file is not text in UTF-8; name a file with one fault a line" in capsys.readouterr().err
+    assert "the file is not text in UTF-8; name a file with one fault per line" in capsys.readouterr().err
 
 
 def test_a_file_that_is_no_spec_is_told_from_one_that_is_not_there(
@@ -414,7 +414,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         (["--act", "1 crash pe:tail_pe for 100000"], "is longer than a flight may be"),
         (["--kill", "pe:tail_pe@1", "--restore", "pe:tail_pe@90000"], "is longer than a flight may be"),
         (["--kill", "primary@4"], "the flight has only one manager; write 'manager', or add --standby"),
-        (["--acts", "nowhere.acts"], "nowhere.acts: No such file or directory; name a file with one fault a line"),
+        (["--acts", "nowhere.acts"], "nowhere.acts: No such file or directory; name a file with one fault per line"),
     ],
 )
 def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(

@@ -399,7 +399,7 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str
         (event("logs", 0, folder="/tmp/f", kept=False), "the logs of all processes are in /tmp/f"),
         (
             event("logs", 0, folder="/tmp/f", kept=True),
-            "the logs of this run are kept in /tmp/f, until 5 later runs have kept theirs",
+            "the logs of this run are kept in /tmp/f, and deleted when 5 later runs have kept logs",
         ),
         (
             event("overtime", 0, awaited=["tail_pe to join", "elevator to be heard"], at_most_s=15.0),
@@ -509,7 +509,7 @@ def test_a_replicated_bus_is_two_of_whatever_it_is(tmp_path: Path) -> None:
 
 
 def test_a_bus_named_in_both_ways_is_one_clear_sentence(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="--bus can0: -i and -c name this bus, too"):
+    with pytest.raises(UserError, match="--bus can0: this is the manager's bus, which -i and -c already give"):
         choose(BIG_BLUE, tmp_path, {"can0": ("softbus", "x")}, ("socketcan", "can7", None))
 
 

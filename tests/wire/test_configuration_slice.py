@@ -144,7 +144,7 @@ def test_any_bytes_are_the_one_way_to_write_a_slice_or_an_error(body: bytes) -> 
         ("01 02 00 00 00 00", "the table of this PE has no mode 0 of module 2"),
         ("01 01 02 00 00 00", "the table of this PE has no mode 2 of module 1"),
         ("00 00 00 00 00", "more bytes than needed"),
-        ("00 00 00 00 00 00", "1 bytes follow the end of the slice"),
+        ("00 00 00 00 00 00", "bytes after the end of the slice: 1"),
         ("00 00 00 00", "more bytes than needed"),
         ("8080808080808080808000 00 00 00", "has more than 70 bits"),
         ("8000 00 00 00", "more bytes than needed"),

@@ -121,7 +121,7 @@ class _Reader:
             if code in self._known:
                 yield self._known[code]
             else:
-                hint = self._findings.suggestion(code, self._known.keys()) or "heronry rules lists all codes"
+                hint = self._findings.suggestion(code, self._known.keys()) or "'heronry rules' lists all codes"
                 self._findings.add(rules.UNKNOWN_CODE, place, f"no rule has the code {shown(code)}", hint)
 
 

@@ -207,7 +207,7 @@ GATE_IN_ITSELF = FAMILY.stop(
 GATE_TOO_LARGE = FAMILY.stop(
     "DG216",
     "gate-too-large",
-    what="A gate has too many inputs, or is too deep, when named gates are written out.",
+    what="A gate has too many inputs, or is too deep, when named gates are expanded.",
     why="A few named gates that name each other can stand for millions of inputs.",
     fix="Let a module in between read some of the inputs, and give one variable for them.",
     bad=f"gates: {{wide: {{or: {{k: 1, of: [{', '.join(['speed'] * 1001)}]}}}}}}\n{_display('speed')}",

@@ -158,5 +158,5 @@ def _read_made(numbers: Unpacker, known: int) -> Made:
 
 def _checked(number: int, known: int) -> int:
     if not 1 <= number <= known:
-        raise PackingError(f"a plan names configuration {number}, but the file has only {known} of them")
+        raise PackingError(f"a plan names configuration {number}, which is not one of the {known} in the file")
     return number

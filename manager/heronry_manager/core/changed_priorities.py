@@ -185,7 +185,8 @@ class ChangedPriorities:
     def overheard(self, manager: int, told: Control) -> list[str] | None:
         """Take over a priority that the active manager announces; gives the causes of a new plan.
 
-        None: the CONTROL is not about a priority.
+        Gives no cause if the priority does not change or the function is not known, and None if the CONTROL is not
+        about a priority.
         """
         kind, index = told.a & 0xFF, told.a >> 8
         is_priority = kind == ElementKind.PRIORITY and told.operation in (Operation.HOLDS, Operation.CLEAR)

@@ -4,12 +4,13 @@
                 1. It has just been started. It listens for T_lease, since a LEASE in that time shows that another
                    manager is active.
                 2. It was active, and hears no PE any more: its receiver has failed, or its wire is broken. Its commands
-                   could only take outputs away from PEs that hear them. It listens until it hears a PE again.
-                3. It was active, and most PEs refuse its term: they know of a higher one, so they report that they hear
-                   no LEASE. The term counts as refused after T_lease of such reports; after each refusal in a row this
-                   time doubles. Then the manager begins the next term, which may be high enough. After two refusals in
-                   a row it skips many terms, but only once after its start: the higher terms may have been in a journal
-                   that was lost
+                   could only take outputs away from PEs that hear them. It listens until it hears a PE again, and then
+                   for T_lease.
+                3. Most PEs refuse its term: they may know of a higher one. A PE shows this by the report that it hears
+                   no LEASE. The manager ends its term when most PEs have reported this for T_lease. It listens for
+                   T_lease, and begins the next term, which may be high enough. If the next term is refused, too, the
+                   manager ends it after twice that time, and so on. After the second refusal in a row it skips many
+                   terms, but only once: the higher terms may have been in a journal that was lost
     STARTING    it has a term, and is active: LEASE and ALIVE go out. It waits until every PE was heard, or until the
                 start-up window closes
     ACTIVE      it is active, and has requested its first plan: normal operation (in the status: `reigning`)
@@ -25,7 +26,7 @@ A manager gives way in these cases. With `standby` it then stands by; without `s
       two, the first that hears the other gives way
 
 Manager 127 also stands by for a while if it hears no manager at its start, so that manager 126 goes first
-(`following`). A manager may be started only to advise (`advise`): it sends nothing, and need not give way.
+(`following`). A manager that only advises the operator (`advice`) sends no frames, so it need not give way.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
 `TRANSITIONS`. An active manager repeats its LEASE in each period, so a lost LEASE does no harm. A late or doubled LEASE

@@ -38,7 +38,7 @@ _SLICES_KEPT = 512
 
 
 class Overheard:
-    """Makes the configuration that another manager activates out of the slices in its commands."""
+    """Listens to the commands of the active manager, and puts its configuration together from the slices in them."""
 
     def __init__(self, spec: Spec, turn: Turn, on_board: ContingencyNumbers | None = None) -> None:
         """`on_board`: the configurations that PREPARE can name by number; None: there are none."""

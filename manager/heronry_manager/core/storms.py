@@ -24,7 +24,10 @@ _STORM_NS = 1_000_000_000
 
 
 class Storms:
-    """Counts the epochs and requests that changes have ended since an epoch was last activated."""
+    """Counts the changes that end an epoch or replace a request for a plan, and tells whether there is a storm.
+
+    The count begins at 0 again when an epoch is activated, or when everything runs as planned.
+    """
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn

@@ -103,7 +103,7 @@ class Search:
         *,
         worth: Objective | None = None,
     ) -> None:
-        """Build the model. `first`: a legal configuration to start from; `worth`: its value, if it is known."""
+        """Build the model. `first`: a legal configuration to start from; `worth`: its objective, if it is known."""
         self._possible = possible
         self._running = running
         self._effort = effort

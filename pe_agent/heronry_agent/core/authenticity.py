@@ -196,7 +196,7 @@ class Authenticity:
                 self._request_welcome()
 
     def _is_led(self) -> bool:
-        """Tell whether the active manager has a session with this PE, and sent a valid command within T_lease."""
+        """Tell whether the active manager has a session with this PE, and sent a valid command in the last T_lease."""
         is_recent = self._turn.now_ns - self._believed_ns <= self._index.lease_ns
         return is_recent and self._states.session is not None
 

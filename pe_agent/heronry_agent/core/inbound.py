@@ -150,7 +150,7 @@ class Inbound:
             self._from_beyond(event)
 
     def _echo(self, event: Received) -> None:
-        """Hand the value in another PE's output echo to the plant of this PE."""
+        """Hand the value in another PE's output echo to the plant of this PE; a gateway also forwards the echo."""
         heard = self._modules.heard_echo(event.frame)
         if heard is not None:
             self._turn.out.append(Heard(*heard))

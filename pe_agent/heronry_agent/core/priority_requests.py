@@ -6,10 +6,10 @@ priority of one function, the last request counts. A request *stands* until anot
 its module stops.
 
 `faults` repeats a request until the manager acknowledges it, so a lost, late or doubled frame has no effect. The
-manager changes the priority of a function, and acknowledges the change, at most once a second; until then the newest
-request is pending here. A request outside the spec's range is sent too: the manager refuses it, and reports the
-refusal. When a new term begins, the PE sends its standing requests again. Each keeps its number, so that no manager
-executes it twice. A restart of the PE drops its requests; the manager keeps the priorities.
+manager executes at most one requested change in a second, and acknowledges it then. Until the manager acknowledges the
+newest request for a function, this request is pending here. A request outside the spec's range is sent too: the manager
+refuses it, and reports the refusal. When a new term begins, the PE sends its standing requests again. Each keeps its
+number, so that no manager executes it twice. A restart of the PE drops its requests; the manager keeps the priorities.
 """
 
 from heronry_agent.core.faults import Faults

@@ -31,7 +31,7 @@ class SliceReader:
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
         """Return the slice of contingency `number` as bytes, and the digest of these bytes.
 
-        Returns None if the contingency is not on board, or if its configuration has another digest than `digest`.
+        Returns None if the contingency is not on board, or if `digest` is not the digest of its configuration.
         """
         body = self._index.on_board(number, digest)
         return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))

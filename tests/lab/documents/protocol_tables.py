@@ -134,7 +134,7 @@ def times() -> str:
             "how long a PE must be heard without a gap before it is available again",
         ),
         ("longest hold-down", _time(promised.LONGEST_HOLD_DOWN_NS), "a hold-down doubles with each loss, up to this"),
-        ("forgiveness", _time(promised.FORGIVEN_AFTER_NS), "a loss longer ago no longer doubles the hold-down"),
+        ("forgiveness", _time(promised.FORGIVEN_AFTER_NS), "time available after which a PE's losses are forgiven"),
         (
             "patience",
             f"{promised.PATIENCE_PERIODS} {periods}",

@@ -57,7 +57,7 @@ def limits() -> str:
         ("values in the file", f"{yaml_source.MOST_NODES}"),
         ("nesting", f"{yaml_source.MOST_LEVELS} levels"),
         ("name", f"{code(NAME_PATTERN)}"),
-        ("inputs of one gate, or of one mode, with named gates written out", f"{expression_reader.MOST_LEAVES}"),
+        ("inputs of one gate, or of one mode, with named gates expanded", f"{expression_reader.MOST_LEAVES}"),
         ("inputs of all modes together", f"{expression_reader.MOST_LEAVES_OF_ALL}"),
         ("gates inside each other", f"{expression_reader.DEEPEST} levels"),
         ("versions of a variable", f"{MOST_VERSIONS}"),

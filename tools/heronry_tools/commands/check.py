@@ -131,7 +131,7 @@ def _choice(arguments: argparse.Namespace) -> "Choice":
     for option in ("select", "ignore", "error"):
         for code in getattr(arguments, option):
             if not any(known.startswith(code) for known in RULES):
-                raise UserError(f"--{option}: no code begins with '{code}'; heronry rules lists all codes")
+                raise UserError(f"--{option}: no code begins with '{code}'; 'heronry rules' lists all codes")
     raised = ["DG"] if arguments.strict else arguments.error
     warnings = (code for code, rule in RULES.items() if rule.severity is Severity.WARNING)
     return Choice(

@@ -53,7 +53,7 @@ def add_parsers(subparsers: Any) -> None:
         help="also list sets after which the best plan of a phase leaves the function out",
     )
     parser.add_argument("--phase", metavar="NAME", help="the phase for --given-up (default: the first one of the spec)")
-    parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")
+    parser.add_argument("--jobs", metavar="N", type=int, help="how many processes plan (default: one for each CPU)")
     add_output(parser)
     parser.set_defaults(run=run)
 

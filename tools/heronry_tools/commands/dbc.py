@@ -18,7 +18,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry dbc`."""
     parser = subparsers.add_parser(
         "dbc",
-        description="Write a DBC file, with which other tools decode the frames of a spec and of the management.",
+        description="Write a DBC file. With it other tools decode frames of a spec and of the management protocol.",
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", nargs="?", help="a *.dg.yaml file, or a shipped spec")

@@ -57,7 +57,7 @@ def add_parsers(subparsers: Any) -> None:
         dest="seconds",
         metavar="SECONDS",
         type=_seconds,
-        help="seconds to run, and up to 15 s more if a reconfiguration is not complete then "
+        help="seconds to run; up to 15 s more while a reconfiguration is not complete "
         f"(default: {DEFAULT_SECONDS:.0f})",
     )
     parser.add_argument(

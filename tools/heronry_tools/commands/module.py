@@ -56,7 +56,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="SECONDS",
         type=_limit,
         default=10.0,
-        help="seconds after which code that has not ended counts as failed (default 10)",
+        help="seconds after which the module's code counts as failed if it has not ended (default 10)",
     )
     add_output(trial, "print steps and failure as one JSON object")
     trial.set_defaults(run=run)

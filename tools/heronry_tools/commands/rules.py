@@ -79,7 +79,7 @@ def run_rules(arguments: argparse.Namespace) -> int:
 
     for typed in arguments.codes:
         if not any(code.startswith(typed.upper()) for code in RULES):
-            raise UserError(f"no rule of heronry check begins with '{typed}'; heronry rules lists all codes")
+            raise UserError(f"no code of 'heronry check' begins with '{typed}'; 'heronry rules' lists all codes")
     prefixes = tuple(typed.upper() for typed in arguments.codes)
     chosen = [rule for code, rule in RULES.items() if not prefixes or code.startswith(prefixes)]
     if arguments.format == "markdown":
@@ -91,7 +91,7 @@ def run_rules(arguments: argparse.Namespace) -> int:
     else:
         sys.stdout.write(table(chosen))
         if len(chosen) == 1:
-            print(f"\nheronry explain {chosen[0].code} has more: why it matters, how to mend it, and an example")
+            print(f"\n'heronry explain {chosen[0].code}' has more: why it matters, how to mend it, and an example")
     return 0
 
 
@@ -105,7 +105,7 @@ def run_explain(arguments: argparse.Namespace) -> int:
     rules = {**RULES, **GRAPH_RULES}
     rule = rules.get(wanted.upper()) or next((rule for rule in rules.values() if rule.name == wanted.lower()), None)
     if rule is None:
-        remedy = meant(wanted.lower(), [rule.name for rule in RULES.values()], "heronry rules lists all codes")
+        remedy = meant(wanted.lower(), [rule.name for rule in RULES.values()], "'heronry rules' lists all codes")
         raise UserError(f"there is no code '{wanted}'; {remedy}")
     sys.stdout.write(json.dumps(_fields(rule), indent=2) + "\n" if arguments.json else explained(rule))
     return 0

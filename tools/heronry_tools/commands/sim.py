@@ -95,7 +95,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--act", action="append", default=[], metavar="ACT", help="inject this fault, and draw none; may be repeated"
     )
-    parser.add_argument("--acts", type=Path, metavar="FILE", help="inject the faults of this file, one a line")
+    parser.add_argument("--acts", type=Path, metavar="FILE", help="inject the faults of this file, one per line")
     parser.add_argument(
         "--kill",
         action="append",
@@ -231,19 +231,19 @@ def _given_faults(spec: "Spec", arguments: argparse.Namespace) -> tuple["Fault",
 
 
 def _lines_of(file: Path) -> list[str]:
-    """Give the faults of a file, one a line, without comments and empty lines.
+    """Give the faults of a file, one per line, without comments and empty lines.
 
-    Raises UserError if the file cannot be read, or has no fault.
+    Raises UserError if the file cannot be read, or lists no faults.
     """
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except OSError as error:
-        raise UserError(f"--acts {file}: {error.strerror}; name a file with one fault a line") from None
+        raise UserError(f"--acts {file}: {error.strerror}; name a file with one fault per line") from None
     except UnicodeDecodeError:
-        raise UserError(f"--acts {file}: the file is not text in UTF-8; name a file with one fault a line") from None
+        raise UserError(f"--acts {file}: the file is not text in UTF-8; name a file with one fault per line") from None
     told = [line for line in lines if line.strip() and not line.startswith("#")]
     if not told:
-        raise UserError(f"--acts {file}: the file has no fault; write one a line, or leave --acts out")
+        raise UserError(f"--acts {file}: the file lists no faults; write one fault per line, or leave --acts out")
     return told
 
 
@@ -352,8 +352,8 @@ def seconds(text: str) -> float:
 
 
 def share(text: str) -> float:
-    """Read a share of frames, from 0 to 0.5; raises ArgumentTypeError for any other text."""
+    """Read a share of lost frames, from 0 to 0.5; raises ArgumentTypeError for any other text."""
     probability = read_share(text)
     if probability is None:
-        raise argparse.ArgumentTypeError(f"{text} is not a share of frames that a bus survives; write 0 to 0.5")
+        raise argparse.ArgumentTypeError(f"{text} is not a number from 0 to 0.5: write the share of lost frames")
     return probability

@@ -38,7 +38,7 @@ def add_parsers(subparsers: Any) -> None:
         "--at",
         type=float,
         metavar="SECONDS",
-        help="show a recording SECONDS after its start (default: at its end)",
+        help="show a recording as it stood SECONDS after its start (default: at its end)",
     )
     parser.add_argument("--json", action="store_true", help="print a snapshot twice a second, one JSON object a line")
     parser.add_argument("--once", action="store_true", help="with --json: print one snapshot, and end")

@@ -97,7 +97,7 @@ def _bus_rows(plan: Plan, left: Survivors) -> Iterator[Sequence[Cell]]:
 
 
 def _way(way: Transition) -> Table:
-    """Write the steps of a transition, one a line."""
+    """Write the steps of a transition, one per line."""
     waited = [f"{pe} ({', '.join(why)})" for pe, why in way.wait_for.items()]
     why = {
         Step.BREAK: f"then wait for {'; '.join(waited)}",

@@ -375,7 +375,9 @@ def _overtime(event: Mapping[str, Any]) -> Line:
 def _logs(event: Mapping[str, Any]) -> Line:
     if not event["kept"]:
         return Line(f"the logs of all processes are in {event['folder']}", "quiet")
-    return Line(f"the logs of this run are kept in {event['folder']}, until {RUNS_KEPT} later runs have kept theirs")
+    return Line(
+        f"the logs of this run are kept in {event['folder']}, and deleted when {RUNS_KEPT} later runs have kept logs"
+    )
 
 
 def _heartbeat(event: Mapping[str, Any]) -> Line:

@@ -1,10 +1,11 @@
-"""What is sent to a page: a whole snapshot first, and then only the differences of later ones.
+"""What is sent to a page: a whole snapshot first, and then only what differs from the snapshot before.
 
     {"set": {"phase": ...}, "merge": {"pes": {"nav": ...}}, "graph": {"nodes": {...}}, "told": [...], "loads": [...]}
 
-`set` replaces keys of the snapshot, `merge` replaces entries of a mapping, and `graph` entries of its three mappings.
-`reconfigurations` and `told` list the entries that are new or different, each with its `number`; the page keeps as many
-entries as a snapshot does. `whole` computes a later snapshot from an earlier one and the change, as the page does.
+`set` replaces keys of the snapshot. `merge` replaces single entries of a mapping (of PEs, of buses, ...). `graph`
+replaces single entries of the graph's mappings `nodes`, `cells` and `edges`. `reconfigurations` and `told` list the
+entries that are new or different, each with its `number`; the page keeps as many entries as a snapshot does. `loads`
+lists the loads of buses since the change before; `stream` adds it, and the page shows it in its charts.
 """
 
 from collections.abc import Mapping, Sequence

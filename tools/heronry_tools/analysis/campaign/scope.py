@@ -33,7 +33,7 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KINDS",
         help=f"let only these kinds of elements fail, for example pe,bus (default: {','.join(KINDS)})",
     )
-    parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")
+    parser.add_argument("--jobs", metavar="N", type=int, help="how many processes plan (default: one for each CPU)")
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="plan on this scheduler's Dask cluster, not on this computer"
     )

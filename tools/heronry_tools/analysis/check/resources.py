@@ -173,7 +173,10 @@ class _Serving:
         return True
 
     def _each_phase(self, possible: frozenset[str]) -> None:
-        """Report, for each phase, the critical functions that the best plan of the phase gives up."""
+        """Report, for each phase, the critical functions that the best plan of the phase gives up.
+
+        possible: the critical functions of which none was found to be impossible alone.
+        """
         crowded: dict[str, list[Phase]] = {}
         for phase in self._phases:
             wanted = self._critical[phase] & possible

@@ -142,7 +142,10 @@ class Planning:
         return frozenset(name for name in functions if not found.functions[name].served)
 
     def contingency(self, phase: Phase, down: frozenset[str]) -> Plan:
-        """Give the plan of a phase after the loss of some elements, if the best plan with everything up ran before."""
+        """Give the plan of a phase after the loss of some elements.
+
+        It is assumed that the best plan with everything up ran before.
+        """
         running = placement(self.healthy(phase).configuration)
         return plan(self.spec, Situation(down, phase=phase), running, effort=_EFFORT)
 

@@ -40,10 +40,10 @@ class Subject:
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """Give the side that is to keep as many leaves as possible in a cut (`least_cut`).
+        """Give the manager's side, as `side:` and the name of a PE on it; None for a graph that was read from a file.
 
-        Radios divide the PEs of a spec into sides. The side of the manager is given, as `side:` and the name of a PE on
-        it. None for a graph that was read from a file.
+        Radios divide the PEs of a spec into sides. Of several least cuts, `least_cut` chooses the one that leaves as
+        many leaves as possible on the side given here.
         """
         return managers_side(self.planned.spec) if self.planned is not None else None
 

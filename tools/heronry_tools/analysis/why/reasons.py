@@ -52,7 +52,10 @@ Possible = Callable[[Iterable[Assumption]], bool]
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """A repair: the elements to bring back, and the capacities to enlarge, each with the amount that is needed."""
+    """A repair: the elements to bring back, and the capacities to enlarge.
+
+    Each capacity has with it the whole amount that is needed, not the increase.
+    """
 
     restore: tuple[str, ...]
     capacities: tuple[tuple[Assumption, int], ...]

@@ -93,7 +93,7 @@ class EavPlant:
         perfect: whether only the camera has errors, and no other sensor
         held: whether the aircraft is held at its start until `release`; its sensors and servos work meanwhile
         watch: is called with the state after each step near the ground
-        probe: adds steps to the measured pitch rate, to measure the latency to the servo
+        probe: adds step changes to the measured pitch rate, to measure the latency to the servo
         """
         self._seed, self._air, self._perfect = seed, air, perfect
         self._lost_s, self._watch, self._probe = corrections_lost_s, watch, probe

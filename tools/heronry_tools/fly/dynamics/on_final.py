@@ -15,7 +15,7 @@ def eav_on_final(mission: Mission, recorder: Recorder, probe: LatencyProbe | Non
     """Return the plant of a mission.
 
     recorder: gets the state of the aircraft after each step near the ground
-    probe: adds steps to the measured pitch rate; None if the mission measures no latencies
+    probe: adds step changes to the measured pitch rate; None if the mission measures no latencies
     held: whether the aircraft is held at its start until `EavPlant.release`
     """
     if probe is not None:

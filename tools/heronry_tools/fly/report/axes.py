@@ -99,7 +99,7 @@ class Panel:
                 yield f'<path class="series" stroke="{colour}" d="{way}"/>'
 
     def box(self, x: tuple[float, float], y: tuple[float, float], fill: str, opacity: float = 1.0) -> str:
-        """Fill a rectangle; `x` and `y` are the values at its left and right, and at its lower and upper edge."""
+        """Fill a rectangle; `x`: the values at its left and right edge; `y`: the values at its lower and upper edge."""
         left, right = sorted(self.across.px(value) for value in x)
         top, bottom = sorted(self._held(value) for value in y)
         size = f'width="{right - left:.1f}" height="{bottom - top:.1f}"'

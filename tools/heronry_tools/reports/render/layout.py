@@ -221,7 +221,7 @@ class _Placing:
         return (2, 3, 8)[points]
 
     def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
-        """Give the left and right sides of the columns, in pixels; `y` has the height of each symbol and way-point.
+        """Give the left and right sides of the columns, in pixels; `y` has the top of each symbol and way-point.
 
         The steeper the edges that leave a column, the wider the gap after it.
         """

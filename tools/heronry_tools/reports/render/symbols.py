@@ -16,7 +16,7 @@ from heronry_tools.reports.render.shapes import CELL_ROW, NAME_LINE, NOTE_LINE
 
 
 def symbol(node: Node, box: Box, *, crossed: bool) -> Iterator[str]:
-    """Give the lines of SVG for one symbol; `crossed` draws the cross of a dead symbol."""
+    """Give the lines of SVG for one symbol; `crossed`: draw a cross over it, as for a dead symbol."""
     set_marks = (("dead", node.dead), ("chosen", node.chosen), ("again", node.again))
     marks = "".join(f" {name}" for name, set_ in set_marks if set_)
     attribute = "data-again" if node.again else "data-key"  # a key is unique in a picture

@@ -62,7 +62,7 @@ def choose(
     """
     if spec.manager.bus in named and first is not None:
         remedy = "leave --bus out, or leave -i and -c out"
-        raise UserError(f"--bus {spec.manager.bus}: -i and -c name this bus, too; {remedy}")
+        raise UserError(f"--bus {spec.manager.bus}: this is the manager's bus, which -i and -c already give; {remedy}")
     choices = {}
     for name, bus in spec.buses.items():
         if name == spec.manager.bus and first is not None:

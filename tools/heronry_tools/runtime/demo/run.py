@@ -301,7 +301,7 @@ class Show:
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
-        """Kill the active manager; from its take-over on, the standby manager gives the events."""
+        """Kill the active manager. The standby manager gives the events from the moment at which it takes over."""
         victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
         self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]

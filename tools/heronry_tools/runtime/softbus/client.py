@@ -74,11 +74,11 @@ class SoftBus(can.BusABC):
             raise
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Wait until the transmit mailbox is empty, then put a frame into it.
+        """Wait until the transmit mailbox is empty, and then put a frame into it.
 
-        timeout: the longest wait, in s; None: without end.
-        Raises CanOperationError if the mailbox stays full for this time, or if the hub is gone. Raises ValueError for a
-        message that is no CAN frame.
+        timeout: the longest wait in s; None: without end.
+        Raises CanOperationError if the mailbox is still full after that time, or if the hub is gone. Raises ValueError
+        for a message that is no classical CAN frame.
         """
         self._link.offer(_checked_frame(msg), msg.dlc, timeout)
 

@@ -59,7 +59,7 @@ class Line:
         self._offers.pop(client, None)
 
     def next_deadline_ns(self) -> int | None:
-        """Return the time (ns) at which `advance` must be called next; None while no frame is offered."""
+        """Return the time (ns) at which `advance` must be called next; None if no frame is on the air or offered."""
         if self._on_air is not None:
             return self._on_air.end_ns
         return self._next_start_ns() if self._offers else None

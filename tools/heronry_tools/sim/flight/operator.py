@@ -99,7 +99,10 @@ class Operator:
         self._look()
 
     def _look(self) -> None:
-        """Repeat to the active manager the orders that it may not know; if some remain, try again later."""
+        """Give the active manager the orders about failed elements that it may not know.
+
+        Look again later if an order to clear an element still waits for an active manager, or if this operator insists.
+        """
         manager = self._managers.commanding
         if manager is not None:
             term = manager.core.term

@@ -67,11 +67,11 @@ class ExclusionCheck(Oracle):
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """Record that a manager was heard: for T_lease from now on, no holder can have released a thing by itself."""
+        """Record when a manager was last heard: only T_lease later may a holder have released a thing by itself."""
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """Record that a PE was heard: for T_lease from now on, the PE cannot have released a thing by itself."""
+        """Record when a PE was last heard: only T_lease later may the PE have released a thing by itself."""
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:

@@ -155,7 +155,8 @@ class TopApp(App[None]):
     def _take(self) -> None:
         """Take the events that have come, and wait for more on the descriptors that the source now has.
 
-        If the terminal has closed, the program ends, since a closed terminal always counts as readable.
+        If the terminal has closed, the program ends. A closed terminal always counts as readable, so Textual would read
+        it again and again without a pause.
         """
         if not (self.is_headless or os.isatty(_STANDARD_INPUT)):
             self.exit()
