@@ -169,8 +169,7 @@ class _Window:
     length: the length of the window.
     ahead: time after the window; a release in this time counts, too.
     due: a heap with an entry (next release, period, cost) for each stream. The next release is not counted yet.
-    All times are integers (`_on_one_denominator`). The window only grows, and counts each release once, when it reaches
-    the release.
+    All times are integers (`_on_one_denominator`). The window only grows, so each release is counted once.
     """
 
     __slots__ = ("ahead", "due", "length")
