@@ -62,8 +62,8 @@ class Slice:
     def restricted_to(self, before: "Slice") -> "Slice":
         """Give a copy of this slice for the step BREAK.
 
-        The copy publishes a source only on buses on which `before` publishes it, too, and forwards a source only onto
-        buses onto which `before` forwards it, too.
+        The copy publishes a source only on those buses on which `before` also publishes it. It forwards a source only
+        onto those buses onto which `before` also forwards it from the same producer.
         """
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {

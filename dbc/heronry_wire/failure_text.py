@@ -1,10 +1,10 @@
 """Makes the text of a module's failure harmless to print, for the agent and the manager, which receive the text.
 
 The text goes from the module's process to its agent, and from there over SDO to the manager. Each of these two
-receivers takes the text from a process that it does not trust: a module may put anything into the message of an
-exception, and any node may answer an SDO request. So each receiver makes the text plain: printable ASCII, no longer
-than the limit, with every other character escaped (an escape sequence for a terminal loses its effect). No
-decision depends on the text; people read it.
+receivers gets the text from a sender that it does not trust: a module may put anything into the message of an
+exception, and any node may answer an SDO request. So each receiver makes the text plain. Printable ASCII stays as it
+is; every other character is escaped, so that an escape sequence for a terminal has no effect. A text that is longer
+than the limit is cut. No decision depends on the text; people read it.
 """
 
 REASON_BYTES = 200

@@ -4,31 +4,36 @@ This file computes the length of a frame on the wire, exact or in the worst case
 bus it computes the longest time from the moment a message is due until its last bit has been sent.
 
 Lengths count every bit from start-of-frame to the end of the 3-bit intermission, after which the next frame may start
-(ISO 11898-1). The bits from start-of-frame to CRC are stuffed: after five equal bits, one opposite bit is sent, which
-may itself be the first of the next five. With n data bytes, 34 + 8n of the 47 + 8n bits of an 11-bit frame are subject
-to stuffing, and 54 + 8n of the 67 + 8n bits of a 29-bit frame.
+(ISO 11898-1). The bits from start-of-frame to CRC are stuffed: after five equal bits, one opposite bit is sent. This
+stuff bit may itself be the first of the next five. With n data bytes, the lengths without stuff bits are:
+
+    identifier   bits of the frame   of these subject to stuffing
+    11 bits      47 + 8n             34 + 8n
+    29 bits      67 + 8n             54 + 8n
 
 Response times follow R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability
-analysis: refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272, in its exact form: every instance in the
-busy period is examined, deadlines are arbitrary, jitter counts. A message waits for at most one frame of lower priority
-that has just started. It also waits for every frame of higher priority that is queued before the message starts. For
-each message, C is the length of its frame, T its period, J its jitter, and B the length of the frame of lower priority:
+analysis: refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272. This is the exact analysis of that
+paper: every instance in the busy period is examined, deadlines are arbitrary, and jitter counts. A message waits for at
+most one frame of lower priority, which has just started. It also waits for every frame of higher priority that is
+queued before the message starts. For each message, C is the length of its frame, T its period, J its jitter, and B the
+length of the frame of lower priority:
 
     busy period    t    = B + sum over this message and all of higher priority of ceil((t + J) / T) C
     instances      Q    = ceil((t + J) / T)
     queueing delay w(q) = B + q C + sum over all of higher priority of ceil((w(q) + J + tau) / T) C
     response       R    = max over q in 0..Q-1 of J + w(q) - q T + C
 
-All times are bit times (tau = 1) and exact: arguments and results are rationals, and in between all times are integers
-on one common denominator. The equations for t and w are solved for their least fixed point: a window of time grows
-until it has room for all messages that are released inside it (`_Window`). The window of each priority starts from the
-window of the priority above.
+All times are exact, in bit times (tau = 1). Arguments and results are rationals; the computation uses integers on one
+common denominator. The equations for t and w are solved for their least fixed point: a window of time grows until it
+has room for all messages that are released inside it (`_Window`). The window of each priority starts from the window of
+the next higher priority.
 
 The analysis assumes that every node sends by priority, not first-in-first-out. It ignores offsets between messages (the
 result is safe, and exact for unrelated clocks), and considers errors only if they are given (`Errors`).
 
-If a message and all messages above it load the bus to 9 999/10 000 or more, the response time of that message counts
-as unbounded. The clocks of two nodes may differ by 1/10 000, and near full load the busy period grows without limit.
+If a message and all messages of higher priority load the bus to 9 999/10 000 or more, the response time of that message
+counts as unbounded. There are two reasons: the clocks of two nodes may differ by 1/10 000, and the busy period grows
+without limit near full load.
 """
 
 from collections.abc import Sequence
@@ -99,7 +104,7 @@ def _crc_table() -> list[int]:
 def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
     """Count the stuff bits in a sequence of bits; gives their number, and `last` and `run` after the sequence.
 
-    last, run: the bit before the sequence, and the number of equal bits that end with this bit.
+    last: the bit before the sequence. run: how many equal bits in a row end with the bit `last`.
     """
     stuffed = 0
     for bit in bits:
@@ -161,9 +166,10 @@ class _Stream(NamedTuple):
 class _Window:
     """A time window that is exactly as long as it takes to send the messages that are released in it.
 
-    length: the length of the window. ahead: time after the window in which a release counts, too. due: a heap with an
-    entry (next release, period, cost) for each stream; this release does not count yet. All times are
-    integers (`_on_one_denominator`). The window only grows, so every release is counted once.
+    length: the length of the window.
+    ahead: time after the window; a release in this time counts, too.
+    due: a heap with an entry (next release, period, cost) for each stream. The next release is not counted yet.
+    All times are integers (`_on_one_denominator`). The window only grows, so each release is counted once.
     """
 
     __slots__ = ("ahead", "due", "length")
@@ -196,8 +202,9 @@ class _Window:
 class _Level(NamedTuple):
     """The delays at one priority that have other causes than messages of higher priority.
 
-    blocking: length of a frame of lower priority that has just started. error_cost, error_jitter: length of an error
-    with the frame that it destroys, and jitter of the errors.
+    blocking: length of a frame of lower priority that has just started.
+    error_cost: length of an error together with the frame that the error destroys.
+    error_jitter: jitter of the errors.
     """
 
     blocking: int

@@ -4,14 +4,17 @@ A branch of a DEMUX may be the first of several modules on the way to an actuato
 modules at which its paths end, and a function is served only when such an end runs. This file decides which modules
 *belong* to a branch (docs/semantics.md, section 2): modules that can run, but cannot run without the branch.
 
-The set of what can run is computed for a spec with all elements up and unlimited resources. It is the greatest set of
-(module, mode) in which each module has a PE, and modes of the set can meet the needs of each mode. Modules that feed
-one another in a cycle are in the set.
+The set of what can run is computed as if all elements were up and resources were unlimited. It is the greatest set of
+pairs (module, mode) that has two properties:
 
-The search removes modes one by one. After each removal it checks again only the readers of data that no remaining mode
-gives. So each branch takes a few passes over the spec at most.
+    - each module of the set can be placed on a PE
+    - the needs of each mode can be met by data from modes of the set. So modules that feed one another in a cycle can
+      be in the set
 
-This file does not check whether a path fits the PEs and buses; the planner does.
+The search begins with all modes, and removes modes one by one. If a removal leaves no mode that gives a datum, the
+readers of this datum are checked once more. So the search takes at most a few passes over the spec for each branch.
+
+Whether a path fits the PEs and buses is checked by the planner, and not here.
 """
 
 from collections import Counter

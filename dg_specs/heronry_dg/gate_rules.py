@@ -1,4 +1,4 @@
-"""Checks the gates of a spec: DEMUXes have branches, no two inputs of a mode accept one datum, and cycles can start.
+"""Checks the gates of a spec: DEMUXes have branches, no two inputs of a mode accept the same datum, cycles can start.
 
 A cycle of wires can start if it passes through a variable with an `initial` value. Cycles are searched in the graph of
 all modes. In this graph an edge leads from mode A to mode B if A gives a variable without `initial` in a version that a

@@ -6,16 +6,20 @@ are out of use, and a PE without a route to the manager's bus counts as down.
 
 Two facts allow a plan to be kept after further faults.
 
-*A configuration stays legal after faults iff it uses no element that the faults take out of use.* Semantics rules 3 to
-6 and 8 concern the configuration alone. Faults do not change the capacity of what stays in use. The frames of the
-configuration take the same buses as before, so they need the same bandwidth and have the same response times. The buses
-and gateways on a route need no check: both PEs at its ends still have a route to the manager's bus, so these two routes
-together join both PEs. The buses form a forest, which has only one route between two PEs, so this route is the old one.
+*A configuration stays legal after faults iff it uses no element that the faults take out of use.* The reasons:
 
-*Faults make no other configuration legal.* A configuration that is legal with some elements down is also legal, and has
-the same value, if fewer elements are down. So if a plan is the best with the faults F, and uses no element that the
-faults E take out of use, the plan is also the best with F and E together. This holds at all seven levels of the
-objective, as long as level 4 compares with the same running configuration.
+    - Semantics rules 3 to 6 and 8 concern only the configuration.
+    - Faults do not change the capacity of what stays in use.
+    - The frames of the configuration take the same buses as before. So they need the same bandwidth and have the same
+      response times.
+    - The buses and gateways on a route need no check. Both PEs at the ends of the route still have a route to the
+      manager's bus, so these two routes together join both PEs. The buses form a forest, which has only one route
+      between two PEs. So the old route is still there.
+
+*Faults make no configuration legal that was not legal before.* A configuration that is legal with some elements down is
+also legal, and has the same value, if fewer elements are down. Suppose that a plan is the best with the faults F, and
+uses no element that the faults E take out of use. Then the plan is also the best with F and E together. This holds at
+all seven levels of the objective, as long as level 4 compares with the same running configuration.
 """
 
 from heronry_dg.configuration import Configuration

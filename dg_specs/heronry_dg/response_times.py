@@ -1,9 +1,12 @@
 """Computes how late a datum can arrive, by response-time analysis of every bus (semantics rule 9).
 
-The analysis itself is `heronry_wire.timing`; its input is the list of frames on a wired bus, by priority. This file
-makes the list. First come the management frames: in each heartbeat period one 8-byte frame per PE of the bus (even of a
-PE that is down, since the PE may come back) and two frames of the manager. Then come the data by identifier. Last comes
-one 8-byte frame of lower priority that has just started.
+The analysis itself is `heronry_wire.timing`. Its input is the list of frames on a wired bus, by priority; this file
+makes the list:
+
+    1. the management frames: in each heartbeat period one 8-byte frame for each PE of the bus and two frames of the
+       manager. A PE that is down counts, too, since it may come back
+    2. the data, by identifier
+    3. one 8-byte frame of lower priority that has just started
 
 The delay of a datum on one bus is its jitter on the next bus, so a response time counts from the source. A wireless bus
 is not analysed and adds no delay. Some data may cross two buses in one direction, and other data in the opposite

@@ -1,15 +1,16 @@
 """The verifier: finds the rules that a configuration breaks in a situation; a legal configuration breaks none.
 
-The verifier uses no solver and makes no choice: one function per rule of semantics.md section 3 checks the
+The verifier uses no solver and makes no choice. One function per rule of docs/semantics.md, section 3, checks the
 configuration. A violation names the rule as number and sub-rule (`7.cpu`), the place, and the mistake in one sentence.
+The rules and their sub-rules:
 
     1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed,
                  failed_there
-    2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
-    3 gate       leaf, and, or, xor (does not hold), below (wired below what does not hold)
+    2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, phase, route
+    3 gate       leaf, and, or, xor (does not hold), below (an input is wired, but a gate above it does not hold)
     4 demux      branches, ends (more than one runs), wired (a branch runs, and its input for the DEMUX is not wired)
     5 purpose    idle (a module serves no wanted function)
-    6 cycles     cycle (of wires none of whose variables has an initial value)
+    6 cycles     cycle (of wires; none of their variables has an initial value)
     7 resources  cpu, ram, flash, bus
     8 placement  separate, together
     9 deadlines  deadline

@@ -1,8 +1,8 @@
 """Reports text that is not YAML at the place where it should be fixed.
 
 The parser often stops a line or more below the mistake. For example, it reads on after a bracket that is not closed.
-If the parser's error, or the lines around it, show where the mistake begins, this file reports that place. The sentence
-then also gives the place where the parser stopped.
+If the parser's error, or the lines around it, show where the mistake begins, the report names that place. Its sentence
+then also says where the parser stopped.
 """
 
 import re

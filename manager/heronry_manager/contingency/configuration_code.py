@@ -1,4 +1,4 @@
-"""A configuration encoded as a row of bytes: indices into the spec, small ones in one byte.
+"""A configuration encoded as a row of bytes: numbers that are indices into the spec; a small number takes one byte.
 
     for each module of the spec   0: it does not run; else 1 + mode x (number of PEs) + PE
     for each leaf of its mode     0: it is not wired; else 1 + producer

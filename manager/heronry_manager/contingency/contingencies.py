@@ -1,10 +1,14 @@
 """The contingencies of a spec: a plan for every fault set up to a size, in several phases, and a safe mode per phase.
 
-Equal configurations are kept once. They are numbered from 1, in the order in which PEs hold them on board: the
-fault-free configurations, the safe modes, then those for single faults phase by phase, then those for two faults, and
-so on; last those for the places in use (`Scope.places`). Number 0 stands for none. PREPARE has 12 bits for a number
-(docs/protocol.md), so it can refer to configurations up to 4095. The same spec, scope and planner give the same
-numbers.
+Equal configurations are kept once. They are numbered from 1, in this order; PEs hold them on board in the same order:
+
+    1. the fault-free configuration of each phase
+    2. the safe mode of each phase
+    3. the configurations for single faults, phase by phase; then those for two faults, and so on
+    4. the configurations for the places in use (`Scope.places`), phase by phase
+
+Number 0 stands for no configuration. PREPARE has 12 bits for a number (docs/protocol.md), so it can refer to
+configurations up to 4095. The same spec, scope and planner always give the same numbers.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,13 +1,13 @@
-"""Epochs: how one is made of a plan, and which ones are remembered.
+"""Epochs: how an epoch is made of a plan, and which epochs are remembered.
 
 An epoch is a plan that was compiled and given a number (`numbering`). It has participants: the PEs that are available
 when it is opened. A participant is *awaited* (the epoch waits for its answers) if the manager reaches this PE by wire
-alone, and still reaches it in the situation of the plan. The state frames of a PE beyond a dead gateway may still come,
-but no epoch waits for that PE. `reconfiguration` says how an epoch proceeds.
+alone, and still has a route to it in the situation of the plan. So no epoch waits for a PE beyond a dead gateway, even
+if state frames of this PE still come. `reconfiguration` says how an epoch proceeds.
 
-Some epochs are remembered after the next one has replaced them, since a late PE may still run an old epoch: the number
-in the state of the PE then shows what the PE drives. The last activated or adopted epoch is also remembered over a
-restart (`memory`).
+A late PE may still run an old epoch; its state frames name the number of that epoch. So some epochs are remembered
+after the next one has replaced them: they tell what such a PE drives. The epoch that was activated or adopted last is
+also remembered over a restart (`memory`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -111,8 +111,9 @@ class Epochs:
     def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
         """Make these PEs participants of an epoch for this plan.
 
-        The epoch awaits those PEs that are reached by wire, and that are up and reached in the situation of the plan.
-        If there is no such PE, the epoch awaits all PEs that are reached by wire.
+        The epoch awaits each of these PEs that the manager reaches by wire alone, if the PE is up in the situation of
+        the plan and still has a route to the manager. If no available PE is up and has such a route, the epoch awaits
+        every one of these PEs that the manager reaches by wire alone.
 
         contingency: number of the contingency that equals the plan; 0 if the plan is no contingency.
         """

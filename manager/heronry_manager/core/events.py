@@ -1,10 +1,11 @@
 """The one stream of events: what the manager saw, decided and did, as versioned JSON lines.
 
 Every line is an object with `v` (1), `t_ns` (the manager's monotonic clock), `event` (a key of KINDS) and the fields
-listed there. Times of a reconfiguration are always four: detect, decide, distribute, activate. Views never query the
-manager: `heronry_tools.watch` builds their snapshot from the lines, live or recorded.
+that KINDS lists for this event. The duration of a reconfiguration is always given in four parts: detect, decide,
+distribute, activate. Programs that show the system never query the manager: `heronry_tools.watch` builds a snapshot for
+them from the lines, live or recorded.
 
-Lines come from the manager's core, and from `heronry demo`: it reports what the demo did to the system (kill, restore).
+The manager's core writes lines, and `heronry demo` adds lines about what it did to the system (kill, restore).
 """
 
 import json

@@ -1,23 +1,33 @@
-"""A script of the operator: another configuration is to run, and to stay.
+"""A script of the operator: the configuration that it makes is to run, and to stay.
 
 A script turns the running configuration into another one, the *target*. The core knows no component graphs, so the
-operator's order contains the target alone. There are two targets at most:
+operator's order contains only the target. At most one target is asked for, and at most one is held:
 
-    asked   the target is legal now. The core has requested the best plan of the situation, and will compare the target
-            with this plan
+    asked   the target was legal when it was ordered. The core has requested the best plan for the situation, and will
+            compare the target with this plan
     held    the target was not worse at level 1 than that plan. It runs as an epoch, like any plan, and stays: the core
             requests no better plan in the background, and contingencies do not apply (`RequestPlan.target`)
 
-A target that is asked for is refused if it is worse at level 1 than the best plan, if there is no plan, or if the
-situation changes before the plan comes.
+A target that is asked for is refused in these cases:
 
-A held target ends when the operator releases it, when another script takes its place, or when this mastership ends. It
-also ends if in another situation the target is not legal, or is worse at level 1 than the plan for that situation.
-Another change of the situation does not end it. If the target's epoch has not been activated by then, the target is
-deployed as a new epoch.
+    - it is worse at level 1 than the best plan
+    - there is no plan
+    - the situation changes before the plan comes
+    - the operator releases it
 
-The active manager announces a held script (`announcing`). A standby manager that takes over ends it, and reports that.
-A restart ends it too, without a report. The PEs go on with what they run, and the next mastership seeks the best plan.
+A held target is no longer held in these cases; any other change of the situation lets it stay:
+
+    - the operator releases it
+    - another script takes its place
+    - this mastership ends
+    - the situation has changed, and the target is not legal any more
+    - the situation has changed, and the target is worse at level 1 than the plan for the new situation
+
+If the situation changes before the epoch of a held target is activated, the target is deployed as a new epoch.
+
+The active manager announces a held script (`announcing`). A standby manager that takes over ends the script, and
+reports that. A restart of the manager also ends it, without a report. The PEs go on with what they run, and the next
+mastership seeks the best plan.
 
 If an answer of the planner is late or doubled, its number shows that, and the answer is dropped (`planning`). If an
 answer is lost, the next change of the situation refuses the target that was asked for.
@@ -102,10 +112,11 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Compare the ordered configuration, and then the held one, with `known`, the plan for this situation.
+        """Choose what to deploy: the configuration of a script, or `known`, the plan for this situation.
 
-        A configuration that is worse than `known` at level 1 is refused, or no longer held. Returns a plan of the first
-        configuration that is not worse. None: there is no such configuration, so `known` is to be deployed.
+        First the configuration that was asked for is compared with `known`, and then the held one. A configuration that
+        is worse than `known` at level 1 is refused, or no longer held. Returns a plan of the first configuration that
+        is not worse. Returns None if there is none; then `known` is to be deployed.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

@@ -1,33 +1,37 @@
-"""Mastership: whether this manager is the active one, stands by, or has ended; and what lets it begin, or give way.
+"""Mastership: whether this manager is the active one, stands by, or has ended; and when it begins or gives way.
 
     LISTENING   the manager sends nothing. There are three reasons for this state:
-                1. It has just been started: it listens for T_lease, since a LEASE in that time shows that another
+                1. It has just been started. It listens for T_lease, since a LEASE in that time shows that another
                    manager is active.
-                2. It was active, and hears no PE any more: its receiver has failed, or its wire is broken, and its
-                   commands could only take outputs away from PEs that hear them. It listens until it hears a PE again,
-                   and then for T_lease.
+                2. It was active, and hears no PE any more: its receiver has failed, or its wire is broken. Its commands
+                   could only take outputs away from PEs that hear them. It listens until it hears a PE again, and then
+                   for T_lease.
                 3. Most PEs refuse its term: they may know of a higher one. A PE shows this by the report that it hears
                    no LEASE. The manager ends its term when most PEs have reported this for T_lease. It listens for
                    T_lease, and begins the next term, which may be high enough. If the next term is refused, too, the
                    manager ends it after twice that time, and so on. After the second refusal in a row it skips many
                    terms, but only once: the higher terms may have been in a journal that was lost
-    STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
-                to close
+    STARTING    it has a term, and is active: LEASE and ALIVE go out. It waits until every PE was heard, or until the
+                start-up window closes
     ACTIVE      it is active, and has requested its first plan: normal operation (in the status: `reigning`)
-    STANDBY     another manager is active: this one follows it (`following`) and takes over when the PEs hear none
-    RETIRED     another manager is active, and this one was started without `standby`; or all terms have been used. The
-                manager has ended
+    STANDBY     another manager is active. This one follows it (`following`), and takes over when the PEs hear none
+    RETIRED     the manager has ended. Another manager is active, and this one was started without `standby`; or all
+                terms have been used
 
-A manager gives way if it hears another manager at its start, or later a manager with a higher term. With `standby` it
-then stands by, and otherwise it ends. Manager 127 also stands by for a while if it hears no manager at its start
-(`following`), so that 126 goes first. If a manager hears a LEASE with its own node-ID and term, a second manager with
-this node-ID was started by mistake. Of these two managers, the first that hears the other gives way. A manager that
-only advises the operator (`advice`) sends no frames, so it need not give way.
+A manager gives way in these cases. With `standby` it then stands by; without `standby` it ends:
+
+    - it is LISTENING, and hears another manager
+    - it is active, and hears a manager with a higher term
+    - it hears a LEASE with its own node-ID and term: a second manager with this node-ID was started by mistake. Of the
+      two, the first that hears the other gives way
+
+Manager 127 also stands by for a while if it hears no manager at its start, so that manager 126 goes first
+(`following`). A manager that only advises the operator (`advice`) sends no frames, so it need not give way.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
-`TRANSITIONS`. Another manager repeats its LEASE in each period, so a lost LEASE comes again. A late or doubled LEASE
+`TRANSITIONS`. An active manager repeats its LEASE in each period, so a lost LEASE does no harm. A late or doubled LEASE
 makes no manager give way twice. A restart begins with LISTENING, and with the terms that the journal remembers. The
-manager cannot tell whether another manager is gone, or is merely not heard here; the reports of the PEs decide that
+manager cannot tell whether another manager is gone, or is merely not heard here. The reports of the PEs decide that
 (`following`).
 """
 
@@ -163,9 +167,9 @@ class Claim:
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:
-        """Tell whether this manager may begin a term now, since it has listened for long enough.
+        """Tell whether this manager has listened for long enough and may begin a term now.
 
-        If manager 126 must have the chance to begin first, this manager stands by from now on, and the answer is False.
+        If manager 126 must have the chance to begin first, the answer is False, and this manager stands by from now on.
         """
         until_ns = self.listens_until_ns
         if self.state is not Mastership.LISTENING or until_ns is None or self._turn.now_ns < until_ns:
@@ -238,10 +242,10 @@ class Claim:
         return True
 
     def _is_contradicted_again(self, node: int, term: int) -> bool:
-        """Tell whether `node` has sent two LEASEs with this term, between half a heartbeat period and T_lease apart.
+        """Tell whether `node` has sent enough LEASEs with this term to show that it is active.
 
-        Without a key a single LEASE may be a recorded or a forged one; a manager that is active repeats it. With a key
-        one LEASE is enough, since it is proven.
+        With a key one LEASE is enough, since it is proven. Without a key a single LEASE may be recorded or forged. So
+        there must be two LEASEs, at least half a heartbeat period and at most T_lease apart.
         """
         now_ns, before = self._turn.now_ns, self._contradicted
         is_same = before is not None and before[:2] == (node, term) and now_ns - before[2] <= self._lease_ns

@@ -1,29 +1,35 @@
-"""Reads objects of PEs by SDO (CiA 301, 7.2.4), one at a time: details that EMCY and state frames cannot carry.
+"""Reads objects of PEs by SDO (CiA 301, 7.2.4), one at a time: details for which EMCY and state frames have no room.
 
     idle      nothing is being read
-    opened    the request for an object was sent: the answer gives a short value itself, or the length of a long value
-    segments  a long value comes segment by segment, each requested, the toggle bit alternating
-    left      another SDO client has made a request to that PE (`heard_other`): the PE is left to that client until
-              SILENCE_NS after the client's last request. An object that was being read is read anew after that. Other
-              PEs are read meanwhile
-    waiting   the last try gave no value, and the caller allows another try: the object is read anew after SILENCE_NS.
-              Other objects are read meanwhile
+    opened    an object was requested. The answer has a short value itself, or the length of a long value
+    segments  a long value comes in segments. Each segment is requested; the toggle bit alternates
+    left      another SDO client has made a request to the PE (`heard_other`). The PE is left to that client until
+              SILENCE_NS after the client's last request. If an object of the PE was being read, the object is read
+              anew after that. Other PEs are read meanwhile
+    waiting   the last try gave no value, and the caller of `read` allows another try. The object is read anew after
+              SILENCE_NS. Other objects are read meanwhile
 
-A try ends without a value if the PE aborts it, if an answer does not fit the request, or if no answer comes within
-SILENCE_NS. Then the next object in the queue is read. If the last try gives no value, the object counts as unreadable.
-If an object is requested once more while it waits for another try, the new request takes the place of that try. A PE
-uses a tenth of the bus at most for its answers.
+A try ends without a value in three cases; then the next object in the queue is read:
+
+    - the PE aborts the transfer
+    - an answer does not fit the request
+    - no answer comes within SILENCE_NS
+
+If no try is left, the object counts as unreadable. If an object waits for another try and is requested once more, the
+new request takes the place of that try.
 
     a lost answer     the try ends after SILENCE_NS
-    a late answer     is dropped, unless an object of that PE is being read: then it ends that try
-    a doubled answer  ends the try, since the next answer was expected; after the last answer it is dropped
+    a late answer     is dropped if no object of its PE is being read. Otherwise it ends the try of that object
+    a doubled answer  ends the try, since the next answer was expected. After the last answer of a value it counts as
+                      a late answer
 
-A late or doubled answer that fits by chance gives a wrong value. Any node can forge an answer, since SDO has no proof:
-the values are for people, and no decision may depend on them.
+A late or doubled answer that fits the request by chance gives a wrong value. SDO has no authentication, so any node can
+forge an answer. The values are for people; no decision may depend on them.
 
-A PE has one SDO server, where a request replaces the transfer of another client. So this client gives way. It can still
-disturb the other client in one case: its request and the first request of the other client are under way at the same
-time. If the other client never pauses, this client reads nothing.
+A PE uses at most a tenth of the bus for its answers. A PE has one SDO server; in this server a new request replaces the
+transfer of another client. So this client gives way to other clients. It can still disturb another client if its
+request and the first request of that client are under way at the same time. If another client never pauses, this
+client reads nothing from that PE.
 """
 
 from collections import deque

@@ -1,50 +1,56 @@
-"""The policy that chooses a planner for each request, and pre-plans the next faults: one for flight and simulator.
+"""The policy that chooses a planner for each request, and pre-plans the next faults; flight and simulator share it.
 
 The manager's core requests plans (`RequestPlan`), and reports when a configuration runs and nothing is under way
-(`Settled`). The policy answers a request itself, or names the planner that must answer; then the driver carries the
-request there and the answer back. The driver is the manager's shell, which works with processes, or the simulator,
-which works in virtual time.
+(`Settled`). The policy answers a request itself, or names the planner that must answer. Then the driver carries the
+request to that planner, and the answer back. The driver is the manager's shell, which works with processes, or the
+simulator, which works in virtual time.
 
-A request is *immediate* if a running configuration must be replaced. It is *in the background* in two cases: for the
-first configuration of an active manager, since no running configuration is interrupted; and for the optimal plan that
-the core requests once an immediate plan runs. The sources of a plan, in this order:
+    idle       the pre-planner has answered every `PrePlan`; if a question is left, it goes out immediately
+    planning   a `PrePlan` is out; the state ends with the PrePlannerAnswered that has its number
+
+Only requests of the core, reports of the core, and answers of the processes change the state of the policy.
+
+A request is *immediate* if a running configuration must be replaced. It is *in the background* in two cases:
+
+    - it is for the first configuration of an active manager: no running configuration is interrupted
+    - it is for the optimal plan, which the core requests once an immediate plan runs
+
+A plan comes from the first of these sources that has one:
 
     contingencies   made before the flight for these faults, this phase and the running configuration
-                    (`contingency.look_up`); none while a radio is limited or a priority changed
+                    (`contingency.look_up`); none while a radio is limited or a priority is changed
     pre-planned     made in flight for exactly this situation, before it happened
     planner         only for background requests: the exact planner, in its own process
     immediate       the greedy planner, within the call, checked by the verifier (`heronry_dg.verify`)
 
-If the verifier refuses a greedy plan, the exact planner answers instead; if there is no exact planner, the request
-fails. The exact planner may fail, or not answer within the budget that the driver gives it. Then the greedy planner
-answers, unless the request is only for a better plan: so the aircraft gets a configuration even if a planner hangs.
-Without a solver there is no exact planner and nothing is pre-planned: the greedy planner answers everything. Without an
-immediate planner the exact planner answers everything: simulated flights may leave out the greedy planner.
+Special cases:
+
+    - If the verifier refuses a greedy plan, the exact planner answers. If there is no exact planner, the request fails.
+    - If the exact planner fails, or needs more time than the driver gives it, the greedy planner answers. So the
+      aircraft gets a configuration even if a planner hangs. But a request that is only for a better plan then fails.
+    - Without a solver there is no exact planner: the greedy planner answers everything, and nothing is pre-planned.
+    - Some simulated flights leave out the greedy planner. Then the exact planner answers everything.
 
 *Pre-planning.* When a configuration has settled, the policy prepares *questions*: the loss of each PE that is up, the
-return of each PE that is down, and the next mission phase. The policy gives them one after the other to the
+return of each PE that is down, and the next mission phase. The policy gives the questions one after the other to the
 *pre-planner*, another process, which runs with a lower priority than all others. Faults of devices and modules, and
-pairs of faults, are left to the contingencies; a question that a contingency answers is not pre-planned. A pre-planned
-plan is kept by its `Question`, which has all that the plan depends on; so it is never used in another situation. Plans
-for another configuration are forgotten when the next one settles.
+pairs of faults, are left to the contingencies. A question that a contingency answers is not pre-planned. A pre-planned
+plan is kept by its `Question`, which has all that the plan depends on; so the plan is never used in another situation.
+When another configuration settles, all plans that were made for the one before are forgotten.
 
-    idle       the pre-planner has answered every `PrePlan`: the next question goes out immediately, if one is left
-    planning   a `PrePlan` is out; the state ends with PrePlannerAnswered of its number
-
-Three things change the state of the policy: requests of the core, reports of the core, and answers of the processes.
 What may go wrong with an answer:
 
-    late        An answer of the planner is handed on: the core drops it if its request is no longer the present one. An
+    late        An answer of the planner is handed on; the core drops it if its request is no longer the present one. An
                 answer of the pre-planner is kept under its question until another configuration settles.
     doubled     The second answer is dropped.
-    lost        The core requests anew when the situation changes, and runs an immediate plan meanwhile. If an answer of
+    lost        The core runs an immediate plan meanwhile, and requests anew when the situation changes. If an answer of
                 the pre-planner is lost, nothing more is pre-planned. When a process ends, its client answers with a
                 failure.
     a failure   The core decides what follows from a failure of the planner (`planning`). A question on which the
                 pre-planner fails is left out.
 
 A restart forgets everything here; pre-planning begins anew once a configuration runs. The policy has no clock: the
-driver limits how long a process may take, and after that reports the failure of the process.
+driver limits how long a process may take, and after that time reports the failure of the process.
 """
 
 from collections import deque
@@ -198,10 +204,10 @@ class PlanningPolicy:
         return self._plan_at_once(self._immediate, request)
 
     def _made_before(self, request: RequestPlan) -> Plan | None:
-        """Find a contingency that answers this request; None: there is none, or it does not cover the situation.
+        """Find a contingency that answers this request; None if there is none.
 
-        Contingencies assume that no radio is limited, no priority changed, and no script of the operator held or asked
-        for.
+        No contingency answers while a radio is limited or a priority is changed, or while a script of the operator is
+        asked for or held: contingencies are made without these.
         """
         if self._contingencies is None or request.target is not None or request.now.limits or request.now.priorities:
             return None

@@ -3,14 +3,14 @@
 The files that notice a change (`health`, `known_situation`, `deployment`) only report it, as a value. `Reactions` acts
 on each change, in the order in which the changes came:
 
-    suspected                    the manager sends the PE a PING
-    lost, rebooted, failed       ALIVE leaves the PE out immediately, `exclusion` works out until when it may still
-                                 drive outputs, epochs no longer wait for it, and a plan without it is needed
-    absent, joined               a plan is needed
-    answered, heard again        only an event. A PE that has answered is still available; a PE that is heard again is
-                                 not available yet. `pe_details` reads whether the computer of the PE
-                                 stood still
-    any other                    as `known_situation` says
+    suspected                 the manager sends the PE a PING
+    lost, rebooted, failed    ALIVE leaves the PE out immediately, epochs no longer wait for the PE, and a plan without
+                              it is needed. If the PE was lost, `exclusion` works out until when it may still drive
+                              outputs. If the PE has rebooted, `exclusion` takes its tokens away
+    absent, joined            a plan is needed
+    answered, heard again     there is only an event. A PE that has answered is still available; a PE that is heard
+                              again is not available yet. `pe_details` reads whether the computer of the PE stood still
+    any other change          as `known_situation` says
 
 A PE that does not execute its commands is failed, with the cause in words. No change comes twice, since `health` and
 `known_situation` report a change only when their own state changes.

@@ -1,8 +1,7 @@
 """An operator's call to a running manager: one order, one answer.
 
-The caller gives an order only to a process of its own user or of root, since any process can listen at a path that is
-not protected. A caller that is root gives the order to any process at the path that was named, because root may use the
-managers of all users.
+Any process can listen at a path that is not protected. So a caller gives its order only to a process of its own user or
+of root. If the caller itself is root, it gives the order to any process, since root may use the managers of all users.
 """
 
 import os

@@ -1,12 +1,13 @@
 """Readers of the manager's events, on the operator's socket: each gets a status first, then every event as a line.
 
-    {"v": 1, "do": "follow"}    {"v": 1, "t_ns": ..., "event": "status", "status": {...}, "plan": {...}, "bus": ...}
+    order of the reader         {"v": 1, "do": "follow"}
+    lines from the manager      {"v": 1, "t_ns": ..., "event": "status", "status": {...}, "plan": {...}, "bus": ...}
                                 {"v": 1, "t_ns": ..., "event": "pe_lost", ...}
 
-A slow reader does not delay the manager. What the kernel does not take waits in a queue for this reader, of at most
-LONGEST_QUEUE_BYTES. Once the queue is full, all further lines are dropped and counted, until the reader has read all
-lines in its queue. Then the reader gets an event `lines_lost` with the number of dropped lines, and a new status. No
-call here blocks.
+A slow reader does not delay the manager: no call here blocks. Lines that the kernel does not take wait in a queue, one
+for each reader, of at most LONGEST_QUEUE_BYTES. Once a queue is full, all further lines for its reader are dropped and
+counted, until the reader has read all lines in the queue. Then the reader gets an event `lines_lost` with the number of
+dropped lines, and a new status.
 """
 
 import contextlib

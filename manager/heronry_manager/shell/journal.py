@@ -1,14 +1,16 @@
 """The manager's journal: its memory on disk. If the process is killed, even within a write, a restart has all it needs.
 
-    STATE_DIR/manager-NODE.journal      lines of `checked_lines`, only ever appended; the file is written anew when it
-                                        is opened, and when it has grown long
+    STATE_DIR/manager-NODE.journal      lines of `checked_lines`. Lines are only appended. The whole file is written
+                                        anew when it is opened, and when it has grown long
 
-Each line is `[number, kind, fields...]`. Line 0 is the head (format, name and digest of the spec); the other lines are
+Each line is `[number, kind, fields...]`. Line 0 is the head (format, name and digest of the spec). The other lines are
 records of `heronry_manager.core.memory`, numbered in turn. *Every line is written twice*, with an empty line between
-the copies: a single bit that has changed on the disk, even in a line break, leaves one copy of every record. If both
-copies of a record are damaged, no fact after this record is read: the facts are then those that were known before the
-record was written. Numbers (terms, blocks of epochs or counters) are read from every undamaged line, before and
-after the damage: they only rise.
+the copies. So if a single bit has changed on the disk, even in a line break, one copy of every record is left. If both
+copies of a record are damaged:
+
+    facts     are read only up to the damage: a restart has the facts that were known before this record was written
+    numbers   (terms, blocks of epochs or counters) are read from every undamaged line, also after the damage, since
+              numbers only rise
 
 To reserve a block of numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the
 first frame that uses a number of the block. The driver carries actions out in order, so the record is fsynced before
@@ -22,16 +24,16 @@ When each part is on disk:
     the whole file             a draft is fsynced and replaces the old file; then the folder is fsynced
 
 A disk that is full or read-only does not stop the manager. `problem` says what is wrong, and the manager goes on with
-the memory in this process alone. Every later write, and `sync` every `RETRY_NS`, try to write the whole file anew.
-Until a write succeeds, a restart may use a term or a block of numbers a second time.
+the memory in this process. It tries to write the whole file anew at every later record, and in `sync` every `RETRY_NS`.
+Until this succeeds, a restart may use a term or a block of numbers a second time.
 
-A full disk or a power cut may leave an empty file. Then the journal begins anew, and `warning` says so: an empty file
-must not keep a manager from starting. If the path leads to a pipe or a folder, or to a journal of a later version, the
-manager does not start.
+A full disk or a power cut may leave an empty file. An empty file must not keep a manager from starting, so the journal
+then begins anew, and `warning` says so. If the path leads to a pipe or a folder, or to a journal of a later version,
+the manager does not start.
 
-A journal belongs to one spec. If the spec has changed, the manager starts only with `--changed-spec`: then the numbers
-stay, and the facts, which are about another aircraft, are dropped. Only one manager at a time may write a journal: a
-lock file beside it ensures that, and the kernel releases the lock when the process ends.
+A journal belongs to one spec. If the spec has changed, the manager starts only with `--changed-spec`. Then the numbers
+are kept, and the facts are dropped, since they are about another aircraft. Only one manager at a time may write a
+journal. A lock file beside the journal ensures that; the kernel releases the lock when the process ends.
 """
 
 import fcntl
@@ -169,9 +171,10 @@ class Journal:
             self._fail(error)
 
     def sync(self, now_ns: int) -> None:
-        """Let a thread write the records to the disk (fsync); while the disk fails, try again every `RETRY_NS`.
+        """Let a thread write the records to the disk (fsync).
 
         The thread syncs what was written before the thread began. If the thread fails, a later `sync` sets `problem`.
+        While `problem` is set, no thread is started. `sync` then tries every `RETRY_NS` to write the whole file anew.
         """
         if self.problem is not None:
             if now_ns >= self._retry_ns:

@@ -1,9 +1,12 @@
 """Passes events on to a reader in the order of their times.
 
-Two kinds of events come later than they happened: events whose content the manager first has to read from a PE
-(`heard_ns` is when they happened), and, in a demo, events that come from another process. So each event is held until
-it is HELD_NS old, and an event that happened before it but comes later can be passed on first. An event that is older
-than HELD_NS when it comes is passed on immediately, out of order.
+Two kinds of events come late:
+
+    - events whose content the manager first has to read from a PE; their `heard_ns` is the time of the event
+    - in a demo, events from another process
+
+So each event is held until it is HELD_NS old. If an earlier event comes meanwhile, the earlier one is passed on first.
+An event that is older than HELD_NS when it comes is passed on immediately, out of order.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,8 +1,13 @@
 """The errors that a PE has reported, newest first: object 1003h of CANopen (CiA 301, 7.5.2.4).
 
-The history holds one number for each new EMCY, and none for repetitions: the code of the EMCY in bits 15..0, the index
-of the element in bits 27..16 and the kind of the element in bits 31..28. The oldest error is dropped when there is no
-room. The history is emptied when a client writes 0 to the number of errors, by a reset by NMT, and by a restart.
+The history holds one number for each new EMCY, and none for a repeated EMCY:
+
+    bits 15..0     the code of the EMCY
+    bits 27..16    the index of the element
+    bits 31..28    the kind of the element
+
+The oldest error is dropped when there is no room. The history is emptied when a client writes 0 to the number of
+errors, when the PE is reset by NMT, and when it restarts.
 """
 
 from collections import deque

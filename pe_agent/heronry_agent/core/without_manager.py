@@ -1,18 +1,18 @@
 """What a PE does while no manager is heard (protocol rule 7): it keeps all modules, or stops the expendable ones.
 
     attended   a LEASE of the highest term came within T_lease
-    resting    no LEASE came, and the policy is `safe_mode`: the modules that the slice marks as expendable have
-               stopped; the others go on, wired, published and forwarded as before
+    resting    no such LEASE came within T_lease, and the policy is `safe_mode`. The modules that the slice marks as
+               expendable have stopped. The others go on, wired, published and forwarded as before
 
-With the policy `keep` no module rests. An expendable module serves nothing critical, and no module that keeps running
-reads from it. So a PE can stop its expendable modules by itself: no other PE starts a module in their place. The state
-frames still report the same state, epoch and digest, since the PE keeps its configuration; only the load in page 1
-falls.
+With the policy `keep` no module is stopped. An expendable module serves nothing critical, and no module that keeps
+running reads from it. So a PE can stop its expendable modules by itself: no other PE starts a module in their place.
+The PE keeps its configuration, so its state frames report the same state, epoch and digest as before. Only the load in
+page 1 becomes smaller.
 
-A LEASE that names the configuration which runs here starts the stopped modules again: it shows that no other
-configuration has been activated. A new configuration starts its modules in any case. A LEASE that names another
-configuration, or none, starts nothing: the manager that sent it will decide what this PE runs. Protocol rule 6 applies
-throughout: an exclusive output still needs its authorization.
+A LEASE that names the configuration of this PE starts the stopped modules again: it shows that no other configuration
+was activated. A LEASE that names another configuration, or none, starts nothing: the manager that sent the LEASE will
+decide what this PE runs. A new configuration always starts its modules. In both states an exclusive output still needs
+its authorization (protocol rule 6).
 
 One LEASE within T_lease is enough, so single LEASEs may be lost or late. After a pause of the process, the frames that
 came in the pause are handled before the deadline of the lease is checked, so a LEASE among them counts. A forged LEASE

@@ -1,7 +1,10 @@
 """The command `pe-agent`: runs the agent of one PE on its buses, from the PE's table.
 
-Exit codes: 0 stopped in order, 1 another node has the node-ID, 2 a flag, the table or a bus cannot be used. The reason
-for exit code 1 or 2 is one sentence on standard error.
+Exit codes; for 1 and 2 one sentence on standard error gives the reason:
+
+    0   the agent was stopped in order
+    1   another node has the PE's node-ID
+    2   an option, the table or a bus cannot be used
 """
 
 import argparse

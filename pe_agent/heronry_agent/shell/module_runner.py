@@ -4,9 +4,9 @@ This code runs modules both in a partition of a node and in the process of the s
 no other process, and turns an exception of a module into a `Failure`. A module is
 
     built    by `start`, from its image. If the module was kept, `start` first calls its `mode_changed`. If this returns
-             True, the module continues with its present object
-    stepped  by `step`: its outputs, writes, reports and requests are returned as one Result; only their form is checked
-    kept     by `stop(keep=True)`: not stepped, until `start` continues the module or `stop` drops it
+             True, the module is not built, but continues with its present object
+    stepped  by `step`. Its outputs, writes, reports and requests are returned as one Result; only their form is checked
+    kept     by `stop(keep=True)`. It is not stepped until `start` continues the module; `stop` drops it
 
 A second `start` of a module that runs builds it anew.
 

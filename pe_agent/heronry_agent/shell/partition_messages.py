@@ -1,11 +1,12 @@
-"""The messages between an agent and a partition: packets on one socket, each with several orders or one answer.
+"""The messages between an agent and a partition: packets on one socket. A packet has several orders, or one answer.
 
-    agent to partition            partition to agent
-    LOAD    images                LOADED       images that cannot be loaded, with the reasons
-    START   module, orders        START_FAILED module, reason, traceback        only if START has failed
-    STOP    module, keep                       nothing
-    STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, requests
-                                  STEP_FAILED  release, reason, traceback
+    order of the agent             answer of the partition
+    LOAD    images                 LOADED        images that cannot be loaded, with the reasons
+    START   module, leaves, ...    no answer if START has succeeded, else
+                                   START_FAILED  module, reason, traceback
+    STOP    module, keep           no answer
+    STEP    module, release, ...   STEPPED       release, when it ended, outputs, writes, reports, requests; or
+                                   STEP_FAILED   release, reason, traceback
 
 A partition trusts its agent: orders are plain values in the format of Python's `marshal`, which is the same at both
 ends. The agent does not trust a partition: `decode_answer` accepts any bytes, and returns `Garbled` if they are no
@@ -83,7 +84,7 @@ class Stop(NamedTuple):
 class Step(NamedTuple):
     """Order: compute one step, unless the time `until_ns` has passed.
 
-    release: number of the step, which the answer repeats.
+    release: number of the release; the answer repeats it.
     now_ns: time of the step on the monotonic clock.
     until_ns: time in ns after which the module must not drive its outputs.
     reading: the reading of the module's device; None: there is none.

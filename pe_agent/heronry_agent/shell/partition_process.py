@@ -1,26 +1,30 @@
 """The agent's side of a partition: the process, the socket to it, its memory limit, and the time that its steps take.
 
 No method ever waits. If a partition does not read its packets, it is ended (`broken`). The process is started by exec,
-not by fork: so it inherits no bus, no key and no table, and is smaller. Its environment has only what Python needs. The
-process has a lower priority than its agent, so that heartbeats go first.
+and not by fork alone. So it inherits no bus, no key and no table, and is smaller. Its environment has only what Python
+needs. The process has a lower priority than its agent, so that heartbeats go first.
 
 The orders of one turn of the agent's loop form one packet. For GATHER_NS after such a packet, answers do not wake the
-agent; then the agent reads them together.
+agent; after this time it reads them together.
 
-A step begins when its order is sent, or when the step before it in the partition ends. The time that a step has *spent*
-is the time from its beginning to its end, less the time for which the partition waited for a processor. The kernel
-counts this waiting time (schedstat), but it adds a wait only when the wait is over. In two cases the time spent is
-therefore the processor time that the step has used. First, the step is not finished, and the process runs or waits for
-a processor at the moment. Second, the kernel does not count waiting times. If a step has ended within its period,
-nothing is subtracted.
+*Time.* A step begins when its order is sent, or when the step before it in the partition ends, whichever is later. The
+kernel counts for how long a process has waited for a processor (schedstat). The time that a step has *spent* is:
 
-The count of waiting time is not read at the beginning of each step, but only once in SAMPLE_NS, and after a late step.
-So the waiting time of earlier steps may be subtracted as well: the time spent may come out too short, but not too long.
+    the step has ended within its period                      the time from its beginning to its end
+    the step has ended later                                  this time, less the time of waiting for a processor
+    the step has not ended, and the process sleeps            the time since its beginning, less the time of waiting
+    the step has not ended, and the process runs or waits     the processor time that the step has used: the kernel adds
+    for a processor                                           a wait only when the wait is over
 
-When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds then, plus the
-RAM that the spec gives its modules, plus SLACK_BYTES for the interpreter. If a module exceeds the limit, Python raises
-MemoryError in its step, or C code ends the process. If the agent has control groups (`partition_groups`), the same
-limit holds for the partition with its child processes and shared memory; the kernel kills a partition that exceeds it.
+If the kernel does not count waiting times, the processor time also takes the place of the second and third value. The
+count of waiting times is read only once in SAMPLE_NS and after a late step, and not at the beginning of each step. So
+the waiting time of earlier steps may be subtracted as well: the time spent may be too short, but not too long.
+
+*Memory.* When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds at
+this moment, plus the RAM that the spec gives its modules, plus SLACK_BYTES for the interpreter. If a module exceeds the
+limit, Python raises MemoryError in its step, or C code ends the process. If the agent has control groups
+(`partition_groups`), such a limit also holds for the partition together with its child processes and shared memory. The
+kernel kills a partition that exceeds this limit.
 """
 
 import os

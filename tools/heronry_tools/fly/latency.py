@@ -1,12 +1,13 @@
-"""Measures how long a change takes from a sensor to a servo: a step of the pitch rate must move the elevator.
+"""Measures the latency from a sensor to a servo: how long it takes until a step of the pitch rate moves the elevator.
 
-The step is added to the pitch rate in the samples of both inertial units. It passes through the module that reads the
-inertial unit, the pitch control and the module that drives the servo, and over the buses between their PEs. The flight
-has still air, and its inertial units have no errors.
+The step is added to the pitch rate in the samples of both inertial units. It passes over the buses, and through three
+modules: the reader of the inertial unit, the pitch control, and the driver of the servo. The flight has still air, and
+its inertial units have no errors.
 
-The damping of the pitch control answers a step of the rate at once. So the latency is the time from the first sample
-with the step to the first elevator command that has changed by half of the full answer. The time before the inertial
-unit takes this sample does not count.
+The damping of the pitch control answers a step of the rate at once. So the latency begins with the first sample that
+contains the step. It ends with the first elevator command that differs from the command before it by at least half of
+the full answer of the damping. A real change of the rate would also wait for the next sample; that wait is not
+measured.
 """
 
 from heronry_agent.module import Value

@@ -37,16 +37,16 @@ class Blow:
 class Mission:
     """The settings of a flight of the EAV on final approach.
 
-    strongest_wind_m_per_s: upper limit of the wind at 20 ft that the seed draws
+    strongest_wind_m_per_s: upper limit of the wind at 20 ft; the seed draws the wind
     corrections_lost_s: time of the flight at which the differential receiver becomes inaccurate; None: it does not
     has_rover: whether the rover is beside the runway
     must_land: whether the operator orders to land even without a good position
     blows: faults that are injected at a time of the flight or below a height
     acts: faults of the kinds of `heronry sim`; their times count from the beginning of the flight
-    most_height_bias_m: upper limit of a constant height error of the differential receiver, which the seed draws
+    most_height_bias_m: upper limit of the constant height error of the differential receiver; the seed draws the error
     `judged`: whether the simulator's oracles check the flight; `Landing.violations` has what they find
-    probed: whether latencies from sensor to servo are measured, in still air and with sensors without errors
-    longest_s: time of the flight at which it ends if there was no touchdown before
+    probed: whether latencies from sensor to servo are measured; the air is then still, and the sensors have no errors
+    longest_s: time of the flight; if there is no touchdown before it, the flight ends at this time
     """
 
     seed: int = 0
@@ -77,12 +77,13 @@ class Landing:
 
     touchdown: state at the first contact with the ground; None if there was none
     mode: mode of the flight management at the end; None if no PE runs the flight management
-    digest: digest of every frame and of the state at the end
+    digest: one digest of all frames and of the state at the end
     reconfigured_after_s: time from the first fault to the next active configuration; None if there was no fault, or no
-    configuration after it
+        configuration became active after it
     worst_height_error_m: greatest error of the estimated height while the aircraft was below 10 m and had not touched
-    the ground; None if there was no estimate in this time
-    nees: for each state of the tracking filter, the mean of squared error over variance; empty without a filter
+        the ground; None if there was no estimate in this time
+    nees: for each state of the tracking filter, the mean over time of (squared error / variance); empty without a
+        filter
     violations: what the simulator's oracles found
     latencies_ns: measured latencies from sensor to servo; empty if the mission is not `probed`
     """

@@ -1,7 +1,7 @@
 """The event stream on standard output, one line of JSON for each event, written at once.
 
 The flight does not depend on a reader of the stream. If a line cannot be written (a full disk, a reader that has
-ended), it is dropped, and one message on standard error reports that. The next line is tried again.
+ended), the line is dropped. A message on standard error reports that, except if the line before was dropped, too.
 """
 
 import sys

@@ -1,11 +1,14 @@
 """Whether functions are really served, as seen on the bus: the witness for demo, simulator and tests.
 
-The witness reads frames alone, never the manager's own view. A function counts as served while its outputs are heard.
-These are the echoes of its actuators (each shows to what an actuator was commanded), or, for an output that drives no
-actuator, the output frames of its module. A function is no longer served after a silence that is longer than three
-periods of its slowest mode plus a tenth of a second. An echo from a node that does not have the actuator is ignored.
+The witness reads only frames, and nothing that the manager reports. A function counts as served while its outputs are
+heard:
 
-The witness also detects a violation: two branches of one DEMUX are driven in turn within that silence (`rivals`).
+    an output with an actuator      the echo of the actuator, which shows to what it was commanded. An echo from a node
+                                    that does not have the actuator is ignored
+    an output without an actuator   the output frame of its module
+
+A function is no longer served if none of these is heard for longer than three periods of its slowest mode plus a tenth
+of a second. The witness also detects when two branches of one DEMUX are driven in turn within this time (`rivals`).
 """
 
 from collections.abc import Iterable

@@ -1,8 +1,11 @@
-"""Live feeds: the events of a manager on this computer, together with its bus, or a bus alone.
+"""Live feeds: sources of events that come while a system runs.
 
-Nothing is ever sent on a bus. A feed is polled: `readers` gives the descriptors to wait on, `poll` the events that have
-come. If a manager ends, its feed stays open: it tries every second to connect to the manager again, and meanwhile
-`trouble` says that the manager is gone.
+    FollowedManager   the events of a manager on this computer, and the frames of its bus
+    ListenedBuses     only the frames of buses, and the events that these frames show
+
+A feed never sends on a bus. A feed is polled: `readers` gives the descriptors to wait on, and `poll` the events that
+have come. If a manager ends, its feed stays open. The feed tries every second to connect to the manager again;
+meanwhile `trouble` says that the manager is gone.
 """
 
 import json

@@ -1,14 +1,13 @@
 """Passes the orders of pages on: to the manager on its socket, or to a demo, which kills and restores processes.
 
-A page sends an order, as in the lines below, and gets an answer, as in the last line. The orders to a manager are those
-of its socket (`control_protocol`), without their version. An order to kill or restore is passed on to the demo, on a
-socket pair that the demo has made.
+The orders to a manager are those of its socket (`control_protocol`), without their version. An order to kill or restore
+a process is passed on to the demo, on a socket pair that the demo has made. Examples:
 
-    {"do": "fail", "what": "pe:nav"}
-    {"do": "priority", "what": "imaging", "to": 90}
-    {"do": "release"}
-    {"do": "kill", "what": "nav"}
-    {"done": true, "sentence": "..."}
+    order to a manager   {"do": "fail", "what": "pe:nav"}
+    order to a manager   {"do": "priority", "what": "imaging", "to": 90}
+    order to a manager   {"do": "release"}
+    order to a demo      {"do": "kill", "what": "nav"}
+    answer               {"done": true, "sentence": "..."}
 """
 
 import asyncio

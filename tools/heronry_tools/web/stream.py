@@ -1,12 +1,11 @@
 """The one stream of a page, as server-sent events.
 
-    event: whole     the snapshot, the loads of the last minutes, and for a recording its begin and end
-    event: change    the difference to the snapshot sent before (`changes`)
-    event: beat      every second, whatever comes: how long nothing has come from the feed
+    event: whole     sent first: the snapshot, the loads of the last minutes, and for a recording its begin and end
+    event: change    what differs from the snapshot that was sent before (`changes`)
+    event: beat      sent at least once a second: for how long nothing has come from the feed
 
-A change that adds an event to the snapshot's list of events is sent at once, but at most fifty such changes a second.
-Of other changes at most ten a second are sent. If a page gets no beat any more, it knows that the server itself is
-gone.
+Two changes are sent at least 0.1 s apart. If the second one adds an event to the snapshot's list of events, 0.02 s are
+enough. If a page gets no beat any more, it knows that the server itself is gone.
 """
 
 import asyncio

@@ -1,13 +1,15 @@
 """A configuration in the making, in which every change can be undone.
 
 A draft holds which modules run (in which mode, on which PE), which producer feeds each leaf, and what is left of every
-capacity. All are plain lists of integers, changed in place. Each change is written to a trail; `undo` goes back to a
-mark. So the cost of a try depends only on the changes that the try makes.
+capacity. These are plain lists of integers, changed in place. Each change is written to a trail; `undo` goes back to a
+mark in the trail. So the cost of a try depends only on the changes that the try makes.
 
-A draft always satisfies the rules of docs/semantics.md on capacities, placement and DEMUX exclusion (semantics rules 1,
-4, 7, 8), and on wires: each wire joins a running producer, in a mode that the leaf accepts, to a running consumer
-(semantics rule 2). The caller of `start` must wire the needs of the module (semantics rule 3); `sweep` restores
-semantics rule 5.
+How a draft satisfies the rules of docs/semantics.md, section 3:
+
+    1, 4, 7, 8   always: a module is started only where it `fits`, and a wire is made only if the buses have room for it
+    2            always: each wire joins a running producer, in a mode that the leaf accepts, to a running consumer
+    3            by the caller of `start`, which must wire the needs of the module
+    5            by `sweep`
 """
 
 from collections.abc import Callable

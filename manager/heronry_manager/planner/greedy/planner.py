@@ -1,18 +1,21 @@
 """The greedy planner: a legal plan for any situation, without a search or a solver, in pure Python.
 
-The plan is not proven to be the best. The planner repairs the configuration that ran before (`repairing`): it keeps
-what still works, serves lost functions again where there is room, and makes room for the more important ones. If a
-function of class A to D is still not served, though no fault prevents it, the planner chooses and packs the modules for
-these functions anew (`packing`), in up to two ways. It repairs each result, and takes the best of the drafts. It
-supplies optional and better inputs last (`supplying`).
+The plan is not proven to be the best. The planner works in these steps:
+
+    1. It repairs the configuration that ran before (`repairing`): it keeps what still works, serves lost functions
+       where there is room, and makes room for the more important ones.
+    2. A function of class A to D may still not be served, though no fault prevents it. Then the planner chooses and
+       packs the modules for these functions anew (`packing`), in up to two ways. It repairs each result, and takes the
+       best draft.
+    3. It checks the deadlines (`punctuality`). If the draft would miss one, steps 1 and 2 are done once more, with a
+       check of every message before the message is published.
+    4. It supplies optional and better inputs (`supplying`).
 
 A plan is legal by construction: every step of a draft keeps the limits of capacities, placement rules, gates and buses
-(`draft`). Deadlines are checked when a draft is done (`punctuality`). If the draft would miss a deadline, the draft is
-made once more, with a check of every message before the message is published. The empty plan is always legal, so there
-is always a plan.
+(`draft`). The empty plan is always legal, so there is always a plan.
 
-The planner uses no clock and no random source, and all its state follows from the spec: the same situation and running
-configuration always give the same plan.
+The planner uses no clock and no random source, and all its state follows from the spec. So the same situation and the
+same running configuration always give the same plan.
 
     tables       the spec in integers, computed once
     scene        the part of the spec that a situation leaves

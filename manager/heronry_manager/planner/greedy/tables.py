@@ -1,7 +1,7 @@
 """The tables of the greedy planner: a spec in integers.
 
-All parts but `wanted` depend on the spec alone, and are worked out once for a spec. `wanted` also depends on the phase
-and on changed priorities. A `Scene` has what depends on faults. The parts are made in this order, each from the parts
+All parts but `wanted` depend only on the spec, and are worked out once for a spec. `wanted` also depends on the phase
+and on changed priorities. What depends on faults is in a `Scene`. The parts are made in this order, each from the parts
 before it:
 
     numbering        the number of each element

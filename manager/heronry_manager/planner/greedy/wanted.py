@@ -1,6 +1,6 @@
 """The functions that a situation wants, in the order in which the planner serves them.
 
-For each of these functions, the file computes what each mode of its output adds to levels 1 and 2.
+For each of these functions, this file also computes how much each mode of its output module adds to levels 1 and 2.
 """
 
 from collections.abc import Mapping, Sequence

@@ -2,10 +2,10 @@
 
 The versions are those of Figure 3 of the paper by Rawashdeh et al. (the spec `elevator_and_chute`).
 
-*Fusion.* Pressure altitude has little noise and no delay, but an offset that changes slowly: the error of the sensor,
-and the difference of the day from the standard atmosphere. GPS height is right on average, but noisy. So a slow
-low-pass filter learns the offset between the two, and the offset is added to the pressure altitude. The result has
-neither the noise of the GPS nor the offset of the barometer.
+*Fusion.* Pressure altitude has little noise and no delay, but an offset that changes slowly: the error of the sensor
+plus the difference between the air of the day and the standard atmosphere. GPS height is right on average, but noisy.
+So a slow low-pass filter learns the offset between the two, and the offset is added to the pressure altitude. The
+result has neither the noise of the GPS nor the offset of the barometer.
 
 GPS alone is filtered together with its rate (an alpha-beta filter), because a plain average lags behind in a climb.
 

@@ -1,19 +1,19 @@
 """The inner loops: from the attitude and a commanded attitude to the angle of a surface.
 
 Signs are CANaerospace's. An elevator that goes down (positive) lowers the nose, so a nose that is too high needs a
-positive deflection. A rudder that swings clockwise (positive) yaws to the right, and by their dihedral the wings then
-roll to the right: an inflatable wing has no ailerons.
+positive deflection. A rudder that swings clockwise (positive) yaws the aircraft to the right. The dihedral of the wings
+then makes the aircraft roll to the right; so the inflatable wing needs no ailerons.
 
-A loop publishes the demanded angle of its surface, limited to the range of the surface. Without a command, the loops
-fly the best glide with level wings. A command beyond the limits of attitude is limited, too, whatever its source.
-Without an attitude a loop publishes nothing, and the servo stays where it is.
+A loop publishes the demanded angle of its surface, limited to the range of the surface. A commanded attitude is limited
+to a safe range, whatever its source. Without a command, the loops fly the best glide with level wings. Without a
+measured attitude a loop publishes nothing, and the servo stays where it is.
 
-The error of a pitch that is measured by gyros alone (version 2) grows without limit. The loop holds the measured pitch,
+If the pitch is measured by gyros alone (version 2), its error grows without limit. The loop holds the measured pitch,
 so the true pitch drifts away. If the true pitch is too low, the glide is too fast. So in mode `scheduled` the pitch
 loop learns the error from the airspeed.
 
-A restart loses the integral: the surface moves by at most the trim that was learned. A restart also loses the learned
-error of the pitch.
+A restart loses the integral: the surface then moves by at most the trim that was learned. A restart also loses the
+learned error of the pitch.
 """
 
 import math
@@ -40,10 +40,10 @@ _RUDDER_LIMIT_DEG = 20.0
 
 @dataclass(slots=True)
 class Pid:
-    """Proportional, integral and rate feedback, in deg per deg, 1/s and s.
+    """Proportional, integral and rate feedback. The gains are in deg per deg, 1/s and s.
 
-    The integral is for trim: it contributes at most `trim_deg`. So the output does not run to its limit when the loop
-    cannot move the aircraft, for example because of a jammed surface.
+    The integral is for trim, and adds at most `trim_deg` to the output. So if the loop cannot move the aircraft, for
+    example because of a jammed surface, the integral does not drive the output to its limit.
     """
 
     proportional: float
@@ -60,8 +60,9 @@ class Pid:
     def output_deg(self, error_deg: float, rate_deg_per_s: float, gain: float = 1.0) -> float:
         """Give the angle of the surface in degrees, within +-`limit_deg`.
 
-        error_deg: demanded minus present attitude. rate_deg_per_s: present rate of the attitude. gain: a factor for the
-        proportional and the rate part; the integral part does not depend on it.
+        error_deg: demanded minus present attitude.
+        rate_deg_per_s: present rate of the attitude.
+        gain: a factor for the proportional and the rate part, but not for the integral part.
         """
         quick = gain * (self.proportional * error_deg - self.damping * rate_deg_per_s)
         return held(quick + self.integral * self._sum_deg_s, self.limit_deg)
@@ -71,7 +72,7 @@ class PitchControl(Module):
     """Controls the pitch by the elevator; in mode `scheduled` the gain is smaller at a higher airspeed.
 
     The effect of a surface grows with the square of the airspeed. While the aircraft hangs below its balloon, there is
-    no flow and a surface has no effect. In that time no trim is learned.
+    no airflow, so a surface has no effect and no trim is learned.
     """
 
     def __init__(self, ctx: Context) -> None:

@@ -1,10 +1,10 @@
-"""The workers that make the plans of a campaign: this process, worker processes of it, or a Dask cluster.
+"""The workers that make the plans of a campaign: this process itself, its worker processes, or a Dask cluster.
 
-A *question* asks for the plan of one fault set, and a *task* has some questions about one phase of a spec. The function
+A *question* asks for the plan of one fault set. A *task* has some questions about one phase of a spec. The function
 `solved` answers a task. Its argument and its result can be pickled, so any `concurrent.futures.Executor` can run it,
-also the executor of a cluster. The process that makes a plan also verifies the plan.
+also that of a cluster. The process that makes a plan also verifies the plan.
 
-Worker processes start and end as in `heronry_tools.console.processes`.
+`heronry_tools.console.processes` says how worker processes start and end.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -32,7 +32,8 @@ _QUESTIONS_IN_A_TASK: Final = 8
 class Task:
     """Questions about one phase of a spec.
 
-    running: what runs before the faults; None: none is known. downs: the fault set of each question.
+    running: the configuration that runs before the faults; None: it is not known.
+    downs: the fault set of each question.
     """
 
     spec: Spec
@@ -106,10 +107,11 @@ def _questions(task: Task) -> Iterator[Question]:
 
 @contextmanager
 def crew(jobs: int, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Yield the executor that makes plans; None with one job: then this process makes them.
+    """Yield the executor that makes the plans; None: this process makes the plans itself.
 
-    jobs: the number of worker processes. scheduler: the address of a Dask cluster that makes the plans instead. Raises
-    UserError if the cluster does not answer or has no workers.
+    scheduler: the address of a Dask cluster that makes the plans.
+    jobs: without a scheduler, the number of worker processes; with 1, None is yielded.
+    Raises UserError if the cluster does not answer or has no workers.
     """
     if scheduler is not None:
         with _cluster(scheduler) as executor:

@@ -1,8 +1,13 @@
-"""The check of DG4xx: planning finds functions that a single fault loses, and the graph shows useless redundancy.
+"""The check of the rules DG4xx: functions that are lost with a single fault, and redundancy that is useless.
 
-A finding names the place in the spec where an engineer would fix or accept it. For a loss, this is the element that
-fails; for a gate, its first input; for a placement rule, the rule itself. A spec with more sources than identifiers
-(DG505) is not planned, since the priorities of its frames are unknown.
+Lost functions are found by planning for each single fault; useless redundancy is found in the graph. A finding names
+the place in the spec where an engineer would remove the cause, or accept it:
+
+    a lost function    the element that fails
+    a gate             its first input
+    a placement rule   the rule itself
+
+If a spec has more sources than identifiers (DG505), nothing is planned, since the priorities of its frames are unknown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -77,8 +82,8 @@ def _tell_plants(subject: Subject, findings: Findings, loss: "Loss") -> None:
 def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:
     """Choose the functions that have one of these classes in a phase in which they are lost.
 
-    functions: the phases in which each function is lost. Returns each chosen function with a text that names it, its
-    classes and the phases. The most critical function comes first.
+    functions: for each function, the phases in which it is lost.
+    Returns for each chosen function a text with its name, its classes and the phases; the most critical function first.
     """
     words: dict[str, list[str]] = {}
     for level in classes:
@@ -99,10 +104,11 @@ def _tell_loss(subject: Subject, findings: Findings, loss: "Loss", lost: Mapping
 
 
 def _redundancy(subject: Subject, findings: Findings) -> None:
-    """Find DEMUXes, XORs and voters whose alternatives depend on the same element.
+    """Find gates with useless redundancy.
 
-    For a DEMUX and a XOR, all alternatives are lost with that element. A voter has fewer than three inputs of which no
-    two depend on the same element.
+    DEMUX, XOR   all alternatives are lost with one element
+    voter        it has fewer than three independent inputs; inputs are independent if no two of them depend on the same
+                 element
     """
     dependence = Dependence(subject.spec)
     for demux in subject.spec.demuxes.values():
@@ -197,8 +203,8 @@ def _room_to_separate(spec: Spec, findings: Findings, place: Place, group: Seque
 def _placed(spec: Spec, module: str, placed: dict[str, str], tried: set[str]) -> bool:
     """Give the module a PE of its own in `placed`; tells whether that is possible.
 
-    Other modules may be moved to make this possible (augmenting paths).
-    placed: the module that each PE has so far. tried: the PEs that the search has already considered.
+    To make it possible, modules that already have a PE may be moved to another one (augmenting paths).
+    placed: for each PE that is taken, its module. tried: the PEs that the search has already considered.
     """
     for pe in homes(spec, module):
         if pe not in tried:

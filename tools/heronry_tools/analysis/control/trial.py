@@ -1,6 +1,6 @@
-"""A reconfiguration script, tried on a graph or on a plan without an aircraft.
+"""Tries a reconfiguration script without an aircraft: on a component graph, or on a plan.
 
-On a plan, a script moves and wires modules; devices and plants follow from the modules.
+In a plan, the script moves and wires only modules; the components for devices and plants follow from the modules.
 """
 
 from collections.abc import Sequence

@@ -22,8 +22,14 @@ MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
 class Assumption:
     """One assumption that could be relaxed.
 
-    name: what the assumption is about. By kind, this is an element, a PE, a bus, a function, or the index of a
-        placement rule; it is empty for deadlines.
+    name: what the assumption is about. It depends on the kind:
+
+        down                 the element
+        cpu, ram, flash      the PE
+        bandwidth            the bus
+        separate, together   the index of the placement rule
+        function             the function
+        deadlines            empty
     """
 
     kind: Kind

@@ -1,14 +1,19 @@
 """Modules that estimate the position of the aircraft, from a receiver alone or with the rover's images.
 
-Positions are in the runway's frame; height is that of the wheels above the runway. In the spec, the version of a
-position tells its accuracy. Two versions are good enough to land: 1 from the differential receiver, and 2 from the
-filter while it gets images. Two are not: 3 from the filter without images, and 4 from the receiver without corrections.
+Positions are in the runway's frame; the height is that of the wheels above the runway. The version of a position in the
+spec tells its accuracy:
+
+    1   from the differential receiver             good enough to land
+    2   from the filter, while it gets images      good enough to land
+    3   from the filter, without images            not good enough
+    4   from the receiver, without corrections     not good enough
 
 Without velocity these modules publish nothing: a receiver gives only 10 positions a second, too few to steer by.
 
 A restart of a receiver's estimator loses nothing. A restart of the tracking filter loses what the filter has learnt
-from images. The filter begins again at the receiver's position. Without a receiver it begins where the line of sight of
-an image meets the nominal approach. It then needs some seconds of images. A change of the mode loses nothing.
+from images. The filter then begins at the receiver's position, or, without a receiver, where the line of sight of an
+image meets the nominal approach. The filter needs some seconds of images to be accurate again. A change of the mode
+loses nothing.
 """
 
 from collections.abc import Mapping
@@ -119,9 +124,13 @@ class TrackedPosition(Module):
     def _begun(
         self, inputs: Inputs, fix: tuple[float, float, float] | None, moving: tuple[float, float, float]
     ) -> TrackingFilter | None:
-        """Return a filter that begins at the receiver's position; without it, on the line of sight of an image.
+        """Return a filter that begins at the receiver's position, or else on the line of sight of an image.
 
-        Return None if there is neither a position nor an image, or if the filter still waits for the receiver.
+        Without a position of the receiver, return None in these cases:
+
+            - there is no image
+            - the filter still waits for the receiver
+            - the elevation in the image cannot be that of an aircraft on approach
         """
         now_ns, angles = self.ctx.now_ns, numbers(inputs, "image_angles", 2)
         if fix is not None:

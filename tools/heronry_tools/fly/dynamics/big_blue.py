@@ -3,19 +3,27 @@
 The devices are those of the shipped spec `big_blue`. Their readings and errors come from
 `heronry_tools.aircraft.plant.devices`, as in the scripted plant; but here the surfaces steer the aircraft.
 
-Balloon. The gas lifts 12 N more than the weight, at any height. The bag grows as the air thins, so its drag falls with
-the third root of the density: the aircraft rises at 5 m/s near the ground, and at 7 m/s at 20 km. The line pulls above
-the centre of gravity. A burn wire cuts the line for good. A charge opens the parachute for good, and folds the wings.
-Wings whose pressure is less than 430 hPa carry only the share pressure / 430 hPa of their full forces, until light has
-cured their skin.
+*Balloon.* The gas lifts 12 N more than the weight, at any height. The bag grows as the air thins, so its drag falls
+with the third root of the density. The aircraft rises at 5 m/s near the ground, and at 7 m/s at 20 km. The line pulls
+at a point above the centre of gravity. A burn wire cuts the line for good. A charge opens the parachute for good, and
+so folds the wings.
 
-Time. While the aircraft hangs on the line, its surfaces have no effect, so the time of the plant may then pass faster
+*Wings.* At a pressure p below 430 hPa the wings carry only the share p / 430 hPa of their full forces. Once light has
+cured their skin, they carry their full forces at any pressure.
+
+*Time.* While the aircraft hangs on the line, its surfaces have no effect. The time of the plant may then pass faster
 than the avionics' clock: the plant makes `pace` steps for each step of the avionics. The plant keeps to the avionics'
-clock in three cases: near the ground, near and above the lowest height at which the line may be cut, and while the
-valve inflates the wings. Angular rates are given per second of the avionics' clock.
+clock in three cases:
 
-Inertial units. The gyros of this aircraft give the rates of the pitch and roll angles. The acceleration of the path is
-removed from the readings of the accelerometers, by the airspeed. So the unit does not mistake a turn for level flight.
+    - near the ground
+    - at and above the lowest height at which the line may be cut, and a little below it
+    - while the inflation valve is open
+
+Angular rates are given per second of the avionics' clock.
+
+*Inertial units.* The gyros of this aircraft give the rates of the pitch and roll angles. An inertial unit removes the
+acceleration of the flight path, which the airspeed shows, from the readings of its accelerometers. So it does not
+mistake a turn for level flight.
 """
 
 import math
@@ -185,8 +193,8 @@ class BigBluePlant:
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
         """Make a device fail as `how` says.
 
-        A charge or a burn wire that has failed does not fire; a valve that has failed does not move. offset: for the
-        failure `bias`, the error in the device's own unit.
+        A charge or a burn wire that has failed does not fire; a valve that has failed does not move.
+        offset: for the failure `bias`, the error in the device's own unit.
         """
         self.advance(now_ns)
         if device in self.servos.pushes:

@@ -2,17 +2,18 @@
 
     python -m heronry_tools.fly.live.plant_process FOLDER MISSION
 
-MISSION is a JSON object {"seed", "wind", "corrections_lost_s", "longest_s", "probed", "record"}. The aircraft is held
-at its start until every surface has been driven for a second. In that time, which may be long on a busy computer, the
-agents load the code of their modules. Surfaces, head and camera work meanwhile, so no monitor finds a fault. Inertial
-units and pitots read level flight at reference speed, without speed over ground and without errors. With any other
-reading the control loops would integrate an error that they cannot reduce while the aircraft is held. The aircraft
-would then begin with the elevator far from its trim.
+MISSION is a JSON object {"seed", "wind", "corrections_lost_s", "longest_s", "probed", "record"}.
+
+The aircraft is held at its start until every surface has been driven for a second. Meanwhile the agents load the code
+of their modules, which may take long on a busy computer. Surfaces, camera and the head of the camera already work, so
+no monitor finds a fault. Inertial units and pitots read level flight at reference speed, without speed over ground and
+without errors. With any other reading the control loops would integrate an error that they cannot reduce while the
+aircraft is held. The aircraft would then begin its flight with the elevator far from its trim.
 
 Standard output gets two JSON lines. The first is `{"released_ns": TIME}`, when the aircraft is released. The last one
 has the touchdown and the longest standstill of the process; if the flight could not go on, it is
-`{"problem": REASON}` instead.
-Standard input takes lines `{"fail": DEVICE, "how": HOW}`; when standard input is closed, the process ends.
+`{"problem": REASON}` instead. Standard input takes lines `{"fail": DEVICE, "how": HOW}`. When standard input is closed,
+the process ends.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""The report of many flights of one aircraft: which landings are acceptable, where and how hard they touch down.
+"""The report of many flights of one aircraft: where and how hard it touches down, and which landings are acceptable.
 
 If results have a `height_bias_m`, the constant error of the height by which the aircraft steers, the report shows the
 share of acceptable landings against that error.

@@ -1,7 +1,8 @@
-"""A graph as text for other programs: Mermaid, as forges show it in Markdown, and DOT, as Graphviz reads it.
+"""A graph as text for other programs: as Mermaid, which Git servers show in Markdown, or as DOT, which Graphviz reads.
 
-Both lack the symbols of gates that the SVG picture has: a gate gets the nearest shape, with the gate's name in it. A
-cell of a module is a port in DOT. Mermaid has no ports, so there the words on the edge name the mode.
+Mermaid and DOT lack the symbols of gates that the SVG picture has. So a gate gets the most similar shape, with the
+gate's name in it. A module's symbol has a cell for each mode. In DOT an edge ends at the cell, which is a port. Mermaid
+has no ports, so the words on the edge name the mode.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,10 +1,10 @@
-"""The demo's loop: events of the manager, frames of the buses, actions of the script, in one select loop.
+"""The demo's loop: one select loop for events of the manager, frames of the buses, and actions of the script.
 
-The demo's clock starts when the first configuration runs. It is the monotonic clock of this machine, as in the
-manager's events and the timestamps of the buses. The demo ends when its time is up, with Ctrl-C, or when a process has
-died; in each case the `with` that holds the fleet ends all processes.
+The demo's time counts from the moment at which the first configuration runs. It is measured on the monotonic clock of
+this machine, like the times in the manager's events and the timestamps of the buses. The demo ends when its time is up,
+with Ctrl-C, or when a process has died. In each case all its processes are ended (`Fleet`).
 
-Reports on served functions come from the witness, that is from frames. Reports on plans come from the manager.
+Reports on served functions come from the witness, which reads frames. Reports on plans come from the manager.
 """
 
 import select
@@ -88,10 +88,13 @@ class Show:
     def run(self, actions: Sequence[DemoAction | PhaseAction] | None, seconds: float, record: IO[str] | None) -> int:
         """Run the demo for `seconds`.
 
-        actions: what is done to the aircraft; None: `default_actions`. record: gets all frames as a candump log.
+        actions: what is done to the aircraft; None: `default_actions`.
+        record: gets all frames as a candump log; None: no log.
+        Returns 0, or 1 in these cases:
 
-        Returns 1 if at the end a function of the plan is not heard, if a deployment is not complete, or if two branches
-        of one DEMUX have been driven in turn (`Witness.rivals`); else 0.
+            - at the end a function of the plan is not heard
+            - at the end a deployment is not complete
+            - during the demo two branches of one DEMUX were driven in turn (`Witness.rivals`)
         """
         self._has_default_actions = actions is None
         self._actions, self._seconds = list(actions or ()), seconds
@@ -170,8 +173,8 @@ class Show:
     def _awaited(self) -> list[str]:
         """Name what the demo still waits for before it ends.
 
-        These are PEs to join, a deployment to be complete, functions to be heard, and the page to be served. If the
-        demo ended earlier, what is missing would look like a fault.
+        It waits for PEs to join, for a deployment to be complete, for functions to be heard, and for the page to be
+        served. If the demo did not wait, what is missing at its end would look like a fault.
         """
         joining = [f"{pe} to join" for pe in sorted(self._coming_back)]
         deploying = [] if self._pending is None else [f"{self._pending} to be complete"]
@@ -215,10 +218,9 @@ class Show:
                 pass
 
     def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
-        """Give an event of the manager; mark the loss of a PE that the demo has not killed.
+        """Give an event of the manager; add the field `waited` if it reports the loss of a PE that was not killed.
 
-        The process of such a PE runs. The mark is the field `waited`; `_pass_on` puts in how long the process has
-        waited for a processor.
+        The process of such a PE still runs. `_pass_on` fills the field: how long a process has waited for a processor.
         """
         if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
             return one | {"waited": None}

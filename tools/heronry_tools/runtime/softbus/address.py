@@ -1,11 +1,14 @@
-"""The socket of a bus in the file system: at most one hub at a path.
+"""The socket of a hub in the file system; at most one hub uses a path.
 
-A socket that refuses connections was left by a hub that crashed; the new hub replaces it. A socket that accepts
-connections belongs to a living hub, and is left alone. The probe and the bind are one step under a lock on the folder,
-so that two hubs which start together cannot both take the path.
+If there is a socket at the path already, a new hub tries to connect to it:
 
-Raises HubError if the folder does not exist or is not writable, or if the path is not a socket. The socket is removed
-at the end, unless another hub has taken the path meanwhile.
+    the connection is refused    a hub that crashed has left the socket. The new hub replaces the socket
+    the connection is accepted   another hub runs there. `Address` raises HubError
+
+Trying and replacing happen under a lock on the folder. So two hubs that start together cannot both take the path.
+
+`Address` also raises HubError if the folder does not exist or is not writable, or if the path leads to something other
+than a socket. At the end the hub removes its socket, unless another hub has taken the path meanwhile.
 """
 
 import fcntl

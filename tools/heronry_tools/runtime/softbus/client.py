@@ -1,22 +1,22 @@
-"""The python-can interface `softbus`: `can.Bus(interface="softbus", channel=NAME)`, or a path (`place`).
+"""The python-can interface `softbus`: `can.Bus(interface="softbus", channel=NAME)`; NAME may be a path (`place`).
 
 This file decides nothing; it maps python-can's calls to the two sockets of `protocol.py`.
 
-*Sending.* The transmit mailbox holds one frame. `send` returns once its frame is in the mailbox, so it waits (up to its
-time-out) only while the frame before is still contending for the bus. A sender that keeps its own priority queue opens
-the bus with `receive_own_messages=True`. It sends the next frame when the echo of the last one comes in, as on
-SocketCAN; the mailbox is empty by then. As on SocketCAN, acceptance filters hold back echoes too. A caller should
-recognize an echo by its identifier and data. (Here `is_rx` is False for exactly the own frames, but SocketCAN in
-python-can 4.6.1 sets it to False for every frame from the same host.)
+*Sending.* The transmit mailbox holds one frame. While the frame before is still contending for the bus, `send` waits,
+up to its time-out. It returns once its own frame is in the mailbox. A sender that keeps its own priority queue opens
+the bus with `receive_own_messages=True`. It sends the next frame when the echo of the last one comes in, as it does on
+SocketCAN; the mailbox is empty by then. The acceptance filters also apply to echoes, as on SocketCAN. A caller should
+recognize an echo by its identifier and data, and not by `is_rx`. Here `is_rx` is False for exactly the own frames, but
+SocketCAN in python-can 4.6.1 sets it to False for every frame from the same host.
 
-*Receiving.* Filters act in the hub. A timestamp is the time at which the frame ended on the bus. It is a time of
-`time.time()`, as if that clock had not been set since the start of the hub. `StampedMessage` has the same time in
-CLOCK_MONOTONIC, which cannot be set. `fileno()` is readable when a frame waits, and at the end of the hub. One thread
+*Receiving.* Filters act in the hub. A timestamp is the time at which the frame ended on the bus, on the clock of
+`time.time()`; changes of that clock since the start of the hub are left out. `StampedMessage` has the same moment in
+CLOCK_MONOTONIC, which cannot be set. `fileno()` is readable when a frame waits, and when the hub has ended. One thread
 may receive while others send.
 
-*Errors.* No hub, another bit rate, or a request for CAN FD: CanInitializationError. If the hub ends, the next call
-raises CanOperationError, and so does a call that waits. A reader that is too slow loses the newest frames;
-`statistics()` counts them.
+*Errors.* Without a hub, with another bit rate, or for CAN FD, the constructor raises CanInitializationError. If the hub
+ends, CanOperationError is raised by a call that waits, and by the next call. A reader that is too slow loses the newest
+frames; `statistics()` counts the lost frames.
 """
 
 import os
@@ -46,7 +46,7 @@ class SoftBus(can.BusABC):
     """A python-can bus on the hub at `channel`: the name of the bus, or the path of its UNIX socket.
 
     `bitrate` may be left out; if given, it must be that of the hub. Raises CanInitializationError if the bus cannot be
-    opened.
+    opened; the message says what to do.
     """
 
     def __init__(
@@ -77,8 +77,8 @@ class SoftBus(can.BusABC):
         """Wait until the transmit mailbox is empty, and then put a frame into it.
 
         timeout: the longest wait in s; None: without end.
-        Raises CanOperationError if the mailbox is still full after that time, or if the hub is gone; ValueError for a
-        message that is no classical CAN frame.
+        Raises CanOperationError if the mailbox is still full after that time, or if the hub is gone. Raises ValueError
+        for a message that is no classical CAN frame.
         """
         self._link.offer(_checked_frame(msg), msg.dlc, timeout)
 
@@ -97,7 +97,8 @@ class SoftBus(can.BusABC):
     def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
         """Make the bus as bad as a radio, for all clients, until the next call; without arguments as good as a wire.
 
-        slowdown: how many times longer a frame takes (1 or more). loss_per_mille: how many frames each receiver misses.
+        slowdown: how many times as long as on a wire a frame takes (1 or more).
+        loss_per_mille: how many of 1000 frames each receiver misses.
         """
         self._link.ask({"do": "disturb", "slowdown": slowdown, "loss": loss_per_mille})
 

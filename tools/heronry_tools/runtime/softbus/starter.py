@@ -1,12 +1,15 @@
-"""Starts a hub as a process of its own that never outlives the process that started it.
+"""Starts a hub as a process of its own, which never outlives the process that started it.
+
+    starting           until `wait_until_up` has returned
+    running            clients can connect
+    killed or closed   after `kill` or `close`
 
 The hub holds the read end of a pipe, and this process the write end. When this process ends, in whatever way, the pipe
-ends, and so the hub ends. (Linux can send a signal to a process when its parent dies, PR_SET_PDEATHSIG. It is not used
-here: the signal comes when the thread that started the hub ends, and some calls of exec cancel it.) A child that is
-forked by this process without exec inherits the write end and keeps the hub alive. So use the "spawn" start method of
-multiprocessing.
+is closed, and so the hub ends. If this process forks a child without exec, the child inherits the write end and keeps
+the hub alive. So use the "spawn" start method of multiprocessing.
 
-States: starting; running once `wait_until_up` has returned; then killed or closed.
+Why not PR_SET_PDEATHSIG, by which Linux sends a signal to a process when its parent dies: the signal already comes when
+the thread that started the hub ends, and some calls of exec cancel it.
 """
 
 import signal

@@ -1,8 +1,14 @@
 """The command line of tools/with-vcan: parses it, chooses where to run the command, and gives one exit code.
 
-Exit codes: the command's own (128 + n if signal n ended the command), or a code that timeout(1) and the shells use: 124
-time ran out, 125 the command could not be run at all, 126 the command is no program, 127 the command was not found.
-When a signal stops this program, the program cleans up and ends by that signal.
+    the command's own   the command has ended by itself
+    128 + n             signal n ended the command
+    124                 the time ran out
+    125                 the command could not be run at all
+    126                 the command is no program
+    127                 the command was not found
+
+The codes from 124 on are those of timeout(1) and of the shells. When a signal stops this program, the program cleans up
+and ends by that signal.
 """
 
 import argparse
@@ -121,9 +127,10 @@ def _can_utils() -> Path | None:
 
 
 def _can_utils_if_to_be_had() -> Path | None:
-    """Give the folder with candump and cansend, fetched if needed; None if they are installed or cannot be fetched.
+    """Fetch candump and cansend if they are not installed, and give the folder into which they were fetched.
 
-    A failure to fetch them gives a message only, since the command may not need them.
+    None: they are installed, or cannot be fetched. If they cannot be fetched, a message says so, and the command of the
+    user runs without them, since it may not need them.
     """
     try:
         return _can_utils()

@@ -1,8 +1,8 @@
-"""Runs one command on this kernel, with the CAN interfaces that exist already or can be made.
+"""Runs one command on this kernel; the CAN interfaces that it needs exist already, or are made for it.
 
-`interfaces_up` makes the interfaces that are missing and removes, afterwards, exactly those that it made. Interfaces
-that existed stay as they were; if one of them is down, a CannotRunError says so. Making an interface needs root and the
-kernel's vcan module. If one of the two is missing, UnavailableError is raised and nothing is left behind.
+`interfaces_up` makes the interfaces that are missing, and removes them after the command. Interfaces that existed stay
+as they were. If one of these is down, CannotRunError is raised. Making an interface needs root and the kernel's vcan
+module. If one of these two is missing, UnavailableError is raised, and nothing is left behind.
 """
 
 import os

@@ -1,17 +1,17 @@
 """An attacker without the key: it listens to a bus, and sends commands and reports that it has heard or made up.
 
     forged      a made-up command with a made-up tag of 48 bits
-    replayed    a command and its TAG that it has heard, of any age
-    reordered   a command and its TAG out of order: one of the last eight commands that it has heard
-    truncated   a command that it has heard, cut short, and its TAG
-    foreign     a command of a manager of a higher term, tagged with another key
-    slander     an EMCY in the name of a PE about any element, or a page 1 that refuses the running epoch
+    replayed    a command and its TAG that the attacker has heard, of any age
+    reordered   one of the last eight commands that the attacker has heard, and its TAG; so it comes out of order
+    truncated   a command that the attacker has heard, cut short, and its TAG
+    foreign     a made-up command under the highest term, tagged with another key
+    slander     an EMCY in the name of a PE about any element, or a page 1 in which a PE refuses the running epoch
 
-The attacker's station has the name of a foreign node, so the oracles take none of its frames for a command. They verify
-that the PEs accept only what the true managers have sent.
+The attacker's station has the name of a foreign node, so the oracles take none of its frames for a command. The oracles
+verify that the PEs accept only what the true managers have sent.
 
-The attacker does not send at the same moment as the node that it imitates. Two nodes that send under one identifier at
-one time destroy each other's frames, down to bus-off. No tag prevents that; the fault `rogue` covers this case.
+The attacker avoids sending at the same moment as the node that it imitates. Two nodes that send under one identifier at
+one time destroy each other's frames, until they are bus-off. No tag prevents that; the fault `rogue` covers this case.
 """
 
 from random import Random

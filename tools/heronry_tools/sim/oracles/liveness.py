@@ -1,21 +1,23 @@
-"""The bound on the time in which an aircraft must converge once no more faults are injected.
+"""The bound on the time in which an aircraft must converge after its last fault (`Losses.bound_ns`).
 
-`bound_ns` counts from the last fault. It adds up these times, each at its longest:
+The bound is the sum of these times, each at its longest:
 
     controllers     the restart of a bus-off controller, and T_lease for the frames that wait in its queue
-    a manager       T_lease, for which a manager listens after its start; then its start-up window, in which it waits
-                    for PEs that will never be heard
-    an old epoch    one patience: an epoch that is under way is abandoned when one PE has not answered for so long
-    the way back    the start of a PE and its hold-down, which doubles after each loss, up to a minute. The losses are
-                    counted from ALIVE, which names the available PEs, and are forgotten after a minute of availability.
-                    The end of a mastership counts as a loss of each PE: a manager that has lost all PEs sends no more,
-                    and a new manager may remember older losses. One more loss may follow from the last fault
-    radios          the window of a measurement (ten periods), and two hold-downs, since the first measured value may
-                    still be rising
+    a manager       T_lease, for which a manager listens after its start, and its start-up window, in which it waits for
+                    PEs that are never heard
+    an old epoch    one patience: an epoch that is under way is abandoned when a PE has not answered for so long
+    the way back    the hold-down of a PE. It doubles after each loss, up to a minute. The last fault may cause one more
+                    loss
+    radios          the window in which a radio is measured (ten periods), and two hold-downs of the radio: the first
+                    value that is measured may still be rising
     new epochs      one epoch for each of the last changes (`_LAST_EPOCHS` times a quarter of the patience), and the
                     time for which a silence may stay undetected
 
-So the bound is long only if a PE was lost again and again (quarantine).
+The losses of a PE are counted from the ALIVE frames of the active manager, which name the available PEs. They are
+forgotten after a minute in which the PE is available. The end of a mastership counts as a loss of each PE. The reasons:
+a manager that has lost all PEs sends no more ALIVE, and a new manager may remember older losses.
+
+Only a PE that was lost again and again (quarantine) makes the bound long.
 """
 
 from heronry_dg.model import Spec

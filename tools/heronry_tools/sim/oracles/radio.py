@@ -1,18 +1,20 @@
-"""A radio gets no more data than it carries, and data that cross it are not old; verified from frames on both sides.
+"""The oracle of radios: a radio gets no more data than it carries, and data that cross it are not old.
 
-    age     a gateway sends each datum by radio at most T_lease plus one heartbeat period of the radio after the datum
-            has reached the gateway, however slow the radio is. (The heartbeat period is for the time that a frame
-            spends in the CAN controller.) So the gateway's queue has not grown
-    load    the data on a radio stay, second by second, within the budget for the usable share that its gateway has
-            reported. The largest report of the last seconds counts: when the share falls, the manager must confirm the
-            fall and plan, and the PEs must take their steps. A quarter more than the budget is tolerated, as in
+The oracle reads the frames on both sides of each radio.
+
+    age     a gateway sends each datum by radio at most T_lease plus one heartbeat period of the radio after it has
+            received the datum, however slow the radio is. The heartbeat period allows for the time that a frame spends
+            in the CAN controller. If all this holds, the gateway's queue has not grown
+    load    in each second, the data on a radio stay within their budget: the share of the radio's bit rate that its
+            gateway reports as usable, times the load that the spec allows for data. A quarter more is tolerated, as in
             `load.py`
 
-A frame is recognized by its bytes. An injected error may alter data so that the CRC does not show it. Then the frame
-that a gateway sends may differ in one byte from the frame that the gateway has received.
+For `load`, the largest report of the last seconds counts. When the usable share falls, the manager needs this time to
+confirm the fall and to plan, and the PEs need it to take their steps. A second is not verified if the gateway reports
+its radio as gone, or reports nothing: a PE beyond the radio may still send in that second.
 
-Not verified: seconds in which a gateway reports its radio as gone, or reports nothing. A PE beyond the radio may still
-send in that time.
+For `age`, a frame is recognized by its bytes. An injected error may alter data so that the CRC does not show it. Then
+the frame that a gateway sends may differ in one byte from the frame that it has received.
 """
 
 from collections import defaultdict

@@ -1,16 +1,16 @@
 """Reads a recording: the masterships of its managers, and for each what the manager commanded and heard.
 
-A *mastership* is identified by its LEASEs: their sender (126 or 127) and their term. It begins T_lease before its first
-LEASE, since a manager listens for T_lease before it sends, and ends with its last LEASE. A *decision* is the first
+A *mastership* is identified by the sender (126 or 127) and the term of its LEASEs. It begins T_lease before its first
+LEASE, since a manager listens for T_lease before it sends. It ends with its last LEASE. A *decision* is the first
 PREPARE of an epoch, or the first ACTIVATE of an epoch with a certain step; repetitions are no decisions.
 
 A mastership whose beginning was not recorded cannot be replayed: decisions before the recording are unknown. Such a
 mastership is recognized by its first LEASE, which already names an epoch.
 
 Lines that are no frames are counted. A recording may hold several buses, which differ in the name of the channel. The
-manager's bus is the channel that the user names. If the user names none, it is the channel with the bus's name in the
-spec, or the only channel. For a replicated bus the user may name both channels, separated by a comma; each frame then
-counts once.
+user may name the channel of the manager's bus. Without this name, the manager's bus is the only channel, or the channel
+that has the name of the bus in the spec. For a replicated bus the user may name both channels, separated by a comma;
+each frame then counts once.
 """
 
 from collections.abc import Sequence
@@ -83,9 +83,9 @@ def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
 def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str | None) -> list[LoggedFrame]:
     """Return the frames of the manager's bus.
 
-    channel: the name of that bus in the recording; both channels of a replicated bus, with a comma between them. None:
-        the channel with the bus's name in the spec, or the only channel.
-    Raises UserError if the recording does not show which bus is the manager's.
+    channel: the name of that bus in the recording; for a replicated bus the names of both channels, separated by a
+        comma. None: the only channel, or the channel that has the name of the bus in the spec.
+    Raises UserError if no frame of the recording is on one of these channels.
     """
     channels = list(dict.fromkeys(logged.channel for logged in frames))
     if channel is None:

@@ -1,8 +1,12 @@
 """Flies a script with real processes: every manager and PE is a process, on software buses or on a given bus.
 
-Time is real, and the computer runs other programs. So an output may be late by 100 ms before it counts as silent, an
-expectation during the start of a process gets 3 s more, and no golden trace is compared. `--patience N` multiplies the
-100 ms by N, and also the time within which an expectation must come true.
+Time is real, and the computer also runs other programs. So three things differ from a simulated flight:
+
+    - an output may be late by 100 ms before it counts as silent
+    - an expectation during the start of a process gets 3 s more
+    - no golden trace is compared
+
+`--patience N` makes the 100 ms N times as long, and also the time within which an expectation must come true.
 
 Partitions load their code when their first module starts. So the script begins when all functions that the first
 configuration serves have been heard, but no later than `LOADING_S` seconds after this configuration runs.

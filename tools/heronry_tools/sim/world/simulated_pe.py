@@ -69,12 +69,14 @@ class SimulatedPe(Node):
         witness: Callable[[Copy], None],
         lacks: frozenset[str] = frozenset(),
     ) -> None:
-        """Join each of `buses`, which are given by name with their channels, and start the PE.
+        """Join the buses of the PE's table, and start the PE.
 
+        buses: the channels of each bus, by the name of the bus
         drive: is called with every step of a module that drives an output
-        look: is called with a part of the steps of all other modules
+        look: is called with some of the steps of all other modules
         move: is called when the PE allows a device to move
-        broken: by module, or by NAME@PE: how the module fails in its steps, or ASKS and the phase that it requests
+        broken: what a module does in its steps, by module or by NAME@PE: a way to fail, or ASKS and the phase that it
+            requests
         broke: is called with the name of a module that has raised an error or given a value outside its type's range
         witness: is called with every copy of a frame on a replicated bus
         lacks: modules whose code is missing on this PE

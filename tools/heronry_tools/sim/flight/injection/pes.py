@@ -30,7 +30,7 @@ def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
 def _on_living(do: Callable[[Simulation, Fault, Random], End | None]) -> Inject:
     """Make an injection that applies `do` to the PE that the fault names, if this PE runs.
 
-    At the end of the fault, the fault is ended in the incarnation of the PE that runs then.
+    The PE may restart during the fault. The fault is ended in the incarnation that runs at its end.
     """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:

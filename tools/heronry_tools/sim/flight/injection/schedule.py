@@ -1,10 +1,12 @@
-"""Injects the faults of one flight, each at its time or in the state for which it waits, and ends each at its time.
+"""Injects the faults of one flight: when each fault begins, and when it ends.
 
-The functions that inject each kind are in the other files of this folder. The oracles read from `injected` what was
-injected, and when.
+A fault begins at its time, unless it waits for a state of the protocol. Then it begins shortly after the protocol has
+entered that state, but no later than WAITS_MS after its time. It ends after its duration. The functions that inject
+each kind of fault are in the other files of this folder. The oracles read from `injected` what was injected, and when.
 
-Each fault has its own random generator, whose seed consists of the flight's seed and the text of the fault. So removing
-one fault from a list does not change the others, which allows `shrink` to shorten a failing list.
+Each fault has its own random generator. The seed of this generator consists of the flight's seed and the text of the
+fault. So removing one fault from a list does not change the others, and `shrink` can shorten a list that makes a flight
+fail.
 """
 
 from collections import Counter
@@ -119,8 +121,8 @@ class Injections:
     def _element(self, fault: Fault) -> str:
         """Return the element that counts as down during a fault.
 
-        For a fault of a replicated bus at one PE, it is the channel that the PE loses. For any other fault, it is the
-        target.
+        If a fault concerns a replicated bus at one PE, this element is the channel that the PE loses. For any other
+        fault it is the target of the fault.
         """
         bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].target_kind == "twin_pe" else None
         return fault.target if bus is None else f"channel:{bus}.{fault.level}"
