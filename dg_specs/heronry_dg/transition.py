@@ -282,10 +282,11 @@ class _Mixtures:
     def makes_room(
         self, waited_for: Collection[str], limits: Mapping[str, int], preferred: Collection[str]
     ) -> dict[str, tuple[str, ...]]:
-        """Find a minimal set of further PEs to wait for, with the buses on which each makes room.
+        """Find a minimal set of further PEs to wait for, with the buses on which each of these PEs makes room.
 
-        waited_for: PEs for which the manager waits anyway. limits: of each bus, in thousandths of a bit/s.
-        preferred: other PEs are added only if these do not suffice.
+        waited_for: PEs for which the manager waits anyway.
+        limits: the limit of each bus, in thousandths of a bit/s.
+        preferred: PEs to choose first; other PEs are added only if the preferred ones do not suffice.
         """
         over = self._over(waited_for, limits)
         added: list[str] = []

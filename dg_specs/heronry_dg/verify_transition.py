@@ -265,10 +265,12 @@ def _loads(
     gateways: Mapping[str, str] | None = None,
     choices: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, int]:
-    """Compute the load of each bus, in thousandths of a bit/s, from what the PEs in `states` publish in these states.
+    """Compute the load of each bus, in thousandths of a bit/s, from the sources that some PEs publish.
 
-    gateways: state in which each gateway forwards. A gateway that this map lacks forwards onto every bus onto which it
-    forwards in any of its `choices`. Without this map the gateways forward by `states`.
+    states: the PEs that publish, each with its state.
+    gateways: gateways, each with the state by which it forwards. None: each gateway forwards by its state in `states`.
+    choices: the possible states of each PE. A gateway that `gateways` lacks forwards whatever it forwards in any of
+        these states.
     """
     loads = dict.fromkeys(case.left.bus_mbit_per_s, 0)
     keys = _forward_keys(case)

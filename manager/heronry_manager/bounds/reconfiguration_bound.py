@@ -228,9 +228,10 @@ class Bounds:
         return replace(burst, heads=0, paced=stragglers, broadcasts=burst.broadcasts + 1, answers=burst.answers + 1)
 
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
-        """Give the number of SLICE frames for one PE: one head, and the bodies unless the PE runs that slice already.
+        """Give the number of SLICE frames for one PE: one head, and the bodies of its new slice.
 
-        If several PEs are lost or return, this is the number for the longer of the two slices.
+        - A PE that did not return, and runs the same slice already, gets no bodies.
+        - If several PEs are lost or return, the longer of two slices counts: the PE's slice before, or after.
         """
         node = self._spec.pes[pe].node_id
         length = len(after.slices[node])

@@ -20,10 +20,13 @@ A PE with a latched fault is barred: whatever it sends, it is not available unti
 A report that the manager's own bus has failed changes no plan: the report was heard on that bus, and a plan without
 that bus would stop everything in flight.
 
-A standby manager hears each latched fault in turn (`announcing`), and each CLEAR once. It drops a fault that was not
-announced for three turns. So after a lost CLEAR it drops the fault some heartbeat periods later. A manager that advises
-beside the active one does the same, with one exception: a fault that the operator has reported to the advising manager
-itself. That fault is an assumption, and stays until another report on the element comes.
+The active manager announces all latched faults, one after the other and again and again (`announcing`); it sends each
+CLEAR once. A standby manager drops a fault that was missing in three rounds of these announcements. So if a CLEAR is
+lost, the standby manager drops the fault some heartbeat periods later.
+
+A manager may also only advise the operator, while another manager is active. It follows the announcements in the same
+way, with one exception: a fault that the operator has reported to this manager itself. Such a fault is an assumption,
+and stays until another report on the element comes.
 
 The whole situation survives a restart (`memory`), and so does a quarantine.
 """
@@ -59,7 +62,7 @@ class PlanNeeded:
     """A plan is needed, because the situation has changed.
 
     cause: why a plan is needed, in words.
-    since_ns: when the old situation was last known to hold, such as the last frame of a lost PE; None: now.
+    since_ns: when the old situation was last known to hold, such as the time of the last frame of a lost PE; None: now.
     """
 
     cause: str
