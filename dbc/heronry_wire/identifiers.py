@@ -216,11 +216,13 @@ class Source:
 def allocate(sources: Iterable[Source]) -> dict[tuple[str, str], int]:
     """Allocate an identifier to every (producer, variable).
 
-    If a variable has a standard identifier, its best producer gets this identifier: the producer with the lowest
-    `best_version`, and among equals the first in the spec. Every other pair gets an allocated identifier. The more
-    critical source gets the identifier of higher priority; among equals the faster one, then the first in the spec.
-    Raises WireError where more than 221 identifiers would have to be allocated, or where a standard identifier is
-    outside 300..1499 or claimed by two variables.
+    - If a variable has a standard identifier, one producer gets it: the one with the lowest `best_version`; of equal
+      ones, the first in the spec.
+    - Every other pair gets an allocated identifier. The highest priority on the bus goes to the most critical source;
+      of equal ones, to the one with the highest rate; then to the first in the spec.
+
+    Raises WireError if more than 221 identifiers would have to be allocated, if two sources are the same pair, or if a
+    standard identifier is outside 300..1499 or claimed by two variables.
     """
     ordered = sorted(sources, key=lambda source: source.order)
     pairs = {(source.producer, source.variable) for source in ordered}

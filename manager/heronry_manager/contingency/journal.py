@@ -60,7 +60,7 @@ class Journal:
             self._stream.close()
 
     def add(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
-        """Append an answer, the plan for these faults; after this call the answer survives if the process is killed.
+        """Append an answer: the plan for these faults. Once this call returns, a kill of the process loses it no more.
 
         Raises JournalError if the disk is full; the next run can still use the earlier lines.
         """

@@ -6,7 +6,7 @@ together.
 
 Groups are used only if the agent was started in a group that it may divide. Systemd marks such a group with the
 attribute `user.delegate` (`Delegate=` in the unit). A divided group must not contain a process itself (cgroups(7)). So
-the agent first moves to a group below:
+the agent first moves to a group below it:
 
     heronry-agent@nav.service     delegated
         agent                     the agent

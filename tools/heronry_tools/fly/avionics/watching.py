@@ -1,8 +1,8 @@
 """Modules that watch devices, and the control loop of the rover's tracking head.
 
 - `AccuracyMonitor` watches a GPS receiver with differential corrections. From the velocity over the last `WINDOW_S`
-  seconds it computes where the receiver should be. If the receiver's position is more than `MOST_M` metres away from
-  there, three times in a row, the receiver has lost its corrections, and the monitor reports it. An error that takes
+  seconds it computes where the receiver should be. If the receiver's position is off by more than `MOST_M` metres on
+  one axis, three times in a row, the receiver has lost its corrections, and the monitor reports it. An error that takes
   longer than `WINDOW_S` to grow so far is not detected. The monitor reports nothing in its first `WINDOW_S`, because
   sensors that start at different times disagree at first.
 - `SurfaceMonitor` computes from the commands where a surface with a healthy servo would be. If the surface is elsewhere

@@ -5,8 +5,8 @@ Two facts show which spec was flown:
 - The digest of a slice depends on the digest of the spec. If all bytes of a slice were sent, the digest can be checked.
 - If PREPARE names a contingency by its number, a contingency with the digest in PREPARE must be on board.
 
-If one such check succeeds, the mastership was flown with this spec. If all checks fail, no part of the mastership is
-replayed, and the first failed check is reported as the reason.
+If one check succeeds, or if no check is possible, the mastership counts as flown with this spec. If all checks fail,
+no part of the mastership is replayed, and the first failed check is reported as the reason.
 """
 
 from collections.abc import Iterable, Iterator
