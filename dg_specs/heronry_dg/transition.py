@@ -8,20 +8,22 @@ During a transition each PE is in one of these states:
     after    after GO_ALL: the PE runs its part of the new configuration. After GO it runs the same part, without the
              DEMUX branches that are new on this PE
 
-The PEs do not change their states at the same instant (protocol rule 4). So for a while some PEs are `before` while
-others are `after`: a *mixture*. No PE exceeds its own capacity, since it stops old modules before it starts new ones.
-But a mixture may overload a bus, or let two PEs drive something exclusive.
+The PEs do not change their states at the same instant (protocol rule 4). So for a while they are in different states:
+a *mixture*. No PE exceeds its own capacity, since it stops old modules before it starts new ones. But a mixture of
+`before` and `after` may overload a bus, or let two PEs drive something exclusive.
 
-If all PEs execute BREAK before any PE executes GO, neither can happen: a mixture with `broken` loads no bus more than
-the old or the new configuration does. But the answers to BREAK cost a round trip, in which modules that move do not
-run. Hence there are three kinds of transitions:
+Neither can happen if all PEs execute BREAK before any PE executes the next step. A mixture of `before` and `broken`
+loads no bus more than the old configuration does. A mixture of `broken` and `after` loads no bus more than the new
+configuration does. But the answers to BREAK cost a round trip, in which modules that move do not run. So the steps
+depend on the case:
 
-    GO_ALL             if no mixture of `before` and `after` exceeds the limit of a bus, and nothing exclusive moves
-    BREAK, GO_ALL      otherwise. The manager waits for the BREAK of as few PEs as possible: PEs that give up something
-                       exclusive, and PEs that make room on a bus whose limit would be exceeded. Of the latter it
-                       prefers PEs that are reached by wire, since a radio is slow
-    with GO before     if a PE that drove a DEMUX has become silent. The new branch (or end of `to`) is held until the
-    GO_ALL             old one has certainly stopped
+    GO_ALL          if no mixture of `before` and `after` exceeds the limit of a bus, and nothing exclusive moves
+    BREAK, GO_ALL   in all other cases. The manager waits for the BREAK of as few PEs as possible: PEs that give up
+                    something exclusive, and PEs that make room on a bus whose limit would be exceeded. To make room it
+                    prefers PEs that are reached by wire, since a radio is slow
+
+If a PE that drove a DEMUX has become silent, there is also the step GO before GO_ALL. The new branch (or end of `to`)
+is held until the old one has certainly stopped.
 
 A PE for which the manager does not wait changes over when a command reaches it. A module that does not change is not
 interrupted.

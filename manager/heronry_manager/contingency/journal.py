@@ -60,7 +60,7 @@ class Journal:
             self._stream.close()
 
     def add(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
-        """Append an answer: the plan for these faults. Once this call returns, a kill of the process loses it no more.
+        """Append an answer: the plan for these faults. If the process is killed after this call, the answer is not lost.
 
         Raises JournalError if the disk is full; the next run can still use the earlier lines.
         """

@@ -87,7 +87,8 @@ class Choosing(Choice):
     def _add_capacities(self) -> None:
         """Limit the CPU, memory and flash of modes to the room on the PEs that can run these modes.
 
-        There is one limit for all PEs together, and one for each set of PEs that is the set of all PEs for some mode.
+        There is one limit for all PEs together. For the PEs that can run a mode there is another limit: it covers all
+        modes that can run only on these PEs.
         """
         modules = self.possible.modules
         everywhere = frozenset(self.possible.left.pe_cpu_millis)
