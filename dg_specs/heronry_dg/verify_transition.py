@@ -2,8 +2,8 @@
 
 The verifier tries every combination of states that the PEs could have during the steps. If there are too many
 combinations, it assumes for each bus the worst state of each PE that is no gateway. The result is still exact, since
-the loads of PEs add up. If there are still too many combinations, it does the same for gateways; then the result is
-safe but not exact. The verifier makes no choice, and shares no code with `transition`.
+the loads of PEs add up. If there are still too many combinations, it assumes the worst state of some gateways, too.
+Then the result is safe but not exact. The verifier shares no code with `transition`, which finds the steps.
 
     t.steps      the steps are not in the required order: BREAK before GO before GO_ALL, and GO_ALL last
     t.wait       the manager would wait for a PE that cannot answer; or there is a step BREAK without PEs to wait for,

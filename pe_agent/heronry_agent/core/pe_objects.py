@@ -5,7 +5,8 @@ read. A client can write these objects:
 
     heartbeat time      any time that `network_management` admits
     number of errors    only 0, which empties the list of errors
-    table               - A PE that waits for a table (`table_waiting`) takes a table that can be used and has its node-ID
+    table               - A PE that waits for a table (`table_waiting`) takes a table that can be used, and that has the
+                          node-ID of this PE
                         - A PE that has a table accepts only the same table again
                         - A PE that runs a configuration accepts no table, since its many bytes would load the bus
 

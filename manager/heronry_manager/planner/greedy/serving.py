@@ -142,8 +142,9 @@ class Server:
     def _clear(self, module: int, mode: int, pe: int) -> bool:
         """Move modules from a PE, one by one, until a mode fits there; tell whether it fits.
 
-        Each time the smallest module that makes enough room is moved, or, if no module makes enough, the largest one.
-        If the mode does not fit in the end, nothing has changed.
+        Of the modules that fit elsewhere, the smallest one that makes enough room is moved. If no single module makes
+        enough room, the largest one is moved, and then the search goes on. If the mode does not fit in the end, the
+        draft is unchanged.
         """
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]

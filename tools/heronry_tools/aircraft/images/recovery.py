@@ -4,10 +4,10 @@ The logic of the parachute has two inputs, the release command and the altitude.
 parachute shut (section 3.1 of the paper by Rawashdeh et al.). The parachute opens in one of three cases:
 
 - the release command is given;
-- the command has been missing for 3 s, and the aircraft, which has been above 3 000 m, is below the opening altitude:
-  further down, a command would come too late;
-- *by default*: both inputs have been missing for 3 s, which is longer than a reconfiguration takes, and longer than the
-  inputs need after a start.
+- the command has been missing for 3 s, and the aircraft has been above 3 000 m and is now below the opening altitude.
+  Further down, a command would come too late;
+- *by default*: both inputs have been missing for 3 s. This is longer than a reconfiguration takes, and longer than the
+  inputs need to come after a start.
 
 The balloon's line is cut in one of three cases:
 

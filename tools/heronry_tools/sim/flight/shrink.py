@@ -10,8 +10,8 @@ Each change of the list is tried in a flight. It is kept if this flight still fa
 Without one fault, another fault may meet another state of the flight. So the search may miss a shorter list. But the
 random numbers of a fault do not depend on the other faults (`injection.schedule`).
 
-Source: Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002): the algorithm ddmin,
-without the steps that try one part of the list by itself.
+Source: Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002). Step 1 is their
+algorithm ddmin, without the steps that try one part of the list by itself.
 """
 
 from collections.abc import Callable

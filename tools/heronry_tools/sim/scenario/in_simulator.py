@@ -3,7 +3,7 @@
 A flight must meet the expectations of its script. Besides, the oracles of the simulator verify it in the same way as a
 drawn flight (`end_of_flight`):
 
-- The rules that must always hold were never violated, and each function was served whenever it could be.
+- The rules that must always hold were never violated, and each critical function was served whenever it could be.
 - The aircraft converges. For this, every fault that can be ended is ended after the script.
 
 An exception of a core ends the flight, which then fails.
