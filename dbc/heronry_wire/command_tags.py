@@ -129,8 +129,8 @@ class CommandVerifier:
     ) -> Held | Refusal:
         """Take a TAG; give the held command that it makes valid, or the reason why the TAG is refused.
 
-        nonce: the nonce that this PE sent last, if the answer to it may still come. is_counted: whether a refusal is
-        counted in `refused`; false where the TAG may belong to an answer to another node.
+        nonce: the nonce that this PE sent last, if the answer to it may still come.
+        is_counted: whether a refusal is counted in `refused`; False if the TAG may belong to an answer to another node.
         """
         found = self._find(manager, data, arrived_ns, nonce)
         if isinstance(found, Refusal) and is_counted:
@@ -140,7 +140,8 @@ class CommandVerifier:
     def recognized(self, manager: int, data: bytes) -> Held | None:
         """Give the newest held command if the TAG `data` proves that `manager` sent it at some time; else None.
 
-        Used for a manager of which no command has been accepted yet. The command is not accepted: it may be a replay.
+        This method is for a manager of which no command has been accepted yet. The command that it gives does not count
+        as accepted, since it may be a replay.
         """
         fields = decode_tag(data)
         if fields is None or not self._held[manager, fields[0]]:

@@ -22,8 +22,8 @@ depend on the case:
                     something exclusive, and PEs that make room on a bus whose limit would be exceeded. To make room it
                     prefers PEs that are reached by wire, since a radio is slow
 
-If a PE that drove a DEMUX has become silent, there is also the step GO before GO_ALL. The new branch (or end of `to`)
-is held until the old one has certainly stopped.
+If a PE that drove a DEMUX has become silent, the step GO comes before GO_ALL. The new branch (or end of `to`) starts
+only with GO_ALL, when the old one has certainly stopped.
 
 A PE for which the manager does not wait changes over when a command reaches it. A module that does not change is not
 interrupted.

@@ -4,7 +4,8 @@ The time is the sum of four parts:
 
     detect      the time until the manager knows of the fault or of the return:
                 - A silent PE is declared down `misses` periods and a quarter after its last state has arrived. The
-                  period is the heartbeat period of its uplink. The time of the last state on the buses is added
+                  period is the heartbeat period of its uplink. The bound adds the time for which the last state was
+                  on its way over the buses
                 - A fault that a module reports is detected when its EMCY has arrived
                 - A PE that returns sends within a period, and is then held down for ten periods. (Each recent loss
                   doubles the hold-down; the bound assumes no recent loss)

@@ -10,12 +10,12 @@ Time       A beat (state frame) is late a quarter of a period after it was due. 
            deadline.
 
 Reboot     If the incarnation of a PE has changed, the PE has rebooted, and what ran on it has stopped. This is so even
-           if no beat was missed. The PE becomes DOWN, and with the same frame RETURNING. `deployment` finds a PE that
-           reports UNCONFIGURED although it was given a configuration; the manager then fails this PE (`fail`).
+           if no beat was missed. The PE becomes DOWN, and with the same frame RETURNING, unless it is barred. If a PE
+           reports UNCONFIGURED although it was given a configuration, the manager fails this PE (`deployment`).
 
-Hold-down  With each loss the hold-down of a PE doubles, up to a minute. A hold-down longer than the shortest one is
-           called quarantine. The losses are forgiven when the PE has been available for a minute, or when the operator
-           lets it in (`forgive`). If this manager itself has heard nothing, the losses of the PEs are discounted
+Hold-down  With each further loss the hold-down of a PE doubles, up to a minute. A hold-down longer than the shortest
+           one is called quarantine. The losses are forgiven when the PE has been available for a minute, or when the
+           operator lets it in (`forgive`). If this manager itself has heard nothing, the losses of the PEs are discounted
            (`discount_losses`). So a manager whose receiver fails now and then does not put all PEs into quarantine.
 
 Receiver   A PE whose receiver has failed may still send. It then reports that it hears no LEASE. If it reports this for
@@ -24,14 +24,14 @@ Receiver   A PE whose receiver has failed may still send. It then reports that i
            the PE hears a LEASE again. If more than half of the available PEs report that they hear no LEASE, the fault
            is on the manager's side. Then no PE is failed, and the running configuration continues.
 
-Takeover   Two kinds of PEs were available to the previous manager, and are treated in a special way:
-           `await_again`: the PE has proven nothing to this manager yet. It becomes WAITING again. ALIVE names it until
-           the start-up window closes, and its outputs are given to no other PE in this time. If the PE stops sending,
-           it becomes DOWN, and the manager no longer waits for it.
-           `inherited`: the PE still runs the previous manager's configuration. It is not held down, since only this
-           manager did not hear it.
+Takeover   Two rules hold for a PE that was available to the previous manager:
+           - If the PE has proven nothing to this manager yet, it becomes WAITING again (`await_again`). ALIVE names it
+             until the start-up window closes, and its outputs are given to no other PE in this time. If the PE stops
+             sending, it becomes DOWN, and the manager no longer waits for it.
+           - If the PE still runs the previous manager's configuration, it is not held down (`inherited`), since only
+             this manager did not hear it.
 
-Barred     A PE on which a fault is latched stays DOWN, whatever it sends, until the operator lets it in again.
+Barred     A PE on which a fault is latched stays DOWN, whatever it sends, until the fault is cleared.
 """
 
 from collections.abc import Iterable

@@ -20,8 +20,8 @@ A PE with a latched fault is barred: whatever it sends, it is not available unti
 A report that the manager's own bus has failed changes no plan: the report was heard on that bus, and a plan without
 that bus would stop everything in flight.
 
-The active manager announces all latched faults, one after the other and again and again (`announcing`); it sends each
-CLEAR once. A standby manager drops a fault that was missing in three rounds of these announcements. So if a CLEAR is
+The active manager announces all latched faults repeatedly, one after the other (`announcing`). It sends each CLEAR only
+once. A standby manager drops a fault that was missing in three rounds of these announcements. So if a CLEAR is
 lost, the standby manager drops the fault some heartbeat periods later.
 
 A manager may also only advise the operator, while another manager is active. It follows the announcements in the same

@@ -9,8 +9,8 @@
               acknowledges it; the PE repeats the EMCY until it is acknowledged. A notice (`module_notices`) is not
               acknowledged. An EMCY that reports a reset has no effect, since the incarnation shows the reset
 
-A page that cannot be decoded has no effect. When a manager that has fallen silent hears a page again, it listens for
-T_lease. It forgets everything except what its journal holds (`memory`).
+A page that cannot be decoded has no effect. When a manager that has fallen silent hears a page again, it forgets
+everything except what its journal holds (`memory`), and listens for T_lease.
 """
 
 from heronry_manager.core.mastership import Mastership

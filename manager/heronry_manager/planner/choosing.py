@@ -4,7 +4,7 @@ A *choice* says which modules run, and in which modes, but not on which PEs.
 
     choose   Find the best choice, as if all PEs that can run a mode were one large PE. This problem is small: some
              hundred literals. A legal configuration is never better than the best choice, so the value of the best
-             choice is an upper bound on levels 1 and 2. Mostly a legal configuration reaches this bound
+             choice is an upper bound on levels 1 and 2. As a rule a legal configuration reaches this bound
     pack     Of all choices with this value, take the one that needs the least CPU, since it leaves the most room. The
              search then fixes this choice in its own model, and has to find only the PEs
 

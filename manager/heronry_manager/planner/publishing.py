@@ -108,7 +108,7 @@ class Publishing:
             yield literal, rates.get((producer, variable, bus)) == rate_mhz
 
     def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
-        """Add constraints: a link between different sides of `bus` makes its source published on `bus`.
+        """Add constraints: if a link leads from one side of `bus` to another, its source is published on `bus`.
 
         link: consumer, producer, variable.
         literals: the possible wires of the link; one is true if the link is wired, and none if not.

@@ -4,7 +4,7 @@ A PE accepts a command if two conditions hold:
 
 - The command comes on the uplink of the PE. So a node beyond a gateway cannot command the PE.
 - The command comes from the active manager: the manager with the highest term that the PE has heard. A SLICE carries no
-  term; it counts as part of the present term.
+  term; it is accepted if the active manager has sent it.
 
 The agent executes an accepted command. A gateway also forwards the command to its far buses. A refused command is
 counted. If its term is too old, the PE reports STALE_TERM once, in page 1 of its state.

@@ -117,7 +117,7 @@ class Server:
 
         1. The old PE of the module, if it has room. While adopting, this is the only PE.
         2. The other PEs with room, the emptiest first.
-        3. If no other PE has room: one PE, after other modules have been moved away from it (`_clear`).
+        3. If no other PE has room, and `moving` is set: one PE, after modules have been moved away from it (`_clear`).
 
         With `tight`, the old PE is treated like the others, and the fullest PE comes first.
         """

@@ -3,7 +3,7 @@
 The voter publishes the middle of three pressures, so one wrong sensor never determines the output. Of two pressures
 that differ, the voter publishes the one that is nearer to its last output.
 
-The voter reports a sensor whose pressure has differed from the middle for a second without a break:
+The voter reports a sensor whose pressure has differed from the middle for a second without a break. In detail:
 
 - The report is repeated each second, since the operator may have cleared the fault.
 - Nothing is reported while a pressure is missing. If the other two differ, either may be wrong.

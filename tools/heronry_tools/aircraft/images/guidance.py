@@ -10,8 +10,8 @@ There are two outer loops (source: the paper by Rawashdeh et al. that docs/seman
 Both publish commands in degrees. The inner loops (control.py) limit the commands, and keep flying if none comes.
 
 If only gyros measure the attitude, the measured bank is wrong after a long turn. The aircraft would bank more and more
-while it circles over the field. Its track shows this error: the aircraft turns faster than with the commanded bank. So
-`Guidance` then commands less bank, by a learned correction, down to level wings.
+while it circles over the field. Its track shows this error: it turns faster than it should with the commanded bank. So
+`Guidance` learns a correction, and commands less bank, down to level wings.
 
 A restart of `Guidance` loses this correction; to learn it again takes half a minute. A restart of `OrbitAutopilot`
 loses nothing, since every command depends only on the inputs of one step.

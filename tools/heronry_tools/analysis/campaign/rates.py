@@ -1,8 +1,8 @@
 """The likelihood that a function is lost within one hour, from the failure rates of a spec: a lower and an upper bound.
 
 Elements fail independently. An element with rate r fails within the hour with the probability 1 - exp(-r), which is at
-most r. A function is lost when all elements of one of several fault sets fail. The known fault sets have at most as
-many elements as the *order* of the scope. The probability of a set is the probability that all its elements fail.
+most r. A function is lost when all elements of one of several fault sets fail. Such sets are known up to a number of
+elements, the *order* of the scope. The probability of a set is the probability that all its elements fail.
 
     lower bound   The greater of two values:
                   1. The sum of the probabilities of the likeliest known sets, minus a correction (Bonferroni). The
@@ -15,7 +15,7 @@ many elements as the *order* of the scope. The probability of a set is the proba
 
 Sets that have an element without a rate are left out of the lower bound. If an element of the scope has no rate, there
 is no upper bound. The lower bound is valid on one assumption: after a fault set that loses the function, a further
-fault does not bring the function back. (The best plan may give up a function that could be served.)
+fault does not bring the function back. (This could happen if the best plan gives up a function that could be served.)
 
 The upper bound also covers fault sets with more elements than the order; the lower bound leaves them out.
 """
