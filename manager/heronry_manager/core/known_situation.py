@@ -13,7 +13,7 @@ A method that changes the situation gives the consequences as values, which the 
 All elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`), are down.
 `radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
 priorities. `lost_channels`, `module_notices` and `restarts_told` only make reports, and change no plan. The head of
-each file says what follows from a lost, late, doubled or forged message.
+each of these files says what follows from a lost, late, doubled or forged message.
 
 A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
 
