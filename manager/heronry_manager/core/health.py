@@ -15,8 +15,9 @@ Reboot     If the incarnation of a PE has changed, the PE has rebooted, and what
 
 Hold-down  With each further loss the hold-down of a PE doubles, up to a minute. A hold-down longer than the shortest
            one is called quarantine. The losses are forgiven when the PE has been available for a minute, or when the
-           operator lets it in (`forgive`). If this manager itself has heard nothing, the losses of the PEs are discounted
-           (`discount_losses`). So a manager whose receiver fails now and then does not put all PEs into quarantine.
+           operator lets it in (`forgive`). If this manager itself has heard nothing, the losses of the PEs are
+           discounted (`discount_losses`). So a manager whose receiver fails now and then does not put all PEs into
+           quarantine.
 
 Receiver   A PE whose receiver has failed may still send. It then reports that it hears no LEASE. If it reports this for
            longer than T_lease of the slowest bus on the way to it, although the manager sends, no command reaches the
