@@ -8,7 +8,7 @@ If several elements use the same unknown name, the mistake is probably in its de
 - A similar name is declared and used. Then it is unclear which name the author meant: the findings stay at the uses.
 
 If only one element uses an unknown name, the use counts as misspelt, and the finding stays there. The declaration
-counts as misspelt instead if all of these conditions hold. The words of a name are its parts between underscores.
+counts as misspelt instead if all of these conditions hold (the words of a name are its parts between underscores):
 
 - An element with a similar name is declared, and nothing uses that element.
 - Take the words of the declared name that the used name lacks: none of them occurs elsewhere in the file.

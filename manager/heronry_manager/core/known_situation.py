@@ -1,11 +1,11 @@
 """The situation as the manager knows it: what is down, what is limited, the phase, and changed priorities.
 
-A method that changes the situation gives the consequences as values, which the caller hands to `reactions` in order:
+A method that changes the situation returns the consequences. The caller hands them to `reactions`, in their order:
 
     HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
     PlanNeeded        the running plan was made for another situation
     LimitChanged      a radio has another limit: the running plan may still be the best one
-    PeAsked           a module suspects a PE
+    PeAsked           a module suspects a PE: the manager sends this PE a PING
     TargetAsked       the operator orders the configuration that a script makes, the target
     TargetReleased    the operator ends a script
     ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
@@ -21,8 +21,8 @@ A report that the manager's own bus has failed changes no plan: the report was h
 that bus would stop everything in flight.
 
 The active manager announces all latched faults repeatedly, one after the other (`announcing`). It sends each CLEAR only
-once. A standby manager drops a fault that was missing in three rounds of these announcements. So if a CLEAR is
-lost, the standby manager drops the fault some heartbeat periods later.
+once. A standby manager drops a fault that was missing in three rounds of these announcements. So if a CLEAR is lost,
+the standby manager drops the fault some heartbeat periods later.
 
 A manager may also only advise the operator, while another manager is active. It follows the announcements in the same
 way, with one exception: a fault that the operator has reported to this manager itself. Such a fault is an assumption,
