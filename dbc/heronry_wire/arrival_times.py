@@ -1,18 +1,17 @@
-"""Computes the time of CLOCK_MONOTONIC at which a frame arrived. SocketCAN stamps frames with the clock of the day.
+"""Converts the time-stamp of a received frame to the time of arrival on CLOCK_MONOTONIC.
 
-The clock of the day may be set while a node flies, even by hours. It also runs on while a computer is suspended, and
-CLOCK_MONOTONIC does not. So the difference between two time-stamps, or between a time-stamp and the present time, may
-have any value. Before each reading of the bus, the caller takes a *look*: it reads both clocks. Two rules limit the
-error in the time of arrival if the clock of the day was set between two looks:
+SocketCAN stamps frames with the clock of the day. An operator or a program may set this clock in flight, even by hours.
+While a computer is suspended, this clock runs on, and CLOCK_MONOTONIC does not. So a time-stamp alone does not show how
+old a frame is. Each time before it reads the bus, the caller takes a *look*: it reads both clocks. Between two looks
+the clock of the day may have been set. Two rules limit the error that this causes:
 
-    empty queue   if the queue of the bus was empty after a reading, each frame that is read later arrived after the
-                  look that came before that reading
-    two offsets   the time-stamp was taken either before or after the clock was set. So the time of arrival is computed
-                  with the difference of the clocks at each of the last two looks, and the earlier result counts
+    two offsets   The offset is the clock of the day minus CLOCK_MONOTONIC. The time of arrival is computed twice: with
+                  the offset at the last look, and with the offset at the look before. The earlier result counts
+    empty queue   If a reading leaves the queue of the bus empty, each frame that is read later has arrived after the
+                  look before this reading. No frame gets an earlier time of arrival than this look
 
-So a frame never seems newer than it is, even if the clock of the day is set: a process that was paused must not take an
-old LEASE for a new one. A frame also never seems to have arrived before the last look after which the queue was read
-empty; in a running node, this look was a few milliseconds ago.
+By the first rule a frame never seems newer than it is. So a process that was paused does not take an old LEASE for a
+new one. By the second rule a frame in a running node never seems more than a few milliseconds too old.
 
 The software bus stamps frames with CLOCK_MONOTONIC (`StampedMessage`); for these frames the clock of the day is not
 used. Apart from logs, no other file that runs in flight reads the clock of the day.
@@ -37,9 +36,10 @@ class StampedMessage(can.Message):
 
 
 class ArrivalTimes:
-    """Computes the ages of the frames of one bus.
+    """Computes the ages and the times of arrival of the frames of one bus.
 
-    The reader of the bus calls `look` before each reading, and `found_empty` after a reading that left no frame unread.
+    The reader of the bus calls `look` before each reading. It calls `found_empty` after a reading that has left no
+    frame unread.
     """
 
     def __init__(self) -> None:

@@ -1,10 +1,10 @@
 """Commands with their tags: how a manager numbers and tags them, and which of them a receiver accepts.
 
 Every command is followed by one frame TAG: the kind of the command, the lowest 13 bits of its number, and 48 bits of
-tag. A manager numbers its commands anew in each term, and never uses a term twice, so no two of its commands have the
-same term and number. A command is accepted when its TAG comes, and only if its number is above that of the last
-accepted command. `CommandVerifier` decides this, for a PE and for the standby manager alike. It has two states for each
-manager:
+tag. A manager numbers its commands anew in each term, and never uses a term twice. So no two commands of a manager have
+the same term and number. A command is accepted when its TAG comes, and only if its term and number are above those of
+the last accepted command. `CommandVerifier` decides this, in PEs and in the standby manager. It has one of two states
+for each manager:
 
     no place     no command of this manager is accepted: the receiver has just started, and frames may be old
     a place      (term, number) of the last accepted command; the next accepted command must be above it
@@ -12,14 +12,19 @@ manager:
 A PE gains a place only by a WELCOME, whose tag covers the nonce that the PE has just drawn. A standby manager sends no
 nonce, and gains a place by trying the upper bits of the number (`seek`).
 
-If a TAG is lost, its command is dropped when a later command of the same kind is accepted, or when a TAG of this kind
-comes more than `patience_ns` after the command. If a command is lost, its TAG is refused. A late command is refused if
-a newer one was accepted before. A doubled TAG is refused, since its number is not above that of the last accepted
-command. The tag of a forged, changed or replayed command, or of a command from another fleet, is not valid. None of
-these cases changes a place, and each case is counted in `refused`. A receiver that has missed 8 192 commands can no
-longer compute the whole number from the 13 bits in the TAG, and has to gain a place anew.
+None of these cases changes a place, and each one is counted in `refused`:
 
-The verifier holds a limited number of commands, and checks a limited number of tags for every TAG, so a flood of frames
+    lost TAG          the command is dropped when a later command of the same kind is accepted, or when a TAG of this
+                      kind comes more than `patience_ns` after the command
+    lost command      its TAG is refused
+    late command      is refused if a newer one was accepted before
+    doubled TAG       is refused, since its number is not above that of the last accepted command
+    false command     a forged, changed or replayed command, or one from another fleet: its tag is not valid
+
+A receiver that has missed 8 192 commands in a row can no longer compute the whole number from the 13 bits in the TAG.
+It has to gain a place anew.
+
+The verifier holds a limited number of commands, and checks a limited number of tags for every TAG. So a flood of frames
 cannot exhaust the receiver.
 """
 
@@ -124,8 +129,8 @@ class CommandVerifier:
     ) -> Held | Refusal:
         """Take a TAG; give the held command that it makes valid, or the reason why the TAG is refused.
 
-        nonce: the nonce that this PE sent last, if the answer to it may still come. is_counted: whether a refusal is
-        counted in `refused`; false where the TAG may belong to an answer to another node.
+        nonce: the nonce that this PE sent last, if the answer to it may still come.
+        is_counted: whether a refusal is counted in `refused`; False if the TAG may belong to an answer to another node.
         """
         found = self._find(manager, data, arrived_ns, nonce)
         if isinstance(found, Refusal) and is_counted:
@@ -135,7 +140,8 @@ class CommandVerifier:
     def recognized(self, manager: int, data: bytes) -> Held | None:
         """Give the newest held command if the TAG `data` proves that `manager` sent it at some time; else None.
 
-        Used for a manager of which no command has been accepted yet. The command is not accepted: it may be a replay.
+        This method is for a manager of which no command has been accepted yet. The command that it gives does not count
+        as accepted, since it may be a replay.
         """
         fields = decode_tag(data)
         if fields is None or not self._held[manager, fields[0]]:

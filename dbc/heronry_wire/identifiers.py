@@ -25,8 +25,9 @@ node has the same number in both:
 Ranges: CANaerospace V1.7 p.4-5, CiA 301 section 7.3. CANopen SYNC, PDOs and LSS fall on CANaerospace
 identifiers and are not used.
 
-This file keeps no state: the plan is fixed, and an allocation depends on its input alone, so two programs that read one
-spec agree. It covers 11-bit data frames only: a receiver checks the extended and the remote flag first.
+This file keeps no state: the plan is fixed, and an allocation depends only on its input. So two programs that read the
+same spec use the same identifiers. The plan covers 11-bit data frames only: a receiver checks the extended and the
+remote flag first.
 """
 
 from collections.abc import Iterable
@@ -198,10 +199,11 @@ def classify(can_id: int) -> Meaning:
 class Source:
     """A pair (producing module, variable), which needs an identifier.
 
-    standard: the standard identifier that the spec gives the variable, if any. best_version: version that the producer
-    gives in the first listed mode that gives the variable. criticality_rank: best criticality of the functions that the
-    source serves, in any phase: 0 (A) .. 4 (E). rate_mhz: rate at which the variable is sent, in thousandths of a
-    hertz. order: position of the source in the spec.
+    standard: the standard identifier that the spec gives the variable, if any.
+    best_version: the version in the producer's first listed mode that gives the variable.
+    criticality_rank: best criticality of the functions that the source serves, in any phase: 0 (A) .. 4 (E).
+    rate_mhz: rate at which the variable is sent, in thousandths of a hertz.
+    order: position of the source in the spec.
     """
 
     producer: str
@@ -216,11 +218,13 @@ class Source:
 def allocate(sources: Iterable[Source]) -> dict[tuple[str, str], int]:
     """Allocate an identifier to every (producer, variable).
 
-    If a variable has a standard identifier, its best producer gets this identifier: the producer with the lowest
-    `best_version`, and among equals the first in the spec. Every other pair gets an allocated identifier. The more
-    critical source gets the identifier of higher priority; among equals the faster one, then the first in the spec.
-    Raises WireError where more than 221 identifiers would have to be allocated, or where a standard identifier is
-    outside 300..1499 or claimed by two variables.
+    - If a variable has a standard identifier, one producer gets it: the one with the lowest `best_version`; of equal
+      ones, the first in the spec.
+    - Every other pair gets an allocated identifier. The highest priority on the bus goes to the most critical source;
+      of equal ones, to the one with the highest rate; then to the first in the spec.
+
+    Raises WireError if more than 221 identifiers would have to be allocated, if two sources are the same pair, or if a
+    standard identifier is outside 300..1499 or claimed by two variables.
     """
     ordered = sorted(sources, key=lambda source: source.order)
     pairs = {(source.producer, source.variable) for source in ordered}

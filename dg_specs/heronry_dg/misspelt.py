@@ -8,11 +8,11 @@ If several elements use the same unknown name, the mistake is probably in its de
 - A similar name is declared and used. Then it is unclear which name the author meant: the findings stay at the uses.
 
 If only one element uses an unknown name, the use counts as misspelt, and the finding stays there. The declaration
-counts as misspelt instead if all of these conditions hold. The words of a name are its parts between underscores.
+counts as misspelt instead if all of these conditions hold (the words of a name are its parts between underscores):
 
 - An element with a similar name is declared, and nothing uses that element.
-- The words that only the declared name has occur nowhere else in the file.
-- The words that only the used name has all occur elsewhere in the file.
+- Take the words of the declared name that the used name lacks: none of them occurs elsewhere in the file.
+- Take the words of the used name that the declared name lacks: each of them occurs elsewhere in the file.
 
 For example, `gsp` is declared, `gps` is used once, and `gps_altitude` is declared as well. Then `gsp` is misspelt.
 """
@@ -60,8 +60,10 @@ def blame_declarations(draft: Draft, findings: Findings) -> None:
 def _is_rather_meant(name: str, other: str, words: Counter[str]) -> bool:
     """Tell whether `name`, rather than `other`, is the name that the author meant.
 
-    The answer is yes if every word that only `name` has occurs elsewhere in the file, and no word that only `other` has
-    occurs elsewhere in the file.
+    The answer is yes if both conditions hold:
+
+    - Each word of `name` that `other` lacks occurs elsewhere in the file.
+    - No word of `other` that `name` lacks occurs elsewhere in the file.
     """
     one, two = set(name.split("_")), set(other.split("_"))
     return all(words[word] > 1 for word in one - two) and all(words[word] == 1 for word in two - one)

@@ -1,38 +1,40 @@
 """Transitions: the steps by which one configuration replaces another, and what must stop before other things start.
 
-PEs do not change over at the same instant (protocol rule 4), so for a while any mixture of the old and the new
-configuration may be on the buses. A single PE never exceeds its capacity: it stops the old modules before it starts the
-new ones, and each set fits. But PEs share buses, DEMUXes, and the identifiers of modules that move. The states of one
-PE:
+During a transition each PE is in one of these states:
 
     before   the PE runs its part of the old configuration
-    broken   after BREAK: the PE runs the modules that both configurations have on it in the same mode; it sends and
-             forwards only what it sends and forwards in both configurations
-    after    after GO_ALL: the PE runs its part of the new configuration; after GO the same, without DEMUX branches that
-             are new on this PE
+    broken   after BREAK: of its old modules, the PE runs only those that the new configuration has on it in the same
+             mode. It sends and forwards only what it sends and forwards in both configurations
+    after    after GO_ALL: the PE runs its part of the new configuration. After GO it runs the same part, without the
+             DEMUX branches that are new on this PE
 
-BREAK only removes modules and frames, the other steps only add them. So a mixture of `before` and `broken` loads no bus
-more than the old configuration, and a mixture of `broken` and `after` loads no bus more than the new configuration. If
-all PEs execute BREAK before any PE executes GO, no limit is exceeded. But this order costs a round trip, in which
-modules that move do not run. Hence there are two kinds of transitions:
+The PEs do not change their states at the same instant (protocol rule 4). So for a while they are in different states:
+a *mixture*. No PE exceeds its own capacity, since it stops old modules before it starts new ones. But a mixture of
+`before` and `after` may overload a bus, or let two PEs drive something exclusive.
 
-    one step     if no mixture of `before` and `after` exceeds the limit of a bus, and nothing exclusive moves
-    two steps    in all other cases. The manager waits for the BREAK of as few PEs as possible: PEs that give up
-                 something exclusive, and PEs that make room on a bus whose limit would be exceeded, preferably PEs
-                 that are reached by wire, since a radio is slow. All other PEs change over when the command reaches
-                 them
+Neither can happen if all PEs execute BREAK before any PE executes the next step. A mixture of `before` and `broken`
+loads no bus more than the old configuration does. A mixture of `broken` and `after` loads no bus more than the new
+configuration does. But the answers to BREAK cost a round trip, in which modules that move do not run. So the steps
+depend on the case:
 
-A PE that drove a DEMUX and has become silent adds a third step: the new branch (or end of `to`) is held until the
-old one has certainly stopped.
+    GO_ALL          if no mixture of `before` and `after` exceeds the limit of a bus, and nothing exclusive moves
+    BREAK, GO_ALL   in all other cases. The manager waits for the BREAK of as few PEs as possible: PEs that give up
+                    something exclusive, and PEs that make room on a bus whose limit would be exceeded. To make room it
+                    prefers PEs that are reached by wire, since a radio is slow
+
+If a PE that drove a DEMUX has become silent, the step GO comes before GO_ALL. The new branch (or end of `to`) starts
+only with GO_ALL, when the old one has certainly stopped.
+
+A PE for which the manager does not wait changes over when a command reaches it. A module that does not change is not
+interrupted.
 
 For the load of a mixture on a bus, an upper bound is computed. It assumes that each PE is in the state in which it
-loads the bus most, and that each gateway forwards what it forwards in any of its states. The bound is exact unless
-gateways change over, too. Semantics rule 9 is not checked for mixtures: a datum may be late during a transition, which
-lasts a few heartbeats at most.
+loads the bus most, and that each gateway forwards what it forwards in any of its states. The bound is exact unless a
+gateway itself changes over. Semantics rule 9 is not checked for mixtures: a datum may be late during a transition,
+which lasts a few heartbeats at most.
 
-Critical functions do not change over in a step of their own, before the others. A step is a broadcast to all PEs, so
-such a step would need another epoch. Preparing an epoch takes longer than the round trip that the step could save. A
-module that does not change is not interrupted.
+Critical functions have no step of their own before the other functions. A step is a broadcast to all PEs, so this would
+need another epoch, and to prepare an epoch takes longer than the round trip that could be saved.
 
 If the wires of the running modules are not known, everything that the modules give is assumed to be on every bus.
 `verify_transition` checks transitions, and shares no code with this file.
@@ -282,10 +284,11 @@ class _Mixtures:
     def makes_room(
         self, waited_for: Collection[str], limits: Mapping[str, int], preferred: Collection[str]
     ) -> dict[str, tuple[str, ...]]:
-        """Find a minimal set of further PEs to wait for, with the buses on which each makes room.
+        """Find a minimal set of further PEs to wait for, with the buses on which each of these PEs makes room.
 
-        waited_for: PEs for which the manager waits anyway. limits: of each bus, in thousandths of a bit/s.
-        preferred: other PEs are added only if these do not suffice.
+        waited_for: PEs for which the manager waits anyway.
+        limits: the limit of each bus, in thousandths of a bit/s.
+        preferred: PEs to choose first; other PEs are added only if the preferred ones do not suffice.
         """
         over = self._over(waited_for, limits)
         added: list[str] = []
@@ -320,9 +323,10 @@ class _Mixtures:
         return peaks
 
     def _loads(self, pe: str, part: Part, forwards: Collection[tuple[str, Source, str, str]]) -> dict[str, int]:
-        """Give the load that a PE in the state `part` puts on each bus, also through gateways.
+        """Give the load that a PE in the state `part` causes on each bus, in thousandths of a bit/s.
 
-        The loads are in thousandths of a bit/s.
+        The result includes the copies of the PE's frames that gateways forward.
+
         forwards: (gateway, source, sending PE, bus) for each source that a gateway forwards to a bus.
         """
         loads: dict[str, int] = {}

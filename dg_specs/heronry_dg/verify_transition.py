@@ -2,8 +2,8 @@
 
 The verifier tries every combination of states that the PEs could have during the steps. If there are too many
 combinations, it assumes for each bus the worst state of each PE that is no gateway. The result is still exact, since
-the loads of PEs add up. If there are still too many combinations, it does the same for gateways; then the result is
-safe but not exact. The verifier makes no choice, and shares no code with `transition`.
+the loads of PEs add up. If there are still too many combinations, it assumes the worst state of some gateways, too.
+Then the result is safe but not exact. The verifier shares no code with `transition`, which finds the steps.
 
     t.steps      the steps are not in the required order: BREAK before GO before GO_ALL, and GO_ALL last
     t.wait       the manager would wait for a PE that cannot answer; or there is a step BREAK without PEs to wait for,
@@ -265,10 +265,12 @@ def _loads(
     gateways: Mapping[str, str] | None = None,
     choices: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, int]:
-    """Compute the load of each bus, in thousandths of a bit/s, from what the PEs in `states` publish in these states.
+    """Compute the load of each bus, in thousandths of a bit/s, from the sources that some PEs publish.
 
-    gateways: state in which each gateway forwards. A gateway that this map lacks forwards onto every bus onto which it
-    forwards in any of its `choices`. Without this map the gateways forward by `states`.
+    states: the PEs that publish, each with its state.
+    gateways: gateways, each with the state by which it forwards. None: each gateway forwards by its state in `states`.
+    choices: the possible states of each PE. A gateway that `gateways` lacks forwards whatever it forwards in any of
+        these states.
     """
     loads = dict.fromkeys(case.left.bus_mbit_per_s, 0)
     keys = _forward_keys(case)

@@ -24,9 +24,10 @@ def pes(
 def doubled(criticality: str, *, pitot_pe: str = "tail", middle: str = "", reads: str = "speed") -> str:
     """Write a spec with two sensors and their drivers, two lamps that a DEMUX chooses between, and a replicated bus.
 
-    criticality: the class of the spec's only function. pitot_pe: the PE of the second sensor.
-    middle: modules that read `speed`, and give `level`, between the drivers and the lamps. reads: the variable that the
-    lamps show.
+    criticality: the class of the spec's only function.
+    pitot_pe: the PE of the second sensor.
+    middle: modules between the drivers and the lamps; they read `speed`, and give `level`.
+    reads: the variable that the lamps show.
     """
     level = "  level: {type: FLOAT}\n" if middle else ""
     return (

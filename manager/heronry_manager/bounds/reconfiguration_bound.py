@@ -1,24 +1,33 @@
-"""The longest time of a reconfiguration, from the fault to the last ACTIVE: detect, decide, distribute, activate.
+"""The longest time of a reconfiguration, from the fault until the last PE has reported ACTIVE.
 
-    detect      a silent PE is declared down `misses` periods and a quarter of a period after its last state; the period
-                is the heartbeat period of its uplink. That state may still have been on its way when the PE fell
-                silent. A fault that a module reports is detected when its EMCY has arrived. A PE that returns sends
-                within a period, and is then held down for ten periods. (Each recent loss doubles the hold-down; the
-                bound assumes no recent loss.)
-    decide      given by the caller, since the planner has no deadline; only a table look-up has one
+The time is the sum of four parts:
+
+    detect      the time until the manager knows of the fault or of the return:
+                - A silent PE is declared down `misses` periods and a quarter after its last state has arrived. The
+                  period is the heartbeat period of its uplink. The bound adds the time for which the last state was
+                  on its way over the buses
+                - A fault that a module reports is detected when its EMCY has arrived
+                - A PE that returns sends within a period, and is then held down for ten periods. (Each recent loss
+                  doubles the hold-down; the bound assumes no recent loss)
+    decide      given by the caller, since a search for a plan has no deadline; only a table look-up has one
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
-    activate    BREAK, if the transition has this step, and GO_ALL: for each of these, one command and its last answer.
-                The manager does not wait for answers to GO. Before GO_ALL a DEMUX that a silent PE may still drive
-                waits for T_lease. T_lease counts from the first ALIVE that does not name this PE; the manager sends
-                that ALIVE when it declares the PE down
+    activate    one command and its last answer for BREAK, if the transition has this step, and the same for GO_ALL. The
+                manager does not wait for answers to GO. If a silent PE may still drive a DEMUX, GO_ALL waits for
+                T_lease. T_lease counts from the first ALIVE that does not name this PE; the manager sends that ALIVE
+                when it declares the PE down
 
 If several PEs fall silent together, each is declared down at its own moment, and the reconfiguration begins anew each
-time. The bound counts from the last declaration, and includes the frames of the epochs that were begun before it.
+time. The bound counts from the last of these moments, and includes the frames of the epochs that were begun before.
 
-The bound holds if no other fault occurs during the reconfiguration, apart from PEs that fall silent together; if only
-one module reports a fault; if no frame is lost or destroyed; and if the nodes need no time to compute. The manager
-waits for no PE beyond a radio, unless that PE must stop something first; then the bound treats the radio as a cable. If
-a time has no bound it is None, and `note` says why.
+The bound holds on these conditions:
+
+- No other fault occurs during the reconfiguration, apart from PEs that fall silent together.
+- Only one module reports a fault.
+- No frame is lost or destroyed.
+- The nodes need no time to compute.
+
+The manager waits for a PE beyond a radio only if this PE must stop something first. In this case the bound treats the
+radio as a cable. If a time has no bound it is None, and `note` says why.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -228,9 +237,10 @@ class Bounds:
         return replace(burst, heads=0, paced=stragglers, broadcasts=burst.broadcasts + 1, answers=burst.answers + 1)
 
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
-        """Give the number of SLICE frames for one PE: one head, and the bodies unless the PE runs that slice already.
+        """Give the number of SLICE frames for one PE: one head, and the bodies of its new slice.
 
-        If several PEs are lost or return, this is the number for the longer of the two slices.
+        - A PE that did not return, and runs the same slice already, gets no bodies.
+        - If several PEs are lost or return, the longer of two slices counts: the PE's slice before, or after.
         """
         node = self._spec.pes[pe].node_id
         length = len(after.slices[node])

@@ -17,10 +17,10 @@ The numbers are, in this order:
                      for each fault set, in the order of `Scope.fault_sets`: the index of its plan
                      for each place in use: its PE, its module, the index of its plan
 
-The file holds indices instead of names, since indices need a tenth of the room; the digest shows to which spec they
-belong. The numbers are compressed, because the configurations of similar fault sets differ in a few modules
-only. zlib and SHA-256 are in the standard library. A file with any error is not used; the error is one sentence with
-the remedy.
+The file holds indices instead of names, since indices need a tenth of the room. The digest shows to which spec the
+indices belong. The numbers are compressed, because the configurations of similar fault sets differ in a few modules
+only. zlib and SHA-256 are in the standard library. A file with any error is not used, and the error is reported in one
+sentence, with the remedy.
 """
 
 import hashlib

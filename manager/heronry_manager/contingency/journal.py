@@ -60,8 +60,9 @@ class Journal:
             self._stream.close()
 
     def add(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
-        """Append an answer, the plan for these faults; after this call the answer survives if the process is killed.
+        """Append an answer: the plan for these faults.
 
+        If the process is killed after this call, the answer is not lost.
         Raises JournalError if the disk is full; the next run can still use the earlier lines.
         """
         row = self._code.encode(outcome.configuration)

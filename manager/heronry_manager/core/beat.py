@@ -1,11 +1,18 @@
 """One beat of an active manager, and the frames that cannot wait for the next beat.
 
-A beat comes in each heartbeat period: LEASE, ALIVE with all available PEs, PING for each suspect PE (`beacon`), and one
-fact in turn for a standby manager (`announcing`). Three kinds of frames do not wait for the next beat: an ALIVE without
-a PE that is no longer available, since T_lease of that PE begins with this ALIVE; a PING to a PE that has just become
-suspect; and the phase or a priority, before the manager answers a request for that phase or priority.
+In each heartbeat period the manager sends one beat:
 
-Beats begin anew with each term. If a beat is lost, the next one replaces it; no frame of a beat is acknowledged.
+- LEASE, ALIVE with all available PEs, and a PING to each suspect PE (`beacon`);
+- one fact for a standby manager, if a fact is due (`announcing`).
+
+Some frames do not wait for the next beat:
+
+- When a PE is no longer available, an ALIVE without this PE. T_lease of the PE begins with this ALIVE.
+- When a PE has just become suspect, a PING to this PE.
+- Before the manager answers a request for a phase or a priority, the fact with this phase or priority.
+
+Each term begins with a new series of beats. No frame of a beat is acknowledged: if a beat is lost, the next one has the
+same effect.
 """
 
 from collections.abc import Iterable

@@ -1,33 +1,38 @@
-"""Which PEs are available to the manager: suspect, PING, declare down, and let back in.
+"""Keeps the standing of each PE, which tells whether the PE is available to the manager.
 
-Each PE has one record with its standing: WAITING, UP, SUSPECT, DOWN or RETURNING, as the table in `standing` says. The
-standing changes by the PE's frames, by time, or because the manager or the operator fails the PE. A command that was
-sent never changes it.
+The standing is WAITING, UP, SUSPECT, DOWN or RETURNING; `standing` has the table of all changes. Three things change
+the standing: a frame of the PE, the time, and a decision of the manager or the operator to fail the PE. To send a
+command to a PE never changes its standing.
 
-A new incarnation means a reboot, even if no beat (state frame) was missed: what ran on the PE has stopped. A reboot
-counts as a fault and a return together. A PE that reports UNCONFIGURED although it was given a configuration is treated
-in the same way (`lost_configuration`). A PE that keeps failing is held down for twice as long each time, up to a
-minute: quarantine. Its losses are forgiven when it has been available for a minute, or by the operator (`forgive`). If
-all PEs fall silent together, this manager itself hears nothing, and the losses of the PEs are discounted
-(`discount_losses`), so that a manager whose receiver fails now and then does not put all PEs into quarantine.
+Time       A beat (state frame) is late a quarter of a period after it was due. A PE is declared down `misses` periods
+           and a quarter after its last beat. With this quarter, a beat that is still on its way at the end of the last
+           period counts. A pause of the manager makes no PE late: the driver hands over all frames before it reports a
+           deadline.
 
-A PE whose receiver has failed may still send, and then reports that it hears no LEASE. If it reports this for longer
-than T_lease of the slowest bus on the way to it, while the manager sends, then no command reaches the PE, and it has
-certainly released everything exclusive. So the manager fails the PE until it hears a LEASE again. If more than half of
-the available PEs report this, the fault is on the manager's side; then no PE is failed for it, and the running
-configuration goes on. The same holds if the only available PE reports it.
+Reboot     If the incarnation of a PE has changed, the PE has rebooted, and what ran on it has stopped. This is so even
+           if no beat was missed. The PE becomes DOWN, and with the same frame RETURNING, unless it is barred. If a PE
+           reports UNCONFIGURED although it was given a configuration, the manager fails this PE (`deployment`).
 
-A manager that takes over may hear a PE that was available to the previous manager, but has proven nothing to this
-manager yet (`await_again`). That PE is WAITING again. ALIVE names it until the start-up window closes, and nothing that
-the PE drives is given to another PE meanwhile. The manager does not wait for a PE that has stopped sending. A PE is not
-held down if it was available to the previous manager until the takeover, and still runs that manager's configuration
-(`inherited`), since only this manager did not hear it.
+Hold-down  With each further loss the hold-down of a PE doubles, up to a minute. A hold-down longer than the shortest
+           one is called quarantine. The losses are forgiven when the PE has been available for a minute, or when the
+           operator lets it in (`forgive`). If this manager itself has heard nothing, the losses of the PEs are
+           discounted (`discount_losses`). So a manager whose receiver fails now and then does not put all PEs into
+           quarantine.
 
-A PE that the operator has *barred* stays DOWN, whatever it sends, until the operator lets it in again.
+Receiver   A PE whose receiver has failed may still send. It then reports that it hears no LEASE. If it reports this for
+           longer than T_lease of the slowest bus on the way to it, although the manager sends, no command reaches the
+           PE. After this time the PE has certainly released everything exclusive. So the manager fails the PE, until
+           the PE hears a LEASE again. If more than half of the available PEs report that they hear no LEASE, the fault
+           is on the manager's side. Then no PE is failed, and the running configuration continues.
 
-Time: a beat is late a quarter of a period after it was due. A PE is declared down `misses` periods and a quarter after
-its last beat, so that a beat on its way when the last period ends still counts. A pause of the manager makes no PE
-late: the driver hands over all frames before it reports a deadline.
+Takeover   Two rules hold for a PE that was available to the previous manager:
+           - If the PE has proven nothing to this manager yet, it becomes WAITING again (`await_again`). ALIVE names it
+             until the start-up window closes, and its outputs are given to no other PE in this time. If the PE stops
+             sending, it becomes DOWN, and the manager no longer waits for it.
+           - If the PE still runs the previous manager's configuration, it is not held down (`inherited`), since only
+             this manager did not hear it.
+
+Barred     A PE on which a fault is latched stays DOWN, whatever it sends, until the fault is cleared.
 """
 
 from collections.abc import Iterable
@@ -183,9 +188,10 @@ class Health:
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
     def hears_no_pe(self, now_ns: int) -> bool:
-        """Tell whether this manager hears nothing: no PE is available, and each has been silent for `misses` periods.
+        """Tell whether this manager hears no PE any more.
 
-        PEs that were never heard do not count. If no PE was ever believed, the unproven states count.
+        The answer is yes if no PE is available, and each PE has been silent for `misses` periods and a quarter. A PE
+        that was never heard is ignored. If no PE has ever sent a proven state, unproven states are used instead.
         """
         if self.available():
             return False

@@ -1,11 +1,11 @@
 """The situation as the manager knows it: what is down, what is limited, the phase, and changed priorities.
 
-A method that changes the situation gives the consequences as values, which the caller hands to `reactions` in order:
+A method that changes the situation returns the consequences. The caller hands them to `reactions`, in their order:
 
     HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
     PlanNeeded        the running plan was made for another situation
     LimitChanged      a radio has another limit: the running plan may still be the best one
-    PeAsked           a module suspects a PE
+    PeAsked           a module suspects a PE: the manager sends this PE a PING
     TargetAsked       the operator orders the configuration that a script makes, the target
     TargetReleased    the operator ends a script
     ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
@@ -13,17 +13,20 @@ A method that changes the situation gives the consequences as values, which the 
 All elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`), are down.
 `radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
 priorities. `lost_channels`, `module_notices` and `restarts_told` only make reports, and change no plan. The head of
-each file says what follows from a lost, late, doubled or forged message.
+each of these files says what follows from a lost, late, doubled or forged message.
 
 A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
 
 A report that the manager's own bus has failed changes no plan: the report was heard on that bus, and a plan without
 that bus would stop everything in flight.
 
-A standby manager hears each latched fault in turn (`announcing`), and each CLEAR once. It drops a fault that was not
-announced for three turns. So after a lost CLEAR it drops the fault some heartbeat periods later. A manager that advises
-beside the active one does the same, with one exception: a fault that the operator has reported to the advising manager
-itself. That fault is an assumption, and stays until another report on the element comes.
+The active manager announces all latched faults repeatedly, one after the other (`announcing`). It sends each CLEAR only
+once. A standby manager drops a fault that was missing in three rounds of these announcements. So if a CLEAR is lost,
+the standby manager drops the fault some heartbeat periods later.
+
+A manager may also only advise the operator, while another manager is active. It follows the announcements in the same
+way, with one exception: a fault that the operator has reported to this manager itself. Such a fault is an assumption,
+and stays until another report on the element comes.
 
 The whole situation survives a restart (`memory`), and so does a quarantine.
 """
@@ -59,7 +62,7 @@ class PlanNeeded:
     """A plan is needed, because the situation has changed.
 
     cause: why a plan is needed, in words.
-    since_ns: when the old situation was last known to hold, such as the last frame of a lost PE; None: now.
+    since_ns: when the old situation was last known to hold, such as the time of the last frame of a lost PE; None: now.
     """
 
     cause: str

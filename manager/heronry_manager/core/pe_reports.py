@@ -5,12 +5,12 @@
     page 1    shows how far the PE is with the epoch that is being prepared; without a key also that the PE lives
     page 2    exists with a key: the PE requests a session, which this manager opens if it is active
     page 3    is used by `authenticity` alone
-    EMCY      reports a fault, or requests a phase or a priority. Only an active manager takes and acknowledges such an
-              EMCY; the PE repeats it until then. A notice (`module_notices`) is not acknowledged. An EMCY that reports
-              a reset has no effect, since the incarnation of the PE shows the reset
+    EMCY      reports a fault, or requests a phase or a priority. Only an active manager takes such an EMCY, and
+              acknowledges it; the PE repeats the EMCY until it is acknowledged. A notice (`module_notices`) is not
+              acknowledged. An EMCY that reports a reset has no effect, since the incarnation shows the reset
 
-A page that cannot be decoded has no effect. When a manager that has fallen silent hears a page again, it forgets all
-but its memory, and listens for T_lease.
+A page that cannot be decoded has no effect. When a manager that has fallen silent hears a page again, it forgets
+everything except what its journal holds (`memory`), and listens for T_lease.
 """
 
 from heronry_manager.core.mastership import Mastership

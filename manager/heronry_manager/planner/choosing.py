@@ -1,17 +1,17 @@
 """Choose first, then pack: levels 1 and 2 when not all wanted functions fit on the PEs.
 
-*Choose*: find which modules run, in which modes, as if the PEs that a module may run on were one PE. That is a small
-problem of some hundred literals. Every legal configuration is one of its solutions, so the value of the best choice is
-an upper bound on levels 1 and 2. As a rule a legal configuration reaches that bound, and the hard part is to find
-places for the chosen modules.
+A *choice* says which modules run, and in which modes, but not on which PEs.
 
-*Pack*: of all choices with this value, take the one with the least CPU, since it leaves the most room. The search fixes
-this choice in its own model; only the places are left to be found.
+    choose   Find the best choice, as if all PEs that can run a mode were one large PE. This problem is small: some
+             hundred literals. A legal configuration is never better than the best choice, so the value of the best
+             choice is an upper bound on levels 1 and 2. As a rule a legal configuration reaches this bound
+    pack     Of all choices with this value, take the one that needs the least CPU, since it leaves the most room. The
+             search then fixes this choice in its own model, and has to find only the PEs
 
-The bound holds for every legal configuration. If no packing is found, another choice of the same value, or of a little
-less, may still fit. The search over modules and places together looks for such a choice. A module is indivisible, so
-some combinations of modules do not fit on a PE, although the PEs together would have room for them. That search also
-gets the constraints that exclude such combinations, so it takes longer to prepare.
+A module cannot be divided between PEs. So a choice may not fit on the PEs, although all of them together have enough
+room. If no packing of the cheapest choice is found, another choice of the same or a lower value may fit. The search
+over modules and PEs together looks for it. That search takes longer to prepare, because its model also has constraints
+that exclude combinations of modules that do not fit on one PE.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ class Choosing(Choice):
         """Build the small model, in which modules and modes are chosen but not placed.
 
         group: the levels to maximise, merged into one sum.
-        key: values of the levels, by position; above the group, a configuration must not be worse than these values.
+        key: a value for each level, by position. At each level before the group, a choice must not be worse than this.
         """
         super().__init__(CpModel(), possible)
         self.spent = 0.0  # deterministic time
@@ -85,9 +85,10 @@ class Choosing(Choice):
             self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
 
     def _add_capacities(self) -> None:
-        """Limit the CPU, memory and flash of modes to the room on the PEs that can run them.
+        """Limit the CPU, memory and flash of modes to the room on the PEs that can run these modes.
 
-        There is one limit for all PEs together. For each mode there is another one, for the set of PEs that can run it.
+        There is one limit for all PEs together. For the PEs that can run a mode there is another limit: it covers all
+        modes that can run only on these PEs.
         """
         modules = self.possible.modules
         everywhere = frozenset(self.possible.left.pe_cpu_millis)

@@ -1,9 +1,11 @@
 """CP-SAT, the solver of OR-Tools, loaded without pandas; all modules of the planner import the solver from here.
 
-The Python interface imports pandas for functions on series of variables, which nothing here calls. The import of pandas
-takes longer than all other imports of a planner's process together. So an empty module takes the place of pandas during
-that import; afterwards pandas can be imported as usual. If this fails with another release of OR-Tools, or if a program
-has imported pandas before, OR-Tools gets the true pandas.
+The Python interface of CP-SAT imports pandas for functions that take pandas series. This project calls none of these
+functions. But the import of pandas takes longer than all other imports of a planner's process together. So an empty
+module takes the place of pandas while CP-SAT is imported. Afterwards pandas can be imported as usual.
+
+CP-SAT gets the true pandas in two cases: a program has imported pandas before, or a release of OR-Tools cannot be
+imported with the empty module.
 """
 
 import sys

@@ -1,13 +1,14 @@
-"""The variables that say which source is published on which bus, and the bandwidth that this source takes there.
+"""The part of the solver's model that says which source is published on which bus, and with how much bandwidth.
 
-The buses form a forest over the PEs, so taking one bus away splits the PEs into *sides*. A source is published on that
-bus if and only if some consumer wired to it is on another side than its producer (semantics rule 7: on every bus of the
-route, once for any number of consumers). The model has only the "if" of this condition: a source that some consumer
-needs there counts as published, and any other source may count as published, too. No plan gets better by publishing
-more, so the optimum is exact.
+The buses form a forest over the PEs. If one bus is taken away, the PEs fall into groups, the *sides* of this bus. By
+semantics rule 7, a source is published on a bus if and only if a consumer that is wired to the source is on another
+side than the producer. The number of such consumers does not matter.
 
-Bandwidth depends on the rate of the producer's mode: if its modes differ in rate, there is a literal for each rate.
-`heronry_manager.planner.deadlines` adds the deadlines (semantics rule 9) where they matter.
+The constraints demand only one direction: a source that is needed on a bus is published there. The solver may publish a
+source without need, but no plan gets better by this. So the optimum is exact.
+
+The bandwidth depends on the rate of the producer's mode. If the modes of a producer differ in rate, the model has one
+literal for each rate. `heronry_manager.planner.deadlines` adds the deadlines (semantics rule 9) where they matter.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -48,9 +49,9 @@ class Publishing:
     def forbid_together(self, hops: Iterable[Hop]) -> None:
         """Add a constraint: not all of these hops are published together.
 
-        For a hop that begins at its source the constraint also holds if the message comes from farther away: the longer
-        way adds jitter, and makes no message earlier. For a hop with a previous bus (`hop.after`) the constraint holds
-        only if the data of the producer come over the previous bus.
+        - For a hop with a previous bus (`hop.after`), the constraint holds only if the data come over that bus.
+        - For a hop without a previous bus, the constraint holds wherever the data come from. This is safe: a message
+          that has crossed other buses has more jitter, and never comes earlier.
         """
         taken: list[IntVar] = []
         facts = 0
@@ -66,8 +67,7 @@ class Publishing:
     def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
         """Add a constraint: if a hop is published, one of these literals is true.
 
-        For a hop with a previous bus (`hop.after`) the constraint holds only if the data of the producer come over the
-        previous bus.
+        For a hop with a previous bus (`hop.after`), the constraint holds only if the data come over that bus.
         """
         elsewhere = [self.messages[self.key(hop)].negated(), *literals]
         there = self._comes_from(hop)
@@ -108,7 +108,7 @@ class Publishing:
             yield literal, rates.get((producer, variable, bus)) == rate_mhz
 
     def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
-        """Add constraints: if the modules of a link are on different sides of `bus`, its source is published on `bus`.
+        """Add constraints: if a link leads from one side of `bus` to another, its source is published on `bus`.
 
         link: consumer, producer, variable.
         literals: the possible wires of the link; one is true if the link is wired, and none if not.

@@ -1,17 +1,23 @@
 """Which commands of a manager a PE accepts, and which part of the agent executes each.
 
-A PE accepts a command that comes on its uplink (a node beyond a gateway cannot command it) from the active manager,
-which is the manager with the highest term heard. SLICE carries no term: the PE accepts it if the active manager sent
-it. An accepted command is executed and, on a gateway, forwarded to the buses away from the manager. A refused command
-is counted. To a manager with an older term the PE reports STALE_TERM once, in page 1 of its state.
+A PE accepts a command if two conditions hold:
 
-LEASE and ALIVE come every heartbeat period, mostly with the same content. So a repeated LEASE is recognized by its
-bytes, and is not decoded again.
+- The command comes on the uplink of the PE. So a node beyond a gateway cannot command the PE.
+- The command comes from the active manager: the manager with the highest term that the PE has heard. A SLICE carries no
+  term; it is accepted if the active manager has sent it.
 
-If a command is lost, LEASE or the manager's retry repeats it. A late or doubled command changes nothing: its activation
-step (BREAK, GO, GO_ALL) is already taken, its epoch is old, or its slice is already staged. After a pause of the
-process, commands are handled in the order in which they arrived, each with its time of arrival. With a key,
-`authenticity` refuses forged commands; without a key the PE executes them.
+The agent executes an accepted command. A gateway also forwards the command to its far buses. A refused command is
+counted. If its term is too old, the PE reports STALE_TERM once, in page 1 of its state.
+
+LEASE comes every heartbeat period, mostly with the same content. So a repeated LEASE is recognized by its bytes, and is
+not decoded again.
+
+    lost command              LEASE, or another attempt of the manager, repeats it
+    late or doubled command   changes nothing: its activation step (BREAK, GO, GO_ALL) is already taken, its epoch is
+                              old, or its slice is already staged
+    forged command            is refused by `authenticity` if there is a key; without a key the PE executes it
+    pause of the process      afterwards commands are handled in the order in which they arrived, each with its time of
+                              arrival
 """
 
 from collections.abc import Callable, Iterator
@@ -183,10 +189,10 @@ class CommandAcceptance:
             self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
-        """Take the activation step that LEASE or ACTIVATE names, if this PE runs or has staged its epoch.
+        """Take the activation step of a LEASE or ACTIVATE, if this PE runs or has staged the epoch that it names.
 
-        If this PE neither runs nor has staged the epoch, another PE may have replaced it; `OutputAuthorization` decides
-        whether this PE is overtaken.
+        If this PE neither runs nor has staged this epoch, another PE may drive its exclusive outputs. Then
+        `OutputAuthorization` decides whether this PE is overtaken.
         """
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None

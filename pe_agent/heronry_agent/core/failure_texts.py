@@ -1,9 +1,11 @@
 """The text of each module's last failure, for which the failure's EMCY has no room.
 
-The agent keeps one reason and one traceback for each module of its table, at most 2.2 kB: the newest failure replaces
-the one before it. The texts stay until the agent ends, even if the fault is cleared or the module runs again. Objects
-2015h and 2016h give the texts to any SDO client; the manager reads the reason when an EMCY has reported the failure. A
-text comes from the code of a module, so characters other than printable ASCII are escaped first (`failure_text`).
+For each module of its table, the agent keeps the reason and the traceback of the last failure, together at most 2.2 kB.
+They stay until the module fails again or the agent ends, even if the fault is cleared or the module runs again.
+
+An SDO client can read the reasons in object 2015h, and the tracebacks in object 2016h. The manager reads the reason
+after an EMCY has reported the failure. The texts come from the code of modules, which is not trusted. So all characters
+except printable ASCII are escaped first (`failure_text`).
 """
 
 from heronry_agent.core.vocabulary import Failure

@@ -1,11 +1,16 @@
 """The values of the CANopen objects of a PE, read from the parts of its agent when a client reads them.
 
-Only the two long texts, the EDS and the table, are kept once a client has read them; all other values are read anew
-each time. A client can write two numbers: the heartbeat time, and 0 to the number of errors, which empties the list. A
-client can also write a table. A PE that waits for a table (`table_waiting`) takes any table that can be used and has
-the node-ID of this PE. A PE that has a table accepts only the same table again. A PE that runs a configuration accepts
-no table, since a table has many bytes, which would load the bus. With a key the lock (`authenticity`) must be open for
-any download, and a table must be sealed.
+The two long texts, the EDS and the table, are made at the first read and kept. All other values are made anew at each
+read. A client can write these objects:
+
+    heartbeat time      any time that `network_management` admits
+    number of errors    only 0, which empties the list of errors
+    table               - A PE that waits for a table (`table_waiting`) takes a table that can be used, and that has the
+                          node-ID of this PE
+                        - A PE that has a table accepts only the same table again
+                        - A PE that runs a configuration accepts no table, since its many bytes would load the bus
+
+With a key, a client can write only while the PE is unlocked (`authenticity`), and a table must be sealed.
 """
 
 from collections.abc import Callable

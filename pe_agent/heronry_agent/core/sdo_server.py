@@ -3,8 +3,8 @@
 A client reads (uploads) or writes (downloads) one value of the object dictionary per transfer, in one of three ways:
 
     expedited   up to four bytes, in the request or the answer itself
-    segmented   seven bytes in each request (or answer); a toggle bit distinguishes a doubled request from the next
-    block       up to 127 segments in a row, then one answer that says how many have come in order; the missing ones
+    segmented   seven bytes in each request or answer. A toggle bit distinguishes a doubled request from the next one
+    block       up to 127 segments in a row; then one answer says how many segments have come in order. Missing segments
                 are sent again. The end carries a checksum over all data
 
 The server is in one of these states:
@@ -12,26 +12,34 @@ The server is in one of these states:
     none            no transfer
     _Download,
     _Upload         segmented: the server awaits the next segment; a wrong toggle bit ends the transfer
-    _BlockDownload  the server receives segments; once the last one has come, `is_complete` is True, and the server
+    _BlockDownload  the server receives segments. Once the last one has come, `is_complete` is True, and the server
                     awaits the end of the transfer
-    _BlockUpload    OPENED until the client sends start; SENDING segments; WAITING for the answer to a block; CLOSING:
-                    the end was sent, and the server awaits the client's answer
+    _BlockUpload    the transfer has one of four phases:
+                    OPENED    the server awaits the client's start
+                    SENDING   the server sends segments
+                    WAITING   the server awaits the answer to a block
+                    CLOSING   the server has sent the end, and awaits the client's answer
 
-The requests of all clients have the same identifier, so the server cannot distinguish two clients: an initiate request
-replaces the transfer under way, and the next request of the first client does not fit the new transfer and aborts it.
-(Within a block download every frame is a segment; there the second client has to wait for the end or for the time-out.)
+The requests of all clients have the same identifier, so the server cannot distinguish two clients. If a second client
+initiates a transfer, its transfer replaces the first one. The next request of the first client does not fit this
+transfer, and so aborts it. Within a block download the server takes every frame for a segment. So a second client has
+to wait for the end of the block download, or for its time-out.
 
 A written value reaches its object at the end of the transfer, complete and checked, or not at all.
 
-A lost request or answer ends an expedited or segmented transfer: the client gives up, and so does this server after
-TIME_OUT_NS, with an abort. A lost segment of a block is sent again: the server drops the segments after a gap, and its
-answer names the last segment in order. If the last segment of a block is lost, the server sends its answer after
-BLOCK_PAUSE_NS. A forged request has the effect of a true one. Garbage is answered with an abort, or not at all; no
-request raises an exception. After a restart the server has no transfer, and aborts a transfer that a client continues.
+    lost request or answer    ends an expedited or segmented transfer: the client gives up. This server gives up after
+                              TIME_OUT_NS, and sends an abort
+    lost segment of a block   is sent again: the server drops the segments after the gap, and its answer names the last
+                              segment in order. If the last segment is lost, the answer comes after BLOCK_PAUSE_NS
+    forged request            has the effect of a true one
+    garbage                   is answered with an abort, or not at all; no request raises an exception
+    restart                   the server has no transfer, and aborts a transfer that a client continues
 
-SDO has a higher priority than some of the data, so its rate is limited: each request is answered with at most one
-frame, a block upload sends one segment and then leaves the bus free for `segment_ns`, and a block download has at most
-SEGMENTS_PER_BLOCK segments per block.
+SDO has a higher priority on the bus than some of the data, so its rate is limited:
+
+- Each request is answered with at most one frame.
+- A block upload sends one segment, and then leaves the bus free for `segment_ns`.
+- A block download has at most SEGMENTS_PER_BLOCK segments in a block.
 """
 
 from collections.abc import Callable
@@ -426,8 +434,9 @@ class SdoServer:
 def _fits(transfer: _Download | _BlockDownload, *, is_last: bool) -> bool:
     """Tell whether the data received so far have an allowed length.
 
-    Without an announced length, they must not be longer than the object's room. With an announced length, they must not
-    be longer, and with the last segment they must have exactly this length.
+    - If the client has announced no length, the data must not be longer than the object's room.
+    - If the client has announced a length, the data must not be longer than this length. After the last segment they
+      must have exactly this length.
     """
     length = len(transfer.data)
     if transfer.length is None:

@@ -1,4 +1,4 @@
-"""Fail-over and N-version: modules that choose one value out of several of different quality.
+"""Fail-over and N-version: modules that choose one of several values of different quality.
 
 FailOver   gives the first of `sources` that is present. If a better source than the one in use comes back, FailOver
            changes to the better source only after it was present for `patience_ns`, so that an intermittent source does

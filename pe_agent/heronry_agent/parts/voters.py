@@ -1,15 +1,15 @@
-"""Voters: modules that compute one value from several that should be equal, and report the one that differs.
+"""Voters: modules that compute one value from several variables that should be equal, and report a wrong one.
+
+Each of these variables is called a *channel* here.
 
     MedianVoter    gives the median of the channels that are present, so that a single wrong channel does not decide. If
-                   only two channels are present, and they differ by more than `tolerance`, it gives the value that is
-                   nearer to the last output
+                   only two channels are present, and they differ by more than `tolerance`, the voter gives the value
+                   that is nearer to its last output
     MajorityVoter  gives the mean of the largest group of channels that agree, if this group has more than half of all
-                   channels. If not, the voter gives no value. The spec then decides what the modules that read the
-                   output do without a value
+                   channels. Otherwise the voter gives no value; the spec says what its readers do without a value
 
-A *channel* is one of the variables that should be equal. A channel is reported if it is further than `tolerance` from
-the output while more than two channels are present. With two channels that differ, either may be right, and none is
-reported.
+A voter reports a channel that differs from the output by more than `tolerance`, while more than two channels are
+present. If only two channels are present, and they differ, either may be right. So none is reported.
 """
 
 import statistics

@@ -1,10 +1,12 @@
 """Limits the memory of a partition, with its child processes and shared memory, by control groups (cgroup v2).
 
-RLIMIT_DATA (`partition_process`) limits each process by itself, and counts neither shared memory nor the child
-processes of a module. The control group of a partition counts both, and can end all its processes. Groups are used only
-if the agent was started in a group that it may divide: systemd marks such a group with the attribute `user.delegate`
-(`Delegate=` in the unit). A group that is divided may contain no process itself (cgroups(7)), so the agent first moves
-to a group below it:
+The other limit, RLIMIT_DATA (`partition_process`), applies to a single process: it counts neither shared memory nor the
+child processes of a module. A control group counts both. It also allows the agent to end all processes of a partition
+together.
+
+Groups are used only if the agent was started in a group that it may divide. Systemd marks such a group with the
+attribute `user.delegate` (`Delegate=` in the unit). A divided group must not contain a process itself (cgroups(7)). So
+the agent first moves to a group below it:
 
     heronry-agent@nav.service     delegated
         agent                     the agent

@@ -1,11 +1,11 @@
 """Whether a landing is acceptable, and the confidence interval of the share of acceptable landings.
 
-A landing is assessed by the state of the aircraft at its first contact with the ground, and by the parts of the
-aircraft that touch the ground from then on. Each criterion that is not met is one cause; a landing without a cause is
-acceptable. The limits stand in this file alone: tests, campaigns and reports take them from here.
+A landing is assessed by two things: the state of the aircraft at its first contact with the ground, and the parts of
+the aircraft that touch the ground at this time or later. Each criterion that the landing does not meet is a *cause*. A
+landing without a cause is acceptable. No other file states the limits: tests, campaigns and reports import them.
 
-The interval of a share is Wilson's, which is right for shares near 0 and 1 too, where the usual normal approximation is
-not (E. B. Wilson, 1927; A. Agresti and B. Coull, 1998).
+The confidence interval is Wilson's. Unlike the usual normal approximation, it is also right for shares near 0 and 1
+(E. B. Wilson, 1927; A. Agresti and B. Coull, 1998).
 """
 
 import math
@@ -25,7 +25,7 @@ class Runway:
 
     sink_m_per_s: greatest sink rate
     offset_m: greatest distance from the centre line
-    along_m: least and greatest x of the touchdown, from the aiming point along the runway
+    along_m: least and greatest x of the touchdown; x is the distance along the runway beyond the aiming point
     bank_deg: greatest angle of bank, to either side
     pitch_deg: least and greatest pitch angle
     """

@@ -2,9 +2,9 @@
 
 Sensors and servos are connected to PEs as in the aircraft. Modules on PEs read the sensors, their data cross simulated
 buses as frames, and a servo moves only when the agent of its PE authorizes the output. The aircraft waits on final
-approach until the first configuration runs; then the time of the flight begins. From then on every call that reads or
-commands a device first steps the plant up to the virtual time of the call. So equal missions give equal results, bit by
-bit. `Landing.digest` covers every frame and the state at the end.
+approach until the first configuration runs; then the time of the flight begins. From this moment on, each call that
+reads or commands a device first steps the plant up to the virtual time of the call. Nothing depends on real time, so
+equal missions give equal results, bit by bit. `Landing.digest` covers every frame and the state at the end.
 """
 
 import hashlib
@@ -45,7 +45,7 @@ class ReleasedPlant:
         """Run the simulation until the first configuration runs, then start the plant's time.
 
         If none runs at 5 s of the simulator's time, the plant's time starts then. The simulation is run in steps of
-        `look_ns`. Return the simulator's time of the start.
+        `look_ns`. Return the simulator's time (ns) at which the plant's time starts.
         """
         while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
             simulation.run_for(look_ns)

@@ -1,6 +1,6 @@
 """A plan as text: functions, PEs, buses, and the transition from the running configuration to the plan.
 
-The lines are suited to `grep`: one function, one module of a PE and one bus a line.
+The lines are suited to `grep`: each one shows a function, a module on a PE, or a bus.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,11 +1,16 @@
-"""What is sent to a page: a whole snapshot first, and then only what differs from the snapshot before.
+"""The difference between two snapshots, as JSON for a page.
 
-    {"set": {"phase": ...}, "merge": {"pes": {"nav": ...}}, "graph": {"nodes": {...}}, "told": [...], "loads": [...]}
+A page first gets a whole snapshot. After that it gets only what differs from the snapshot before:
 
-`set` replaces keys of the snapshot. `merge` replaces single entries of a mapping (of PEs, of buses, ...). `graph`
-replaces single entries of the graph's mappings `nodes`, `cells` and `edges`. `reconfigurations` and `told` list the
-entries that are new or different, each with its `number`; the page keeps as many entries as a snapshot does. `loads`
-lists the loads of buses since the change before; `stream` adds it, and the page shows it in its charts.
+    {"set": {"phase": ...}, "merge": {"pes": {"nav": ...}}, "graph": {"nodes": {...}}, "told": [...]}
+
+    set                whole keys of the snapshot, with their new values
+    merge              single entries of the mappings `pes`, `buses`, `functions`, `modules` and `plants`
+    graph              single entries of the graph's mappings `nodes`, `cells` and `edges`
+    told,              the entries that are new or different, each with its `number`. The page keeps as many entries as
+    reconfigurations   a snapshot does
+
+`stream` adds the key `loads`: new loads of the buses, for the charts of the page.
 """
 
 from collections.abc import Mapping, Sequence

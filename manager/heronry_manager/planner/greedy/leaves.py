@@ -1,4 +1,7 @@
-"""Inputs and gates in integers: leaves are numbered from 0 through all modes, and the nodes of a gate are tuples."""
+"""Inputs and gates for the greedy planner, in integers.
+
+The leaves of all modes are numbered in one series, from 0. A gate is a tree of tuples (`Node`).
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,10 +10,14 @@ from heronry_dg.configuration import Wire
 from heronry_dg.gates import Expression, Leaf, bounds, child_path
 from heronry_manager.planner.greedy.numbering import Numbering
 
-LEAF = 0  # first value of the node of a leaf: no input of it may hold, since it has none
+LEAF = 0  # first value of the node of a leaf, which has no inputs
 Node = tuple[int, int, tuple["Node", ...], tuple["Node", ...]]
-"""A node of a gate, as four values: how many inputs may hold at most; how many must hold; inputs by worth, highest
-first; inputs by price, cheapest first. For a leaf: `LEAF`; the number of the leaf; and twice an empty tuple."""
+"""A node of a gate, or a leaf, as four values.
+
+    gate   the largest and the least number of inputs that may be satisfied; the inputs by worth, highest first; the
+           inputs by price, cheapest first
+    leaf   `LEAF`; the number of the leaf; and twice an empty tuple
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,13 +8,13 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class PlacementRules:
-    """The rules between modules, which are named by their numbers (`numbering`).
+    """The rules between modules; each module is named by its number (`numbering`).
 
-    `separate`, `together` and `rivals` have one entry for each module, by its number: a set of other modules, in which
-    bit n of the integer stands for module n. `demuxes` lists the numbers of modules.
+    `separate`, `together` and `rivals` have one entry for each module: a set of other modules. The set is an integer,
+    in which bit n stands for the module with the number n.
 
-    separate: modules that must run on another PE.
-    together: modules that must run on the same PE.
+    separate: the modules that must run on another PE than this module.
+    together: the modules that must run on the same PE as this module.
     """
 
     separate: list[int]

@@ -11,12 +11,13 @@ from heronry_manager.planner.greedy.numbering import Numbering
 class Routes:
     """Routes between PEs, and the load that each variable puts on a bus.
 
-    way: for each PE, the elements on the route from the manager, as a set of bits: PEs from bit 0 on, buses from bit
-        `first_bus` on. If there is no such route, the value is `never`, one higher bit.
+    way: for each PE, the PEs and buses on the route from the manager to this PE. The set is an integer, with one bit
+        for each element: PEs from bit 0 on, buses from bit `first_bus` on. If there is no such route, the integer is
+        `never`, in which only the next higher bit is set.
     """
 
     route: list[list[tuple[int, ...]]]  # from one PE to another one: the buses between them
-    way: list[int]  # by PE: set of the PEs and buses on the way from the manager to it
+    way: list[int]  # by PE
     first_bus: int
     never: int
     bits: list[int]  # by variable: bits of a frame

@@ -1,16 +1,19 @@
-"""Serving one function: start its output, wire what the output needs, and start the producers for that.
+"""Serving one function: start its output module, wire the inputs of this module, and start the producers that it needs.
 
-A mode is tried on its old PE, then on the others, the emptiest first. An input is wired to a running producer if
-possible; else a producer is started: first one that ran before, then the cheapest. A producer in an unsuitable mode is
-put into a suitable one, if all modules that read from the producer accept that mode (`switch`). If no PE has room for a
-module, other modules are moved away from one PE, as long as they fit elsewhere (`_clear`).
+- A module is tried on its old PE first, then on the other PEs, the emptiest first. If no PE has room, other modules are
+  moved away from one PE to PEs where they fit (`_clear`).
+- An input is wired to a running producer if possible. If there is none, a producer is started: one that ran before, or
+  else the cheapest.
+- A producer in an unsuitable mode is put into a suitable mode, if all modules that read from it accept that mode
+  (`switch`).
 
-If a function of this file returns False, it has left the draft unchanged; only `hold` may leave changes. A module whose
-inputs are being wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it
-is. Counts of tries limit the work (`fuel` for a function, a budget for all), so that a plan takes limited time even
-on a full aircraft, and is the same on every machine.
+*Adopting* serves in the same way, but starts only modules that ran before, in their old modes and on their old PEs.
 
-*Adopting* serves in the same way, but starts only modules that ran before, in their old modes and places.
+A module whose inputs are being wired is *busy*. It counts as running, so that its own outputs may feed it, and its mode
+must not change. If a function of this file returns False, it has left the draft unchanged; the exception is `hold`.
+
+Two counts of tries limit the work: `fuel` for one function, and a budget for all functions. So a plan takes a limited
+time even on a full aircraft. Since no clock is used, the plan is the same on every machine.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -110,10 +113,13 @@ class Server:
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
-        """Yield the PEs to try for a mode: the module's old PE, then the other PEs with room, the emptiest first.
+        """Yield the PEs to try for a mode, in this order.
 
-        If no other PE has room, yield a PE from which other modules could be moved away (`_clear`). With `tight`, the
-        old PE has no precedence, and the fullest PE comes first.
+        1. The old PE of the module, if it has room. While adopting, this is the only PE.
+        2. The other PEs with room, the emptiest first.
+        3. If no other PE has room, and `moving` is set: one PE, after modules have been moved away from it (`_clear`).
+
+        With `tight`, the old PE is treated like the others, and the fullest PE comes first.
         """
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
         hosts = self._scene.hosts[mode] & self._scene.pes
@@ -136,8 +142,9 @@ class Server:
     def _clear(self, module: int, mode: int, pe: int) -> bool:
         """Move modules from a PE, one by one, until a mode fits there; tell whether it fits.
 
-        Each time the smallest module that makes enough room is moved, or, if no module makes enough, the largest one.
-        If the mode does not fit in the end, nothing has changed.
+        Of the modules that fit elsewhere, the smallest one that makes enough room is moved. If no single module makes
+        enough room, the largest one is moved, and then the search goes on. If the mode does not fit in the end, the
+        draft is unchanged.
         """
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]
@@ -209,11 +216,11 @@ class Server:
     # Gates
 
     def hold(self, node: Node, consumer: int, *, may_start: bool) -> bool:
-        """Wire the fewest inputs with which a gate holds; tell whether the gate holds.
+        """Wire as few inputs as are needed to satisfy a gate; tell whether the gate is satisfied.
 
         If False is returned, the caller must undo what was changed in the draft.
 
-        may_start: producers that do not run may be started.
+        may_start: whether producers that do not run may be started.
         """
         most, number, inputs, cheapest = node
         if most == LEAF:

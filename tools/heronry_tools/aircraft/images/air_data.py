@@ -1,14 +1,17 @@
-"""Air data: one static pressure out of three, and the airspeed.
+"""Air data: a voter that computes one static pressure from three, and the airspeed.
 
 The voter publishes the middle of three pressures, so one wrong sensor never determines the output. Of two pressures
 that differ, the voter publishes the one that is nearer to its last output.
 
-The voter reports a sensor that has differed from the middle for a second without a break. The report is repeated each
-second, since the operator may have cleared the fault. The voter reports only while all three pressures are present: of
-two that differ, either may be wrong. In its first second the voter reports nothing, since some data may be old. The
-name of a variable in the spec shows the sensor: `pressure_2` is measured by `device:pressure_sensor_2`.
+The voter reports a sensor whose pressure has differed from the middle for a second without a break. In detail:
 
-After a restart the voter has no last output, and both times of one second begin anew.
+- The report is repeated each second, since the operator may have cleared the fault.
+- Nothing is reported while a pressure is missing. If the other two differ, either may be wrong.
+- Nothing is reported in the first second after a start, since some data may be old.
+
+The number in a variable's name shows the sensor: `pressure_2` is measured by `device:pressure_sensor_2`.
+
+After a restart the voter has no last output, and a sensor must differ for a whole second again.
 """
 
 import statistics

@@ -1,17 +1,20 @@
 """The outer loops: from a position and the stage of the flight to a commanded attitude.
 
-There are two outer loops, as in section 4 of the paper by Rawashdeh et al. `Guidance` is on board: it flies home on a
-straight line, or, without a position, straight ahead. `OrbitAutopilot` is the experiment on the ground. It gets all its
-inputs by telemetry, and commands a circle over the field. A vector field leads to the circle from anywhere, without
-switching between approach and orbit. Both publish commands in degrees. The inner loops (control.py) limit the commands,
-and fly on if no command comes.
+There are two outer loops (source: the paper by Rawashdeh et al. that docs/semantics.md names, section 4):
 
-An attitude of gyros alone has a wrong bank after a long turn: an aircraft that circles over the field would bank more
-and more. So while the track turns faster than the commanded bank should turn it, `Guidance` learns to command less
-bank, down to level wings.
+    Guidance        is on board. It flies home on a straight line, or straight ahead if no position is known
+    OrbitAutopilot  is the experiment on the ground. It gets all its inputs by telemetry, and commands a circle over the
+                    field. A vector field leads to the circle from anywhere, so there is no switching between approach
+                    and circle
 
-A restart of `Guidance` loses what was learned; the module needs half a minute to learn it again. A restart of
-`OrbitAutopilot` loses nothing: every command depends only on the inputs of one step.
+Both publish commands in degrees. The inner loops (control.py) limit the commands, and keep flying if none comes.
+
+If only gyros measure the attitude, the measured bank is wrong after a long turn. The aircraft would bank more and more
+while it circles over the field. Its track shows this error: it turns faster than it should with the commanded bank. So
+`Guidance` learns a correction, and commands less bank, down to level wings.
+
+A restart of `Guidance` loses this correction; to learn it again takes half a minute. A restart of `OrbitAutopilot`
+loses nothing, since every command depends only on the inputs of one step.
 """
 
 import math

@@ -4,17 +4,17 @@ The logic of the parachute has two inputs, the release command and the altitude.
 parachute shut (section 3.1 of the paper by Rawashdeh et al.). The parachute opens in one of three cases:
 
 - the release command is given;
-- the command has been missing for 3 s, and the aircraft, which has been above 3 000 m, is below the opening altitude:
-  further down, a command would come too late;
-- *by default*: both inputs have been missing for 3 s, which is longer than a reconfiguration takes, and longer than the
-  inputs need after a start.
+- the command has been missing for 3 s, and the aircraft has been above 3 000 m and is now below the opening altitude,
+  since a command would come too late further down;
+- *by default*: both inputs have been missing for 3 s. This is longer than a reconfiguration takes, and longer than the
+  inputs need to come after a start.
 
 The balloon's line is cut in one of three cases:
 
 - the command to cut it is given;
-- the aircraft is at the planned altitude, and its wings are known to be ready or their state is unknown;
-- the aircraft is at the highest altitude, where the balloon bursts by itself. The state of the wings does not matter
-  then.
+- the aircraft has been at the planned altitude or higher for 1 s, and the wings are ready or their state is unknown;
+- the aircraft has been for 1 s at the altitude at which the balloon bursts by itself, or higher. Then the state of the
+  wings does not matter.
 
 Neither module withdraws its output. A restart loses the output; the module gives the output again if one of the cases
 still holds. A restart of the parachute's logic also loses whether the aircraft has been high. After a restart below the

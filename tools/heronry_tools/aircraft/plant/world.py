@@ -104,10 +104,14 @@ class Plant:
         return self._positions.get(device)
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail: silent, stuck at its present reading, or wrong by `offset` (in the device's own unit).
+        """Make a device fail.
 
-        A dead, stuck or loose actuator no longer moves anything; one with a bias moves to a wrong position. A loose
-        sensor behaves like a stuck one.
+        how             a sensor                              an actuator
+        dead            gives no reading                      no longer moves anything
+        stuck, loose    keeps its present reading             no longer moves anything
+        bias            its reading is wrong by `offset`      its position is wrong by `offset`
+
+        offset: in the device's own unit.
         """
         self._faults[device] = _Fault(how, self.read(device, now_ns), offset)
 

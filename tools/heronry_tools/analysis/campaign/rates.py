@@ -1,18 +1,23 @@
 """The likelihood that a function is lost within one hour, from the failure rates of a spec: a lower and an upper bound.
 
 Elements fail independently. An element with rate r fails within the hour with the probability 1 - exp(-r), which is at
-most r. A function is lost when all elements of one of several fault sets fail. Only sets up to a number of faults, the
-*order* of the scope, are known. The probability of a set is the probability that all its elements fail.
+most r. A function is lost when all elements of one of several fault sets fail. Such sets are known up to a number of
+elements, the *order* of the scope. The probability of a set is the probability that all its elements fail.
 
-    lower bound   the greater of two values. The first value is a difference (Bonferroni): the sum of the probabilities
-                  of the likeliest known sets, minus the sum, over all pairs of these sets, of the probability that all
-                  elements of both sets fail. The second value is the probability of the likeliest set. A set that has
-                  an element without a rate is left out. After some sets, the best plan gives the function up though it
-                  could be served; the bound assumes that a further fault does not bring the function back
-    upper bound   the sum of the probabilities of the known sets, plus the probability that more elements fail than the
-                  order. There is no upper bound if an element of the scope has no rate
+    lower bound   The greater of two values:
+                  1. The sum of the probabilities of the likeliest known sets, minus a correction (Bonferroni). The
+                     correction adds up, over all pairs of these sets, the probability that all elements of both sets
+                     fail
+                  2. The probability of the likeliest set
+    upper bound   The sum of two probabilities:
+                  1. The sum of the probabilities of the known sets
+                  2. An upper bound of the probability that the number of failed elements exceeds the order
 
-The difference between the bounds shows how much larger fault sets could add.
+Sets that have an element without a rate are left out of the lower bound. If an element of the scope has no rate, there
+is no upper bound. The lower bound is valid on one assumption: after a fault set that loses the function, a further
+fault does not bring the function back. (This could happen if the best plan gives up a function that could be served.)
+
+The upper bound also covers fault sets with more elements than the order; the lower bound leaves them out.
 """
 
 from collections.abc import Collection, Iterable

@@ -1,7 +1,8 @@
 """A lower bound of what must cross the buses whenever some functions are served, whatever a planner decides.
 
-A function needs one of its output modules. A module that runs needs each variable that the gates of all its
-modes need. Each of these variables comes from one of the modules that give it, and these modules have needs in turn.
+A function needs one of its output modules. So it certainly needs each variable that all these modules need in all their
+modes. Such a variable comes from one of the modules that give it. So each variable that all these modules need in all
+their modes is certainly needed as well, and so on.
 
 If no module that gives a variable can share a PE with a module that reads it, the variable must be published. The
 variable then crosses every bus that lies on all routes between these modules. Its rate there is at least the lowest

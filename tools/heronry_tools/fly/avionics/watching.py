@@ -1,12 +1,14 @@
 """Modules that watch devices, and the control loop of the rover's tracking head.
 
-- `AccuracyMonitor` compares a receiver's position with the one expected from the velocity over the last `WINDOW_S`.
-  If they differ by more than `MOST_M` three times in a row, the receiver has lost its corrections, and the monitor
-  reports it. The monitor detects an error that grows within the window, but not one that grows more slowly. It reports
-  nothing in its first window, since sensors that start at different times do not agree at once.
-- `SurfaceMonitor` compares the position of a surface with its command, at the speed at which the servo can move. It
-  reports the servo that is driven at the time; the version of the command tells which servo this is.
-- `TrackingHead` points the camera at the aircraft that the camera sees. This control loop runs on the rover alone.
+- `AccuracyMonitor` watches a GPS receiver with differential corrections. From the velocity over the last `WINDOW_S`
+  seconds it computes where the receiver should be. If the receiver's position is off by more than `MOST_M` metres on
+  one axis, three times in a row, the receiver has lost its corrections, and the monitor reports it. An error that takes
+  longer than `WINDOW_S` to grow so far is not detected. The monitor reports nothing in its first `WINDOW_S`, because
+  sensors that start at different times disagree at first.
+- `SurfaceMonitor` computes from the commands where a surface with a healthy servo would be. If the surface is elsewhere
+  for more than `APART_FOR_S` seconds, the monitor reports the servo that drives the surface. The version of the command
+  tells which servo this is.
+- `TrackingHead` points the camera at the aircraft that the camera sees. Camera, control loop and head are on the rover.
   After a second without an image, the head turns back to the approach.
 """
 
@@ -133,10 +135,11 @@ class TrackingHead(Module):
         self._seen_ns: int | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the direction to which the head must turn (0.1 mrad): the direction of the aircraft in a new image.
+        """Publish the direction to which the head must turn, in units of 0.1 mrad.
 
-        Before the first image, and when the last image is more than a second old, publish the direction of the
-        approach. In the second after an image, publish nothing.
+        - With a new image: the direction of the aircraft in this image.
+        - Without a new image, for a second after the last one: nothing is published.
+        - Later, and before the first image: the direction of the approach.
         """
         angles = numbers(inputs, "image_angles", 2)
         if angles is not None:

@@ -1,7 +1,7 @@
 """The name under which `heronry status` and the operator's orders find the manager of a demo: `--of NAME`.
 
 It is the name of the spec with "-demo"; if a demo of the same spec runs already, with "-demo-2", and so on. A demo
-holds a lock on its name, beside the sockets. The kernel releases the lock, however the demo ends.
+holds the lock of its name, a file in the folder of the sockets. The kernel releases the lock, however the demo ends.
 """
 
 import fcntl

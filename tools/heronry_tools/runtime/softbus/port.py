@@ -1,8 +1,8 @@
 """One client as the hub sees it: its two sockets, its acceptance filters, its bounded receive queue.
 
 The port decides which frames its client gets. It ensures that a client which does not read delays no other client: the
-kernel buffers a few hundred frames for the client, and the port some thousands more. After that the newest frames are
-dropped and counted, as in an overrun of a controller.
+kernel buffers a few hundred frames for the client, and the port some thousands more. If both buffers are full, new
+frames are dropped and counted, as in an overrun of a controller.
 
 A port has four states, in this order:
 

@@ -1,14 +1,19 @@
 """Runs one command inside a user-mode Linux: a kernel that is a process, with vcan, over the host's own file system.
 
-This file boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out while it
-is written, and returns the exit code that the guest left. The guest has no privilege: it can change only those files of
-the host that the user of this program can change.
+This file boots Debian's user-mode-linux with `guest.py` as its first process. It passes on the command's output while
+the command runs, and returns the exit code of the command. The guest has no privilege: it can change only those files
+of the host that the user of this program can change.
 
-Three things can go wrong: the guest's kernel stops early (no result file: its last output is shown), the command runs
-too long (ExpiredError), or a signal stops this program (its handler raises an exception). In each case the guest's
-process group is killed. If this program itself is killed, a shell that it started for this case kills the group, and
-the host's kernel kills the guest's first process. All files of a run are in one temporary folder; the guest's memory is
-a file without a name, which disappears with the guest.
+In each of these cases the guest's process group is killed:
+
+- The guest's kernel stops early, so there is no file with a result. The kernel's last output is shown.
+- The command runs too long (ExpiredError).
+- A signal stops this program: the handler of the signal raises an exception.
+- This program itself is killed. For this case it has started a shell, which then kills the process group. The host's
+  kernel kills the guest's first process.
+
+All files of a run are in one temporary folder. The guest's memory is a file without a name, which disappears with the
+guest.
 """
 
 import ctypes

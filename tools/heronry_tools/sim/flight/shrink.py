@@ -1,14 +1,17 @@
 """Shortens a failing list of faults as far as possible: delta debugging.
 
-First halves of the list are left out, then quarters, down to single faults, as long as the flight still fails in the
-same way (Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002); ddmin, without
-the steps that try a part alone). The result fails, and no longer fails if any one fault is left out. Then each fault is
-made simpler: shorter, and injected at its time instead of in a state. Finally the flight is made to end soon after its
-last fault.
+Each change of the list is tried in a flight. It is kept if this flight still fails in the same way.
 
-The random numbers of a fault do not depend on the other faults (`injection.schedule`), but the state of the flight
-does: without one fault, another fault may meet another state. So the search may miss a shorter list; its result is
-verified by a flight.
+1. Parts of the list are left out: halves at the beginning, then quarters, and so on down to single faults. At the end
+   the flight fails, and it no longer fails without any one of the remaining faults.
+2. Each fault is made simpler: it is injected at its time, whatever the state of the flight is, and it lasts less long.
+3. The flight is made to end soon after its last fault.
+
+Without one fault, another fault may meet another state of the flight. So the search may miss a shorter list. But the
+random numbers of a fault do not depend on the other faults (`injection.schedule`).
+
+Source: Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002). Step 1 is their
+algorithm ddmin, without the steps that try one part of the list by itself.
 """
 
 from collections.abc import Callable

@@ -1,23 +1,27 @@
 """Break before make: nothing exclusive ever has two drivers.
 
-Exclusive are the branches of a DEMUX, the ends of its `to`, an actuator without a DEMUX before it, and an identifier on
-one bus. Each is called a *thing* here, and each thing has a *holder*. The holder of an identifier is the node that sent
-it last. The holder of a DEMUX, of its ends or of an actuator is the module, with its PE, that moved it last. If the
-module has no device, each of its steps counts as a movement.
+What is exclusive is called a *thing* here, and each thing has a *holder*:
+
+    thing                                               holder
+    an identifier on one bus                            the node that has sent the identifier last
+    the branches of a DEMUX; the ends of its `to`;      the module, with its PE, that has moved the thing last. If the
+    an actuator without a DEMUX before it               module has no device, each of its steps counts as a movement
 
 Another holder may take a thing over. After that the former holder may drive the thing again only if there was a
 handover in between. Without a handover, two holders have driven the thing at one time. So if two modules drive a thing
 alternately, the oracle detects this when the first module drives again, whatever their rates are.
 
 A *handover* is a GO of the newest epoch of its term, or the GO_ALL that follows this GO, for outputs that had to wait.
-The first epoch of a term may have any number: a manager without its journal may begin with an older number. And when
-the manager of a higher term falls silent, the manager of the term before continues with its own numbers. BREAK is no
-handover. Until GO every thing belongs to the epoch before, and a holder of that epoch may drive for the first time
-after BREAK (its frame may have waited in its controller).
 
-A holder may also have released a thing by itself. This is possible if, for T_lease, no manager was active and the PE of
-this holder was not heard. Then the former holder may drive again without a handover. If the silent holder has not
-released the thing, the oracle detects this when the silent holder drives next.
+- The first epoch of a term may have any number: a manager that has lost its journal may begin with a low number.
+- Each term has its own newest epoch. So after the manager of a higher term has fallen silent, the manager of a lower
+  term may continue with its own numbers.
+- BREAK is no handover. Until GO every thing belongs to the epoch before. A holder of that epoch may even drive for the
+  first time after BREAK, since its frame may have waited in its controller.
+
+A holder whose PE has fallen silent may have released its thing by itself. This is possible if, for T_lease, no manager
+was active and this PE was not heard. Then the former holder may drive again without a handover. If the silent holder
+has not released the thing, the oracle detects this when the silent holder drives next.
 
 The oracle does not verify what a PE drives within T_lease after one of these frames of a foreign node:
 

@@ -2,7 +2,7 @@
 
 When no LEASE was on the managers' bus for T_lease, a PE becomes *orphaned* with its next state frame that reports no
 LEASE. The PE stays orphaned until the next LEASE. Meanwhile a module of the PE that serves no critical function in the
-PE's epoch must send no datum, and must drive no output. For T_lease, data that were queued before may still go out.
+PE's epoch must send no datum, and must drive no output. Data that were queued before may still go out for T_lease.
 
 Other oracles verify that critical functions continue (`silence`, `service`), and that all functions return with a
 manager (`end_state`). With the policy `keep` this oracle verifies nothing.

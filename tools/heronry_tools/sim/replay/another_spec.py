@@ -1,8 +1,12 @@
 """Detects that a recording was made with another spec.
 
-Two facts show which spec was flown. The digest of a completely sent slice depends on the digest of the spec. And if
-PREPARE names a contingency by its number, a contingency with the digest in PREPARE must be on board. One match is
-enough. If nothing matches, no part of the mastership is replayed, and the first mismatch is reported as the reason.
+Two facts show which spec was flown:
+
+- The digest of a slice depends on the digest of the spec. If all bytes of a slice were sent, the digest can be checked.
+- If PREPARE names a contingency by its number, a contingency with the digest in PREPARE must be on board.
+
+If one check succeeds, or if no check is possible, the mastership counts as flown with this spec. If all checks fail,
+no part of the mastership is replayed, and the first failed check is reported as the reason.
 """
 
 from collections.abc import Iterable, Iterator

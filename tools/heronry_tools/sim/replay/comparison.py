@@ -15,7 +15,7 @@ Taken = Literal["both", "recorded", "replayed"]
 class Compared:
     """A decision in the recording, in the replay, or in both.
 
-    taken: whether the decision is in both, or only in the recording or the replay
+    taken: where the decision is: in both, only in the recording, or only in the replay
     late_ns: how much later the decision is in the replay than in the recording, if it is in both
     """
 

@@ -2,13 +2,15 @@
 
     FOLDER/flight.json             version of the format and of heronry, name and digest of the spec
     FOLDER/NAME.dg.yaml            the spec
-    FOLDER/00000001.log            frames, as candump -L writes them; when this file is full, the next pair begins
+    FOLDER/00000001.log            frames, as candump -L writes them
     FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`); times are those of the monotonic clock of
                                    the computer that made the recording
 
-The oldest pair of files is deleted when the next pair would exceed the limit of the whole folder. Every pair but the
-first begins with the event `resumed`, a complete snapshot, so the remaining files can be read without the deleted ones.
-The log gives frames with date and time; they are converted to the clock of the events.
+The last two files are a pair. When the log is full, the next pair begins, with the next number. If this would exceed
+the limit of the whole folder, the oldest pair is deleted. Every pair but the first begins with the event `resumed`, a
+complete snapshot. So the remaining pairs can be read without the deleted ones.
+
+The log gives each frame with date and time. When it is read, this time is converted to the clock of the events.
 """
 
 import json

@@ -1,9 +1,12 @@
 """Flies a script in the simulator: virtual time, the cores of an aircraft, random values from the script's seed.
 
-Besides the script's expectations, the oracles of the simulator verify the flight as they verify a drawn flight
-(`end_of_flight`). They verify the rules that must always hold, and that no function was silent without need. After the
-script every fault that can be ended is ended, and the oracles verify that the aircraft converges. An exception of a
-core ends the flight, which then fails.
+A flight must meet the expectations of its script. Besides, the oracles of the simulator verify it in the same way as a
+drawn flight (`end_of_flight`):
+
+- The rules that must always hold were never violated, and each critical function was served whenever it could be.
+- The aircraft converges. For this, every fault that can be ended is ended after the script.
+
+An exception of a core ends the flight, which then fails.
 """
 
 from collections.abc import Callable, Iterator

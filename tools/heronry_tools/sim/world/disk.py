@@ -1,11 +1,11 @@
 """The disk with a simulated manager's journal: the bytes that a real manager would write, and effects of power cuts.
 
-Terms, and numbers that are reserved for later use, are on the disk immediately. Other records reach the disk
-`SYNCED_AFTER_NS` later, when the manager's frames have been sent. If the power is cut earlier (`torn`), any part of
-these records may be on the disk. If only the manager is killed, nothing is lost.
+Records of terms, and of numbers that are reserved for later use, are on the disk immediately. Other records are safe
+on the disk `SYNCED_AFTER_NS` later, when the manager's frames have been sent. If the power is cut earlier (`torn`), any
+part of these records may remain, with damaged bytes in it. If only the manager is killed, nothing is lost.
 
-A full or read-only disk (`refuses`) writes a part of the first line that it refuses, and nothing after this part. With
-each later record, and at each start of a manager, the whole journal is written again if the disk permits.
+A full or read-only disk (`refuses`) takes only a part of the next line, and nothing after it. From then on, each new
+record makes the manager try to write the whole journal anew; so does each start of a manager.
 """
 
 from collections import deque

@@ -1,8 +1,8 @@
 """The sending side of a simulated PE: gives frames to its controllers, with their age limits.
 
-Each frame has an age limit, which is measured by the PE's own clock. The core gives the limit with the frame; if it
-gives none, the limit is `lease_ns`. The core is also told how long each frame to a radio took to leave. A fault can
-delay the frames that a gateway forwards (`delays`).
+Each frame has an age limit, which is measured by the PE's own clock. The core may give a limit with the frame; without
+one, the limit is `lease_ns`. The outbox also measures how long each frame to a radio took to leave (`took_ns`), and the
+core is told this time. A fault can delay the frames that a gateway forwards (`delays`).
 """
 
 from collections import Counter

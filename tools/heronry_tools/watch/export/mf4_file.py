@@ -1,9 +1,9 @@
 """A recorded flight as an MDF 4 file (ASAM), for asammdf and other measurement tools.
 
-Every signal has a channel with the signal's name and unit, in a channel group with its own times. Events and
-reconfigurations are channels of text: `events` has sentences, `reconfigurations` JSON as in the snapshot
-(docs/watch.md). Times are seconds since the first frame or event of the recording. If the recording has dates, the
-start time in the file is the date of that first frame or event.
+Every signal has a channel with the signal's name and unit, in a channel group with its own times. There are two
+channels of text: `events` contains sentences, and `reconfigurations` contains JSON as in the snapshot (docs/watch.md).
+Times are seconds since the first frame or event of the recording. If the recording has dates, the start time in the
+file is the date of that first frame or event.
 """
 
 import json
