@@ -3,7 +3,7 @@
 They follow Figures 11 and 12 of the paper by Ippolito et al. (docs/flights.md):
 
     approach ──► glide slope ──► flare transition ──► flare ──► (on the ground)
-        any of them ──► go-around (climb straight ahead, then level)
+        approach, glide slope ──► go-around (climb straight ahead, then level)
 
 - *approach*: level flight, until the estimated landing point reaches the desired one.
 - *glide slope*: a descent of 5 degrees. It is made steeper or shallower, within 0 to 10 degrees, to bring the
@@ -16,7 +16,8 @@ The plan selects the mode of the module by the quality of the position that the 
 - *precise*: the position is good enough to land.
 - *forced*: the position is not good enough, but the aircraft must land, so it uses this position.
 - *waiting*: the position is not good enough. On approach the aircraft stays level until the position is good enough. On
-  the glide slope the aircraft goes around; below `DECISION_M` it lands as in the other modes.
+  the glide slope the aircraft goes around; below `DECISION_M` it lands as in the other modes. In this mode alone a flare
+  also becomes a go-around, if the estimated height rises to `DECISION_M` again.
 
 In every mode the aircraft goes around if the estimated landing point is too far along the runway (`_LONGEST_M`). The
 landing point is checked at two times: on approach, and on the glide slope below `DECISION_M`.
