@@ -221,7 +221,7 @@ OBJECTS: tuple[Entry, ...] = (
             Variable("Staged epoch", _U16),
             Variable("Staged configuration digest", _U32),
             Variable("Reason", _U8, meaning="why it has not staged"),
-            Variable("Load", _U8, meaning="% of its CPU that its modules may take"),
+            Variable("Load", _U8, meaning="CPU that the spec states for what runs, in % of the CPU of this PE"),
         ),
     ),
     Entry(

@@ -144,7 +144,7 @@ class Link:
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
         """Queue a frame; the link hands its most urgent frame to the controller once no other frame is in flight.
 
-        until_ns: time in ns after which the frame is dropped if it still waits.
+        until_ns: time in ns, on the clock of `now_ns`, after which the frame is dropped if it still waits. None: never.
         """
         if self.put(frame, until_ns):
             self.pump(now_ns)

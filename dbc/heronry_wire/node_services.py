@@ -170,5 +170,8 @@ def read_identification(message: ServiceMessage) -> Identification | Malformed:
 
 
 def answer_delay_ns(request: ServiceMessage, node_id: int) -> int:
-    """Time in ns that a node waits before it answers: 0; if the request was for all nodes, (`node_id` - 92) ms."""
+    """Return how long a node waits before it answers, in ns.
+
+    This is `node_id` - 92 milliseconds if the request was for all nodes, otherwise 0.
+    """
     return (node_id - FIRST_PE) * _NS_PER_MS if request.datum.node_id == BROADCAST else 0

@@ -25,7 +25,7 @@ class RuntimeFolderError(HeronryError):
 def runtime_folder() -> Path:
     """Give the path of this user's folder.
 
-    The folder may not exist, and its owner and access rights are not verified.
+    The folder need not exist, and its owner and access rights are not verified.
     """
     named = os.environ.get("XDG_RUNTIME_DIR")
     if named and _belongs_to_this_user(Path(named)):

@@ -325,7 +325,7 @@ class ExpressionReader:
             return False
         if max(reading.depth for reading in inputs) >= DEEPEST:
             sentence = f"this gate has more than {DEEPEST} levels when named gates are expanded"
-            self._findings.add(rules.GATE_TOO_LARGE, place, sentence, "leave out gates that have a single input")
+            self._findings.add(rules.GATE_TOO_LARGE, place, sentence, "replace each gate of one input by that input")
             return False
         return True
 

@@ -82,7 +82,7 @@ class Words:
 
     rule: str  # sub-rule of the verifier (`verify`)
     demand: str  # how many inputs must hold
-    written: str  # stands before its inputs in brackets
+    written: str  # stands before the brackets around its inputs
     drawn: str  # label in a picture
     outline: Literal["and", "or", "xor"]  # shape of the symbol in a picture
 

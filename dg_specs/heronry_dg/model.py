@@ -71,7 +71,7 @@ class Pe:
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A sensor or an actuator, bolted to one PE."""
+    """A sensor or an actuator, connected to one PE."""
 
     name: str
     kind: Literal["sensor", "actuator"]

@@ -222,7 +222,7 @@ def read_plan(text: str, spec: Spec) -> Plan:
     """
     document = _document(text)
     if _field(document, "spec", str, "the plan") != spec.digest:
-        raise PlanError(f"the plan was made for another spec, or another version of spec {spec.name}: plan again")
+        raise PlanError(f"the plan was made for another spec, or another version of spec {spec.name}: make a new plan")
     now = read_situation(text, spec)
     configuration = read_configuration(text)
     check_names(spec, configuration)
@@ -230,7 +230,7 @@ def read_plan(text: str, spec: Spec) -> Plan:
     changed = _field(claimed, "changes", int, "objective")
     objective = replace(score(spec, now, configuration, running=None), changes=changed)
     if claimed != _objective_json(objective):
-        raise PlanError("the plan's objective does not fit its configuration: plan again")
+        raise PlanError("the plan's objective does not fit its configuration: make a new plan")
     optimal = _field(document, "optimal", bool, "the plan")
     made = make_plan(spec, now, configuration, objective, optimal=optimal, reasons=_reasons(document))
     return replace(made, levels=_claimed_levels(document, made.levels)) if "levels" in document else made
@@ -245,9 +245,9 @@ def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[Level
     claimed: list[object] = _field(document, "levels", list, "the plan")
     levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
-        raise PlanError("the plan's levels have other values than its objective: plan again")
+        raise PlanError("the plan's 'levels' and 'objective' contradict each other: make a new plan")
     if _field(document, "optimal", bool, "the plan") != all(one.proven for one in levels):
-        raise PlanError("the plan's 'optimal' does not agree with its levels: plan again")
+        raise PlanError("the plan's 'optimal' does not agree with its levels: make a new plan")
     return levels
 
 

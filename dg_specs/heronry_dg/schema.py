@@ -161,12 +161,12 @@ class PeForm(Fallible):
 
 
 class DeviceForm(Fallible):
-    """A sensor or an actuator, bolted to one PE."""
+    """A sensor or an actuator, connected to one PE."""
 
     kind: Literal["sensor", "actuator"] = Field(
         description="Whether the device gives data (sensor) or takes data (actuator).", examples=["sensor"]
     )
-    pe: str = Field(description="PE to which the device is bolted.", examples=["tail_pe"])
+    pe: str = Field(description="PE to which the device is connected.", examples=["tail_pe"])
 
 
 class VariableForm(Form):
@@ -449,5 +449,7 @@ class SpecForm(HeaderForm):
         examples=[{"pitch": {"moved_by": ["elevator_servo"], "seen_by": ["pitch_gyro"], "criticality": "A"}}],
     )
     contingency: ContingencyForm = Field(
-        default=ContingencyForm(), description="The faults to plan ahead for.", examples=[{"faults": 2}]
+        default=ContingencyForm(),
+        description="For how many faults, and for which phases, plans are made ahead.",
+        examples=[{"faults": 2}],
     )

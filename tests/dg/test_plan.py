@@ -151,7 +151,7 @@ def test_a_plan_of_before_levels_is_read_as_far_as_it_says() -> None:
     [
         ([7], "levels.0 is 7 and must be an object"),
         ([{"level": "critical A"}], "levels.0 has no 'value'"),
-        ([], "the plan's levels have other values than its objective: plan again"),
+        ([], "the plan's 'levels' and 'objective' contradict each other: make a new plan"),
     ],
 )
 def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
@@ -162,7 +162,7 @@ def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
 
 def test_a_plan_is_optimal_when_all_its_levels_are() -> None:
     document = json.loads(chute_plan().to_json()) | {"optimal": True}
-    with pytest.raises(PlanError, match="the plan's 'optimal' does not agree with its levels: plan again"):
+    with pytest.raises(PlanError, match="the plan's 'optimal' does not agree with its levels: make a new plan"):
         read_plan(json.dumps(document), FIGURE_3)
 
 

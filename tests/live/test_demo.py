@@ -195,7 +195,7 @@ def test_a_failing_module_is_told_with_exception_file_and_line_and_the_logs_are_
         r"why module:state_estimator failed on \w+: ZeroDivisionError: float division by zero \(my_estimator.py:14\)"
     )
     assert re.search(place, ran.stdout), ran.stdout + ran.stderr
-    kept = re.search(r"the logs of this run are kept in (.*), and deleted when 5 later runs", ran.stdout)
+    kept = re.search(r"the logs of this run are kept in (.*); they are deleted after 5 more runs", ran.stdout)
     assert kept is not None
     logs = "".join(log.read_text() for log in Path(kept[1]).glob("*.log"))
     assert re.search(r"^\d\d:\d\d:\d\d\.\d{3} module state_estimator: step 3$", logs, re.MULTILINE)

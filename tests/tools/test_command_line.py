@@ -164,10 +164,10 @@ def test_a_command_is_in_the_file_that_the_table_says(name: str) -> None:
         (["Plan", "big_blue"], "heronry: there is no command 'Plan'; did you mean 'plan'?"),
         (["xyzzy"], "heronry: there is no command 'xyzzy'; 'heronry --help' lists all commands"),
         (["help", "stauts"], "heronry: there is no command 'stauts'; did you mean 'status'?"),
-        (["--verson"], "heronry: there is no option --verson before a command; did you mean --version?"),
+        (["--verson"], "heronry: --verson cannot stand before a command; did you mean --version?"),
         (
             ["--json", "plan"],
-            "heronry: there is no option --json before a command; the command comes first: heronry COMMAND --json",
+            "heronry: --json cannot stand before a command; the command comes first: heronry COMMAND --json",
         ),
         (
             ["plan", "big_blue", "--dwon", "pe:nav"],

@@ -399,7 +399,7 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str
         (event("logs", 0, folder="/tmp/f", kept=False), "the logs of all processes are in /tmp/f"),
         (
             event("logs", 0, folder="/tmp/f", kept=True),
-            "the logs of this run are kept in /tmp/f, and deleted when 5 later runs have kept logs",
+            "the logs of this run are kept in /tmp/f; they are deleted after 5 more runs that keep logs",
         ),
         (
             event("overtime", 0, awaited=["tail_pe to join", "elevator to be heard"], at_most_s=15.0),

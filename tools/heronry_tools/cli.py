@@ -79,7 +79,7 @@ def _expect_command(name: str) -> None:
     if name.startswith("-"):
         found = close(name, ("--help", "--version"), _CLOSE)
         remedy = f"did you mean {found}?" if found else f"the command comes first: heronry COMMAND {name}"
-        raise UserError(f"there is no option {name} before a command; {remedy}")
+        raise UserError(f"{name} cannot stand before a command; {remedy}")
     if name not in COMMANDS:
         remedy = meant(name, COMMANDS, "'heronry --help' lists all commands")
         raise UserError(f"there is no command '{name}'; {remedy}")

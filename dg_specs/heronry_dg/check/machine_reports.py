@@ -122,8 +122,8 @@ def _uri(file: str) -> str:
 def junit_report(files: Sequence[Assessed]) -> str:
     """Give the report of JUnit, with one suite per file.
 
-    A suite has a failed case for each error, and a passed case with a text for each warning; or, for a file without
-    findings, one passed case.
+    A suite has one case per finding: an error is a failed case, any other finding is a passed case with a text. The
+    suite of a file without findings has one passed case.
     """
     suites = "".join(_suite(assessed) for assessed in files)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="heronry check">\n{suites}</testsuites>\n'

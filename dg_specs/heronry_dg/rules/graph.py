@@ -274,7 +274,7 @@ BAD_OUTPUT = FAMILY.stop(
 RUNS_NOWHERE = FAMILY.stop(
     "DG223",
     "runs-nowhere",
-    what="`runs_on` of a module does not allow the PE that its device is bolted to.",
+    what="`runs_on` of a module does not allow the PE that its device is connected to.",
     why="A module with a device runs on the device's PE; so this module can run nowhere.",
     fix="Leave `runs_on` out: the device decides.",
     bad=f"modules:\n  driver: {{device: gps, runs_on: [tail], gives: {{speed: 1}}, {RUNS}}}\n{DISPLAY}",

@@ -1,6 +1,9 @@
-"""The answers that a sweep has found so far, on disk: a killed run loses only the plan that it was searching for.
+"""The journal of a sweep: the plans that it has found so far, on disk.
 
-The journal is a text file beside the contingency file that is being made; each line has a checksum (`checked_lines`).
+A *sweep* searches for the best plan for each phase and fault set of its *scope* (`planner.sweep`). A run that is killed
+loses only the plans that it was searching for. (The journal of a manager is another file.)
+
+This journal is a text file beside the contingency file that is being made; each line has a checksum (`checked_lines`).
 The first line names the spec's digest and the scope. Every other line is an answer: phase, elements that are down,
 configuration as a row, value, proven or not. Lines are only ever appended. If the run is killed, the last line may be
 cut short: the next run drops everything from the first bad line on. A journal of another spec or scope is written anew.

@@ -44,7 +44,7 @@ TRANSITIONS = TransitionTable(
     (
         (Standing.WAITING, StandingEvent.HEARD, Standing.UP, "heard"),
         (Standing.WAITING, StandingEvent.WINDOW_CLOSES, Standing.DOWN, "the start-up window closes"),
-        (Standing.WAITING, StandingEvent.SILENT, Standing.DOWN, "a PE that had to prove itself falls silent"),
+        (Standing.WAITING, StandingEvent.SILENT, Standing.DOWN, "a PE that is not authenticated yet falls silent"),
         (Standing.WAITING, StandingEvent.FAILED, Standing.DOWN, "the operator fails it"),
         (Standing.WAITING, StandingEvent.QUARANTINED, Standing.DOWN, "it was in quarantine before a restart"),
         (Standing.UP, StandingEvent.LATE, Standing.SUSPECT, "late by a quarter of a period, the manager sends PING"),

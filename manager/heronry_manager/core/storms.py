@@ -28,7 +28,7 @@ _STORM_NS = 1_000_000_000
 class Storms:
     """Tells whether there is a storm, from the number of epochs and requests that a change has ended or replaced.
 
-    The number counts from the time at which an epoch was last activated, or everything ran as planned.
+    The count begins anew when an epoch is activated, or when everything runs as planned.
     """
 
     def __init__(self, spec: Spec, turn: Turn) -> None:

@@ -93,7 +93,8 @@ class AgentCore:
         missing_images: images of the table whose code is not on this PE, each with the reason. The agent reports their
             modules to the manager at its start, and refuses a slice that contains one of these modules.
         secret: the key of the fleet; with a key the PE executes only commands that are tagged with it.
-        followed: names of the actuators of other PEs whose output echoes go to the plant of this PE; None: all of them.
+        followed: names of actuators on other PEs; the output echoes of these actuators go to the plant of this PE.
+            None: those of all actuators.
         Raises TableError where the table contradicts itself.
         """
         index = TableIndex(table)

@@ -189,10 +189,11 @@ class CommandAcceptance:
             self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
-        """Take the activation step of a LEASE or ACTIVATE, if this PE runs or has staged the epoch that it names.
+        """Take the activation step of a LEASE or ACTIVATE, if this PE runs or has staged the epoch in the command.
 
         If this PE neither runs nor has staged this epoch, another PE may drive its exclusive outputs. Then
-        `OutputAuthorization` decides whether this PE is overtaken.
+        `OutputAuthorization` decides whether this PE is overtaken. If the command names the epoch of this PE with
+        another digest, this PE is overtaken.
         """
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None

@@ -57,7 +57,8 @@ class Inbound:
 
         commands: the identifiers of manager commands, each with its handler.
         services: the identifiers of CANopen and of node services, each with its handler.
-        followed: names of the actuators of other PEs whose output echoes go to the plant of this PE; None: all of them.
+        followed: names of actuators on other PEs; the output echoes of these actuators go to the plant of this PE.
+            None: those of all actuators.
         """
         self._turn, self._index = turn, index
         self._output_authorization, self._reconfiguration, self._modules = (

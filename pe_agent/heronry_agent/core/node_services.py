@@ -4,7 +4,8 @@
     NSS  time stamp        no answer. The time stamp can be read (object 2022h), but sets no clock: a PE uses its own
                            clock, which an unverified time must not change
     TIS  set an interval   answered. Only the interval of the CANopen heartbeat can be set, within the limits of object
-                           1017h; anything else is OUT_OF_RANGE, since the plan sets the rates of data
+                           1017h; anything else is OUT_OF_RANGE, since the plan sets the rates of data. A request to all
+                           nodes is ignored, since an identifier belongs to one node
     STS  transmit status   the answer is the state itself: pages 0 and 1 on every port, at most once in a heartbeat
                            period, and after (node-ID - 92) ms if the request was for all nodes. Data frames keep their
                            schedule

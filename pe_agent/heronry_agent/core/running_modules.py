@@ -332,7 +332,7 @@ class RunningModules:
         self._begin(module)
 
     def _begin(self, module: int) -> None:
-        """Have a module built, or continued in a new mode; its first step is due now."""
+        """Request that a module is built, or continues in a new mode; its first step is due now."""
         running = self._running[module]
         entry, mode = running.entry, running.mode
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)

@@ -10,9 +10,9 @@ A session with a manager
 
 Only the session with the active manager is used. Without a session, pages carry the tag 0.
 
-The tag of a page 0 covers the number of the page in its session. The page itself carries the lowest byte of another
-number, which counts all pages 0 since the PE started. To make both agree in the lowest byte, the first page 0 of a
-session does not get the number 0, but the byte that it carries.
+Every page 0 carries the lowest byte of a counter, which counts the pages 0 on the uplink since the PE started. The tag
+covers a second counter, which counts the pages 0 of the session. Both counters must have the same lowest byte. So the
+second counter does not begin at zero, but at the byte that the first page 0 of the session carries.
 
 The tag of a page 0 also covers one EMCY that waits to be acknowledged. If several EMCYs wait, successive pages cover
 them in turn.

@@ -32,7 +32,7 @@ examples:
   heronry doctor my.dg.yaml -i socketcan -c can0           ... and whether the PEs are those of this spec
   heronry doctor /etc/heronry/nav.table -i socketcan -c can0     on a node, which has only its table
   heronry doctor my.dg.yaml -i socketcan -c can0 --wait 60       after everything was started
-  heronry doctor twin.dg.yaml -i socketcan -c can0,can1          'channels: 2', and the PEs that are on one of them only
+  heronry doctor twin.dg.yaml -i socketcan -c can0,can1          a bus with 'channels: 2': which PEs are on only one
   heronry doctor -i socketcan -c can0 --json | jq .findings
 
 The command listens on the bus, and reads from each PE that it hears, by SDO, the digest of the spec of its table. It

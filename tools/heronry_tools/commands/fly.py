@@ -118,7 +118,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--wind", type=float, metavar="M/S", help="strongest wind that is drawn, in m/s (default: EAV 7.7, BIG BLUE 5)"
     )
-    parser.add_argument("--phase", choices=_PHASES, help="big_blue: begin in this phase (default: on the ground)")
+    parser.add_argument("--phase", choices=_PHASES, help="begin in this phase (big_blue only; default: on the ground)")
     parser.add_argument(
         "--kill",
         action="append",

@@ -55,7 +55,9 @@ def add_parsers(subparsers: Any) -> None:
         help=f"a *.dg.yaml file, or a shipped spec: {', '.join(SHIPPED)} (default: the spec in the folder)",
     )
     parser.add_argument(
-        "--channel", metavar="NAME", help="channel of the manager's bus in the log; A,B if that bus has two channels"
+        "--channel",
+        metavar="NAME",
+        help="CAN interface of the manager's bus, as the log names it; A,B if that bus has two channels",
     )
     single = "the plans for every single fault, if a PREPARE names a contingency by its number"
     add_contingencies_argument(parser, "with which the manager flew", single)

@@ -85,8 +85,8 @@ def add_parsers(subparsers: Any) -> None:
         "--seconds",
         type=seconds,
         metavar="S",
-        help="inject faults for S seconds, at least until the given faults end "
-        "(default: 5, or 1 s after the end of the given faults if that is later)",
+        help="inject faults up to second S, or until the faults of --act, --acts and --kill have ended, if that is "
+        "later (default: up to second 5, or 1 s after these faults have ended, if that is later)",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"

@@ -31,7 +31,9 @@ _PERIOD_S = 0.5
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry top`."""
     parser = subparsers.add_parser(
-        "top", description="Watch a system in a terminal: live, on a bus, or recorded.", epilog=_EPILOG
+        "top",
+        description="Watch a system in a terminal: live from its manager, live from a bus, or from a recording.",
+        epilog=_EPILOG,
     )
     add_source_arguments(parser)
     parser.add_argument(

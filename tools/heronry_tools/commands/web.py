@@ -29,7 +29,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry web`."""
     parser = subparsers.add_parser(
         "web",
-        description="Serve a page that shows a running or recorded system to a browser.",
+        description="Serve a page that shows a running or recorded system in a browser.",
         epilog=_EPILOG,
     )
     add_source_arguments(parser)

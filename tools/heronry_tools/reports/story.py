@@ -382,7 +382,8 @@ def _logs(event: Mapping[str, Any]) -> Line:
     if not event["kept"]:
         return Line(f"the logs of all processes are in {event['folder']}", "quiet")
     return Line(
-        f"the logs of this run are kept in {event['folder']}, and deleted when {RUNS_KEPT} later runs have kept logs"
+        f"the logs of this run are kept in {event['folder']}; "
+        f"they are deleted after {RUNS_KEPT} more runs that keep logs"
     )
 
 

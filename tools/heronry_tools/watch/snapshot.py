@@ -148,7 +148,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """The four times of a reconfiguration, in ns; null where this feed does not give one."""
+    """How long each of the four parts of a reconfiguration took, in ns; null where this feed does not give it."""
 
     detect: int | None = None
     decide: int | None = None

@@ -104,7 +104,7 @@ class Live:
         self._wake()
 
     def loads(self, after: int) -> list[Load]:
-        """Give the loads that came after line `after` of the feed."""
+        """Give the loads of all events after the one with the number `after` in the feed."""
         return [load for load in self._loads if load["number"] > after]
 
     def lines(self) -> Iterable[str]:

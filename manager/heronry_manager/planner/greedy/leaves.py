@@ -62,9 +62,9 @@ class _Numberer:
         return (most, least, nodes, nodes)
 
     def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
-        """Number a leaf, and list the modes that may feed the leaf.
+        """Number a leaf, and list the modes that may feed the leaf; returns the number.
 
-        Of the modes of its own module, only the mode that reads the leaf may feed it.
+        Of the modes of the leaf's own module, only the mode that reads the leaf may feed it.
         """
         numbers, leaves, number = self._numbers, self.leaves, len(self.leaves.mode)
         leaves.mode.append(mode)

@@ -100,7 +100,7 @@ class Plant:
         return frozenset(actuator for actuator, pushed in PUSHED_BY.items() if not felt.isdisjoint(pushed))
 
     def position(self, device: str) -> Value | None:
-        """Give the last command of an actuator, by `write` or `heard`; None if there was none."""
+        """Give the last command to an actuator, by `write` or `heard`; None if there was none."""
         return self._positions.get(device)
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:

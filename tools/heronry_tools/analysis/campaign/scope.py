@@ -20,7 +20,7 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
         "--faults",
         metavar="N",
         type=int,
-        help="plan for up to N faults at a time (default: the spec's contingency.faults)",
+        help="plan for up to N faults at the same time (default: the spec's contingency.faults)",
     )
     parser.add_argument(
         "--phase",

@@ -169,7 +169,8 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
                     rules.SEPARATE_AND_TOGETHER,
                     place,
                     sentence,
-                    f"remove one of these rules: with both, '{one}' and '{other}' never run at the same time",
+                    f"remove this rule, or a rule that keeps the two together: under both, '{one}' and '{other}' never "
+                    "run at the same time",
                 )
         _room_to_separate(spec, findings, place, group)
     for index, group in enumerate(spec.together):

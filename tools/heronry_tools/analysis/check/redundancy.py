@@ -72,7 +72,7 @@ class Dependence:
         return unserved - self._where(unserved, lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
-        """Yield every XOR and voter of a mode whose inputs could all hold with everything up."""
+        """Yield the XORs and voters of a mode of which each input, taken alone, could hold if nothing were down."""
         for path, gate in _gates(mode.needs):
             if _chooses(gate) and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])

@@ -16,8 +16,8 @@ The plan selects the mode of the module by the quality of the position that the 
 - *precise*: the position is good enough to land.
 - *forced*: the position is not good enough, but the aircraft must land, so it uses this position.
 - *waiting*: the position is not good enough. On approach the aircraft stays level until the position is good enough. On
-  the glide slope the aircraft goes around; below `DECISION_M` it lands as in the other modes. In this mode alone a flare
-  also becomes a go-around, if the estimated height rises to `DECISION_M` again.
+  the glide slope the aircraft goes around; below `DECISION_M` it lands as in the other modes. In this mode alone a
+  flare also becomes a go-around, if the estimated height rises to `DECISION_M` again.
 
 In every mode the aircraft goes around if the estimated landing point is too far along the runway (`_LONGEST_M`). The
 landing point is checked at two times: on approach, and on the glide slope below `DECISION_M`.
@@ -159,7 +159,7 @@ class FlightManagementSystem(Module):
         self._mode = ctx.mode
 
     def mode_changed(self) -> bool:
-        """Keep the stage through a change of the mode."""
+        """Keep the stage through a change of the mode; returns True, so that this object goes on."""
         self._mode = self.ctx.mode
         return True
 

@@ -24,7 +24,11 @@ _PHASE_PATTERN = re.compile(r"(?P<phase>[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)"
 
 @dataclass(frozen=True, slots=True, order=True)
 class DemoAction:
-    """One action at a time: "kill" or "restore", of a PE or of MANAGER."""
+    """An action of --kill or --restore, and the time at which it is done.
+
+    at_s: in s, from the moment at which the first configuration runs.
+    pe: the name of a PE; for "kill" also MANAGER, the active manager.
+    """
 
     at_s: float
     what: Literal["kill", "restore"]

@@ -1,1 +1,1 @@
-"""Files for a node's computer: systemd units, networkd files, and how to bring packages to a node without a network."""
+"""Files for a node's computer: units of systemd, and files of networkd for its CAN interfaces."""

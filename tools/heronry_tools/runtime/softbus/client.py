@@ -76,9 +76,9 @@ class SoftBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Wait until the transmit mailbox is empty, and then put a frame into it.
 
-        timeout: the longest wait in s; None: without end.
-        Raises CanOperationError if the mailbox is still full after that time, or if the hub is gone. Raises ValueError
-        for a message that is no classical CAN frame.
+        timeout: the longest wait in s; None: no limit.
+        Raises CanOperationError if the mailbox is still full after this time, if another thread is still waiting to
+        send, or if the hub is gone. Raises ValueError for a message that is no classical CAN frame.
         """
         self._link.offer(_checked_frame(msg), msg.dlc, timeout)
 

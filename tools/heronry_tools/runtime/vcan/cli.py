@@ -86,7 +86,7 @@ def _arguments(words: list[str]) -> argparse.Namespace:
         type=_interface_names,
         default=["vcan0"],
         metavar="A,B",
-        help="CAN interfaces that exist while COMMAND runs (default: vcan0)",
+        help="CAN interfaces for COMMAND: those that are missing are made, and removed after it (default: vcan0)",
     )
     parser.add_argument(
         "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="the command to run, with its arguments"

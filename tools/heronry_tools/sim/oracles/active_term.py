@@ -47,5 +47,5 @@ class ActiveTerm:
             self.number, self._named_ns = term, t_ns
 
     def is_claimed(self, term: int, station: str) -> bool:
-        """Tell whether a term is only claimed, so that some PEs may not accept it yet."""
+        """Tell whether a term is only claimed, so that some PEs possibly do not accept it yet."""
         return term > self.number and self._claims.get(station, (0, 0))[0] == term

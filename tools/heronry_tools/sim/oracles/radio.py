@@ -68,7 +68,10 @@ class RadioCheck(Oracle):
             self._reports[radio.bus].append((sent.end_ns, report))
 
     def published(self, sent: Sent) -> None:
-        """Verify the age of a forwarded datum, and count its bits."""
+        """Remember when a datum was sent on a bus.
+
+        If the bus is a radio, also count the bits of the datum, and verify its age if a gateway has forwarded it.
+        """
         second = sent.end_ns // _SECOND_NS
         if second != self._second:
             self._close(sent.end_ns)

@@ -326,7 +326,7 @@ class ServiceCheck(Oracle):
         return Situation(frozenset(down), self._limits(over_ns), phase, self._priorities_in(begin_ns, begin_ns)[-1])
 
     def _starts(self) -> Iterator[tuple[int, int]]:
-        """Yield the times (from, to) within start-up windows in which no PE ran a module."""
+        """Yield (from, to) of every part of a start-up window during which no PE ran a module."""
         for began_ns in self._masterships_ns:
             for from_ns, to_ns in self._idle:
                 first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)

@@ -73,7 +73,8 @@ class TermCheck(Oracle):
     def follow_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
         """Verify a command on the managers' bus; return whether its term is active or claimed.
 
-        With a key, a term is *claimed* while some PEs may not accept it yet (`active_term`).
+        With a key, a new term is *claimed* as long as it is possible that some PEs do not accept it yet
+        (`active_term`).
         """
         if isinstance(message, SliceHead | SliceBody):
             own = self._own.get(station, 0)

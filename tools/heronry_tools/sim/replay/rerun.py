@@ -226,6 +226,8 @@ class Rerun:
         """Return the digest of the configuration that the manager adopted; None if it adopted none.
 
         An adopted configuration is named by a LEASE before any PREPARE of this mastership.
+
+        following: the next decision, before which that LEASE must come; None: the LEASE may come up to the end.
         """
         if self.decisions:
             return None

@@ -18,9 +18,13 @@ Several statements may stand on one line, separated by ';'.
 
 Times are seconds from the moment at which the first configuration runs. What can be done:
 
-    kill|restore pe:NAME|manager|primary|standby
+    kill|restore pe:NAME               the PE is killed, or is started again
+    kill|restore manager               kill: the active manager; restore: manager 126
+    kill|restore primary|standby       with two managers: 126 is the primary, 127 the standby
     phase NAME       fail|clear KIND:NAME       priority FUNCTION N|default     (orders of the operator)
-    script FILE      release                    (orders, too; FILE ends in .pcs.script, its path is as for `spec`)
+    script FILE                        (an order, too) run the script in this *.pcs.script file, and keep what it makes;
+                                       FILE is a path from this file's folder
+    release                            (an order, too) end the script that the manager runs
     stick device:NAME                  the device still answers, but with its last reading (simulator)
     wait                               nothing is done; the expectations below count from this time
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)

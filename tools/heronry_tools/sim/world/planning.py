@@ -142,7 +142,7 @@ def plan_of(decided: Instruction) -> Plan:
         case Answer(PlanReady(plan=plan)):
             return plan
         case _:
-            raise InvariantError(f"the planning policy answered with no plan, but with {decided}")
+            raise InvariantError(f"the planning policy answered with {decided} instead of a plan")
 
 
 def critical_at_best(spec: Spec, now: Situation) -> tuple[int, ...]:

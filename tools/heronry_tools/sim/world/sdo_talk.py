@@ -88,7 +88,7 @@ class SdoTalk:
         """Return the server's next message, for which no request is sent; raises WrongAnswerError if none comes."""
         answer = yield None, self._response_id, PATIENCE_NS
         if answer is None:
-            raise WrongAnswerError("the server does not send its next message")
+            raise WrongAnswerError("the server sends no further message in time")
         return answer
 
     def say(self, message: bytes, silence_ns: int = _SILENCE_NS) -> Talk[None]:

@@ -138,7 +138,7 @@ const TELL = {
     const drivers = Object.entries(facts.modules).filter(([, module]) => module.device === name).map(([module]) => module);
     return {
       state: live(snapshot, `device:${name}`), elements: [`device:${name}`],
-      facts: { state: WORDS[live(snapshot, `device:${name}`)], kind: of.kind, "bolted to": of.pe, "its PE is": WORDS[snapshot.pes[of.pe].standing], fault: fault ? `latched, reported by ${fault.by}` : null, drivers: drivers.join(", ") },
+      facts: { state: WORDS[live(snapshot, `device:${name}`)], kind: of.kind, "connected to": of.pe, "its PE is": WORDS[snapshot.pes[of.pe].standing], fault: fault ? `latched, reported by ${fault.by}` : null, drivers: drivers.join(", ") },
     };
   },
   demux: (name, snapshot, facts) => {

@@ -24,8 +24,8 @@ def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inje
     """Make an injection that calls `do` with the seat of the running manager that is the target of the fault.
 
     The seat is the number of the computer on which the manager runs: its node-ID, or the negative node-ID of a second
-    manager with the same node-ID. A target without a node-ID is the foremost manager. The injection does
-    nothing if the target does not run.
+    manager with the same node-ID. A target without a node-ID is the active manager or, if no manager is active, the
+    running one with the lowest node-ID (`foremost`). The injection does nothing if the target does not run.
     """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:

@@ -78,7 +78,10 @@ class Objects(Topic):
             demand(fits, f"object {entry.index:04X}h, {sub_index} is {found!r}")
 
     def present_state(self, *, is_flying: bool) -> Talk[None]:
-        """Demand that changing values agree with the PE's state frames, the LEASE and the plan."""
+        """Demand that changing values agree with the PE's state frames, the LEASE and the plan.
+
+        is_flying: the PE runs a configuration, and hears a manager; False: it runs nothing, and hears none.
+        """
         page, staged = self._heard.pages_0[-1][1], self._heard.pages_1[-1][1]
         told = (
             *(page.state, page.flags, page.incarnation, page.epoch, page.digest, None, staged.staged_epoch),
