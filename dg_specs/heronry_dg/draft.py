@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from heronry_dg import schema, yaml_source
 from heronry_dg.field_types import NAME_PATTERN
 from heronry_dg.findings import Findings, Place, listed, shown
-from heronry_dg.quantities import THE_VALUE, UnfitError
+from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
 from heronry_dg.rules.rule import Rule
 from heronry_dg.schema import Form, field_names
@@ -303,15 +303,15 @@ class _FormFindings:
         if error["type"] == "extra_forbidden":
             self._unknown_field(loc)
             return
-        reason = error.get("ctx", {}).get("error")
-        if isinstance(reason, UnfitError):
-            rule, sentence, hint = reason.rule, str(reason).removeprefix(f"{THE_VALUE} "), reason.hint
-        else:
-            rule, sentence, hint = _translated(error)
         node, steps = yaml_source.follow(self._node, loc)
         field = ".".join(step for step in loc[:steps] if isinstance(step, str))
         subject = f"'{field}' of {self._subject}" if field else self._subject
-        self._findings.add(rule, node.place, f"{subject} {sentence}", hint)
+        reason = error.get("ctx", {}).get("error")
+        if isinstance(reason, UnfitError):
+            self._findings.add(reason.rule, node.place, reason.said_of(subject), reason.hint)
+        else:
+            rule, sentence, hint = _translated(error)
+            self._findings.add(rule, node.place, f"{subject} {sentence}", hint)
 
     def _known_at(self, loc: tuple[int | str, ...]) -> Collection[str]:
         return field_names(schema.WhenForm) if len(loc) > 1 else self._known  # `when` is the only map inside an element

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Wit
 from heronry_dg import quantities
 from heronry_dg.findings import shown
 from heronry_dg.model import CRITICALITIES, Criticality
-from heronry_dg.quantities import THE_VALUE, UnfitError
+from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType
 from heronry_wire.management import MOST_PRIORITY
@@ -36,7 +36,7 @@ def _different(names: list[str]) -> list[str]:
     seen: set[str] = set()
     for name in names:
         if name in seen:
-            raise UnfitError(rules.LISTED_TWICE, f"{THE_VALUE} names {shown(name)} twice", "remove one of them")
+            raise UnfitError(rules.LISTED_TWICE, f"names {shown(name)} twice", "remove one of them")
         seen.add(name)
     return names
 
@@ -48,14 +48,14 @@ def _for_all_phases(value: object) -> object:
 def _with_default(by_phase: dict[str, Any]) -> dict[str, Any]:
     if DEFAULT_PHASE not in by_phase:
         hint = f"add '{DEFAULT_PHASE}', with the value for all other phases"
-        raise UnfitError(rules.NO_DEFAULT, f"{THE_VALUE} gives no '{DEFAULT_PHASE}'", hint)
+        raise UnfitError(rules.NO_DEFAULT, f"gives no '{DEFAULT_PHASE}'", hint)
     return by_phase
 
 
 def _checkpoint(value: object) -> bool | int | str:
     if isinstance(value, bool | str) or (isinstance(value, int) and value >= 0):
         return value
-    sentence = f"{THE_VALUE} must be true, false, a whole number or a name, not {shown(value)}"
+    sentence = f"must be true, false, a whole number or a name, not {shown(value)}"
     raise UnfitError(rules.WRONG_TYPE, sentence, "write checkpoint: true")
 
 
@@ -65,7 +65,7 @@ def _priority_range(value: object) -> tuple[int, int]:
             return low, high
         case _:
             pass
-    sentence = f"{THE_VALUE} must be the lowest and the highest priority, 0 to {MOST_PRIORITY}, not {shown(value)}"
+    sentence = f"must be the lowest and the highest priority, 0 to {MOST_PRIORITY}, not {shown(value)}"
     raise UnfitError(rules.WRONG_TYPE, sentence, "write priority_range: [0, 100]")
 
 

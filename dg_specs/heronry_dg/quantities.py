@@ -21,9 +21,6 @@ MOST_HZ: Final = 1_000_000
 MOST_BITS_PER_S: Final = 10**10
 MOST_MS: Final = 3_600_000
 
-THE_VALUE: Final = "the value"
-"""The subject of the sentences of UnfitError, which do not know the name of the field."""
-
 _MEMORY = re.compile(r"(?P<number>[0-9]{1,13}(?:\.[0-9]{1,12})?)(?P<unit>KiB|MiB|GiB)")
 _WITH_UNIT = re.compile(r"(?P<number>-?[0-9]+(?:\.[0-9]+)?) ?(?P<unit>%|[A-Za-z][A-Za-z/]*)?")
 _LONGEST_SHOWN_NUMBER: Final = 12
@@ -32,11 +29,16 @@ _UNITS: Final = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
 class UnfitError(ValueError):
-    """A value does not fit its field; the error has a rule, a sentence that begins with `THE_VALUE`, and a hint."""
+    """A value does not fit its field; the error has a rule, a sentence about the value, and a hint."""
 
-    def __init__(self, rule: Rule, sentence: str, hint: str = "") -> None:
-        super().__init__(sentence)
-        self.rule, self.hint = rule, hint
+    def __init__(self, rule: Rule, predicate: str, hint: str = "") -> None:
+        """Keep the sentence without its subject ("must be a number, not 'x'"); by itself it is about "the value"."""
+        super().__init__(f"the value {predicate}")
+        self.rule, self.hint, self._predicate = rule, hint, predicate
+
+    def said_of(self, subject: str) -> str:
+        """Return the same sentence about a field, of which the caller knows the name."""
+        return f"{subject} {self._predicate}"
 
 
 def cpu_millis(value: object) -> int:
@@ -81,7 +83,7 @@ def memory_bytes(value: object) -> int:
         return _whole(value, 1, LARGEST_MEMORY, "a byte")
     match = _MEMORY.fullmatch(value)
     if match is None:
-        sentence = f"{THE_VALUE} must be a size of memory, not {shown(value)}"
+        sentence = f"must be a size of memory, not {shown(value)}"
         raise UnfitError(rules.BAD_MEMORY, sentence, "write a size such as 64KiB or 2MiB, or a number of bytes")
     factor = _UNITS[match["unit"]]
     return _whole(Decimal(match["number"]), factor, LARGEST_MEMORY // factor, f"a byte in {match['unit']}")
@@ -96,7 +98,7 @@ def share(value: object) -> Fraction:
     """Convert a share, 0 to 1; raises UnfitError for any other value."""
     exact = number(value)
     if not 0 <= exact <= 1:
-        sentence = f"{THE_VALUE} must be a share from 0 to 1, not {value}"
+        sentence = f"must be a share from 0 to 1, not {value}"
         raise UnfitError(rules.OUT_OF_RANGE, sentence, "write 0.8 for 80 %")
     return exact
 
@@ -105,7 +107,7 @@ def failures_per_hour(value: object) -> Fraction:
     """Convert a failure rate per hour, 0 or more; raises UnfitError for any other value."""
     exact = number(value)
     if exact < 0:
-        sentence = f"{THE_VALUE} must be 0 or more failures per hour, not {value}"
+        sentence = f"must be 0 or more failures per hour, not {value}"
         raise UnfitError(rules.OUT_OF_RANGE, sentence, "write a number such as 0.0005 or 5e-4")
     return exact
 
@@ -118,7 +120,7 @@ def number(value: object) -> Fraction:
 def _numeric(value: object) -> int | Decimal:
     if isinstance(value, bool) or not isinstance(value, int | Decimal):
         numeric = _WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
-        sentence = f"{THE_VALUE} must be a number, not {shown(value)}"
+        sentence = f"must be a number, not {shown(value)}"
         if numeric is None:
             raise UnfitError(rules.WRONG_TYPE, sentence, "write only digits and a decimal point, for example 0.5")
         raise UnfitError(rules.WRONG_UNIT, sentence, _bare_number_hint(numeric["number"], numeric["unit"]))
@@ -136,17 +138,17 @@ def _bare_number_hint(number: str, unit: str) -> str:
 def _whole(value: object, factor: int, most: int, unit: str) -> int:
     above, below = _numeric(value).as_integer_ratio()  # a Fraction does the same, and takes five times as long
     if not 0 <= above <= most * below:
-        sentence = f"{THE_VALUE} must be from 0 to {most}, not {value}"
+        sentence = f"must be from 0 to {most}, not {value}"
         raise UnfitError(rules.OUT_OF_RANGE, sentence, f"write a number from 0 to {most}")
     whole, rest = divmod(above * factor, below)
     if rest:
         next_one = Fraction(whole + 1, factor)
         hint = f"write {float(next_one):.10g}, the next possible value above" if factor <= _FINEST_SHOWN else "round it"
-        raise UnfitError(rules.TOO_FINE, f"{THE_VALUE} must not be finer than {unit}, but {value} is finer", hint)
+        raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, but {value} is finer", hint)
     return whole
 
 
 def _positive(result: int, value: object) -> int:
     if result == 0:
-        raise UnfitError(rules.OUT_OF_RANGE, f"{THE_VALUE} must be more than 0, not {value}", "write a number above 0")
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be more than 0, not {value}", "write a number above 0")
     return result

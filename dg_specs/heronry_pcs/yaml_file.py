@@ -181,7 +181,7 @@ class _Reader:
         try:
             return quantities.weight_mbit_per_s(value)
         except UnfitError as error:
-            self._refuse(node.place, f"the weight of port {shown(port)} of {subject} {error}", error.hint)
+            self._refuse(node.place, error.said_of(f"the weight of port {shown(port)} of {subject}"), error.hint)
             return 0
 
     def _text(self, fields: Mapping[str, Entry], field: str, subject: str) -> str | None:

@@ -195,7 +195,7 @@ def test_requests_and_answers_are_read_back_as_they_were_written(spec: Spec) -> 
 def test_a_line_that_is_no_request_is_refused(spec: Spec, line: bytes) -> None:
     refusal = answer(Planner(spec), line)
     assert isinstance(refusal, Refusal)
-    assert "not a" in refusal.reason
+    assert refusal.reason.startswith(("a line between manager and planner is not", "the request for a plan cannot be"))
 
 
 @pytest.mark.parametrize(

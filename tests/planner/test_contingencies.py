@@ -103,7 +103,7 @@ def forged(body: bytes, length: int | None = None) -> bytes:
         (forged(b""), "cannot be read"),
         (forged(pack([1, 0, 1, 99])), "cannot be read"),
         (forged(pack([0, 0, 0, 1, 0, 1, 2, 99, 99])), "cannot be read"),
-        (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 2])), "names configuration 2, but the file has only 1 of them"),
+        (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 2])), "names configuration 2, which is not one of the 1 in"),
         (
             forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 2, 0, 0])),
             "exactly one plan for each fault set",
