@@ -28,6 +28,18 @@ def test_the_paper_s_gps_driver_gives_its_height_alone() -> None:
     assert rig.step() == {"gps_altitude": 300.0}
 
 
+@pytest.mark.parametrize("image", ["gps_receiver", "gps_driver"])
+def test_a_receiver_that_repeats_one_fix_for_three_seconds_is_stuck_until_the_next_fix(image: str) -> None:
+    rig = Rig(image, rate_hz=10)
+    reading(rig, (380_300_000, -845_000_000, 300_000, 0))
+    assert rig.run(2.9)["gps_altitude"] == 300.0
+    assert rig.host.reported == []
+    assert rig.run(0.7) == {}
+    assert rig.host.reported == ["device:gps"]
+    reading(rig, (380_300_000, -845_000_000, 300_001, 0))
+    assert rig.step()["gps_altitude"] == pytest.approx(300.001)
+
+
 def test_an_inertial_unit_gives_rates_and_accelerations() -> None:
     rig = Rig("inertial_unit")
     reading(rig, (1_500, -20, 70, -5))

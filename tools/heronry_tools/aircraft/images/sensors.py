@@ -3,7 +3,8 @@
 A driver also decides whether its device has failed. A device is reported as `device:...` if it was silent, or gave
 impossible readings, for half a second. The report is repeated every half second, since the operator may have cleared
 the fault. The half second covers a device that is still starting when its driver starts. In a period without a valid
-reading the driver publishes nothing: readers must not take an old value for a new one.
+reading the driver publishes nothing: readers must not take an old value for a new one. A satellite receiver that
+repeats one fix for three seconds is stuck, and its fix counts as impossible.
 
 A restart loses only the count of silent periods.
 """
@@ -12,9 +13,10 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from heronry_agent.module import Context, Inputs, Module, Value
-from heronry_agent.parts.lasting import Lasting
+from heronry_agent.parts.lasting import Lasting, steps_of
 
 _SILENCE_NS = 500_000_000
+_STUCK_NS = 3_000_000_000  # two missing fixes of a slow receiver, which has one per second
 _ULONG_MASK = 0xFFFF_FFFF
 _SHORT_LIMIT = 32_767
 
@@ -86,17 +88,36 @@ class RateGyros(TupleSensor):
     fields = (("pitch_rate", 1e-3), ("roll_rate", 1e-3))
 
 
-class GpsReceiver(TupleSensor):
-    """Latitude and longitude in 1e-7 deg, height in mm, track in 1e-5 deg."""
+class SatelliteReceiver(TupleSensor):
+    """A receiver whose fixes differ by their noise at least; so its "static hold", if it has any, must be off.
+
+    A fix that is repeated for `_STUCK_NS` is no fix.
+    """
 
     device = "gps"
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._last: Value | None = None
+        self._repeated = 0  # steps
+        self._most = steps_of(_STUCK_NS, ctx.period_ns)
+
+    def convert(self, raw: Value) -> Mapping[str, Value] | None:
+        """Convert a fix, but not one that is stuck."""
+        self._repeated = self._repeated + 1 if raw == self._last else 0
+        self._last = raw
+        return None if self._repeated >= self._most else super().convert(raw)
+
+
+class GpsReceiver(SatelliteReceiver):
+    """Latitude and longitude in 1e-7 deg, height in mm, track in 1e-5 deg."""
+
     fields = (("gps_latitude", 1e-7), ("gps_longitude", 1e-7), ("gps_altitude", 1e-3), ("gps_track", 1e-5))
 
 
-class GpsAltitude(TupleSensor):
+class GpsAltitude(SatelliteReceiver):
     """The GPS receiver in a spec that uses only the height of the receiver."""
 
-    device = "gps"
     fields = ((None, 1e-7), (None, 1e-7), ("gps_altitude", 1e-3), (None, 1e-5))
 
 
