@@ -30,6 +30,8 @@ MOST_BYTES: Final = 4 << 20
 MOST_NODES: Final = 500_000
 MOST_LEVELS: Final = 64
 _TOO_DEEP: Final = f"this is nested deeper than {MOST_LEVELS} levels"
+_TOO_MANY: Final = f"the file has more than {MOST_NODES} values"
+_MAKE_SMALLER: Final = "remove data that is no part of a spec, or divide the system into two specs"
 _KEEP_FLAT: Final = "give a part of `needs` a name under gates:, and write that name"
 MOST_REPEATED_KEYS: Final = 100  # a file with more was hardly written by hand, and a longer list does not help
 
@@ -82,20 +84,10 @@ Node = Scalar | Sequence | Mapping
 def read_tree(data: bytes, findings: Findings) -> Node | None:
     """Read the one document in `data`; if the document cannot be read, add a finding and return None."""
     if len(data) > MOST_BYTES:
-        findings.add(
-            rules.TOO_LARGE,
-            Place(1, 1),
-            f"the file has more than {MOST_BYTES} bytes",
-            "remove data that is no part of a spec, or divide the system into two specs",
-        )
+        findings.add(rules.TOO_LARGE, Place(1, 1), f"the file has more than {MOST_BYTES} bytes", _MAKE_SMALLER)
         return None
     if data.count(b":") + data.count(b",") + data.count(b"- ") > MOST_NODES:
-        findings.add(
-            rules.TOO_LARGE,
-            Place(1, 1),
-            f"the file has more than {MOST_NODES} values",
-            "remove data that is no part of a spec, or divide the system into two specs",
-        )
+        findings.add(rules.TOO_LARGE, Place(1, 1), _TOO_MANY, _MAKE_SMALLER)
         return None
     text = _decoded(data, findings)
     if text is None:
@@ -239,13 +231,7 @@ class _Builder:
     def _beyond(self, place: Place, level: int) -> "_LimitError":
         if level > MOST_LEVELS:
             return _LimitError(rules.TOO_DEEP, place, _TOO_DEEP, _KEEP_FLAT)
-        sentence = f"the file has more than {MOST_NODES} values"
-        return _LimitError(
-            rules.TOO_LARGE,
-            place,
-            sentence,
-            "remove data that is no part of a spec, or divide the system into two specs",
-        )
+        return _LimitError(rules.TOO_LARGE, place, _TOO_MANY, _MAKE_SMALLER)
 
     def _count_repeated(self, place: Place) -> None:
         self._repeated_keys += 1

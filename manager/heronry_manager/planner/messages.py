@@ -107,18 +107,18 @@ def read_request(line: bytes, spec: Spec) -> Request:
         }:
             return Request(number, _situation(spec, down, limits, phase, priorities), _placement(running))
         case other:
-            raise MessageError(f"the request for a plan cannot be read: {other}")
+            raise _no_request(other)
 
 
 def _situation(
     spec: Spec, down: list[str], limits: dict[str, str], phase: str | None, priorities: dict[str, int]
 ) -> Situation:
     if phase is not None and phase not in spec.phases:
-        raise MessageError(f"the request for a plan cannot be read: no phase is named '{phase}'")
+        raise _no_request(f"no phase is named '{phase}'")
     if not all(isinstance(text, str) for text in (*down, *limits.values())):
-        raise MessageError("the request for a plan cannot be read: an element or a limit is not a string")
+        raise _no_request("an element or a limit is not a string")
     if not all(name in spec.functions and isinstance(n, int) for name, n in priorities.items()):
-        raise MessageError("the request for a plan cannot be read: a priority names no function, or is not an integer")
+        raise _no_request("a priority names no function, or is not an integer")
     try:
         return Situation(
             down=frozenset(checked_element(spec, element) for element in down),
@@ -127,16 +127,18 @@ def _situation(
             priorities=priorities,
         )
     except (UnknownElementError, ValueError, ZeroDivisionError) as error:
-        raise MessageError(f"the request for a plan cannot be read: {error}") from error
+        raise _no_request(error) from error
 
 
 def _placement(running: dict[str, list[str]] | None) -> Placement | None:
     try:
         return None if running is None else {module: (mode, pe) for module, (mode, pe) in running.items()}
     except (ValueError, TypeError) as error:
-        raise MessageError(
-            f"the request for a plan cannot be read: 'running' is not {{module: [mode, PE]}} ({error})"
-        ) from error
+        raise _no_request(f"'running' is not {{module: [mode, PE]}} ({error})") from error
+
+
+def _no_request(reason: object) -> MessageError:
+    return MessageError(f"the request for a plan cannot be read: {reason}")
 
 
 def read_answer(line: bytes) -> Answer:
@@ -150,18 +152,20 @@ def read_answer(line: bytes) -> Answer:
         case {"request": int() | None as refused, "error": str(reason)}:
             return Refusal(refused, reason)
         case other:
-            raise MessageError(f"the planner's answer is not valid: {other}")
+            raise _no_answer(other)
 
 
 def _solution(number: int, fields: dict[str, object], objective: list[int], bounds: list[int]) -> Solution:
     if not len(objective) == len(bounds) == len(LEVELS) or not all(isinstance(one, int) for one in objective + bounds):
-        raise MessageError(
-            f"the planner's answer is not valid: its objective and its bounds must be {len(LEVELS)} integers each"
-        )
+        raise _no_answer(f"its objective and its bounds must be {len(LEVELS)} integers each")
     try:
         return Solution(number, configuration_of(fields), Objective.of_key(objective), tuple(bounds))
     except PlanError as error:
-        raise MessageError(f"the planner's answer is not valid: {error}") from error
+        raise _no_answer(error) from error
+
+
+def _no_answer(reason: object) -> MessageError:
+    return MessageError(f"the planner's answer is not valid: {reason}")
 
 
 def _line(fields: Mapping[str, object]) -> bytes:
