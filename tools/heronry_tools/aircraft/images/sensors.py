@@ -3,8 +3,11 @@
 A driver also decides whether its device has failed. A device is reported as `device:...` if it was silent, or gave
 impossible readings, for half a second. The report is repeated every half second, since the operator may have cleared
 the fault. The half second covers a device that is still starting when its driver starts. In a period without a valid
-reading the driver publishes nothing: readers must not take an old value for a new one. A satellite receiver that
-repeats one fix for three seconds is stuck, and its fix counts as impossible.
+reading the driver publishes nothing: readers must not take an old value for a new one.
+
+The readings of some devices always differ, by their noise at least. Such a device is stuck if it repeats one reading
+for too long (`may_repeat_ns`), and this reading counts as impossible. So the "static hold" of a satellite receiver, if
+it has any, must be off.
 
 A restart loses only the count of silent periods.
 """
@@ -16,24 +19,31 @@ from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_agent.parts.lasting import Lasting, steps_of
 
 _SILENCE_NS = 500_000_000
-_STUCK_NS = 3_000_000_000  # two missing fixes of a slow receiver, which has one per second
+_MAY_REPEAT_FIX_NS = 3_000_000_000  # two missing fixes of a slow receiver, which has one per second
 _ULONG_MASK = 0xFFFF_FFFF
 _SHORT_LIMIT = 32_767
 
 
 class SensorDriver(Module):
-    """Reads its device once per period; a subclass converts the reading."""
+    """Reads its device once per period; a subclass converts the reading.
+
+    may_repeat_ns: how long a healthy device may repeat one reading; None: without end
+    """
 
     device: ClassVar[str]
+    may_repeat_ns: ClassVar[int | None] = None
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._silence = Lasting(_SILENCE_NS, ctx.period_ns)
+        self._last: Value | None = None
+        self._repeated = 0  # steps with the same reading as the step before
+        self._stuck = None if self.may_repeat_ns is None else steps_of(self.may_repeat_ns, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a sensor's driver has none)
         """Publish the converted reading, or nothing without a valid reading; report a device that has failed."""
         raw = self.ctx.read()
-        given = None if raw is None else self.convert(raw)
+        given = None if raw is None or self._is_stuck(raw) else self.convert(raw)
         if self._silence.is_due(given is None):
             self.ctx.report_failed(f"device:{self.device}")
         return {} if given is None else given
@@ -41,6 +51,13 @@ class SensorDriver(Module):
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Convert a reading to values by variable; None if the reading is impossible for this device."""
         raise NotImplementedError
+
+    def _is_stuck(self, raw: Value) -> bool:
+        if self._stuck is None:
+            return False
+        self._repeated = self._repeated + 1 if raw == self._last else 0
+        self._last = raw
+        return self._repeated >= self._stuck
 
 
 class NumberSensor(SensorDriver):
@@ -88,36 +105,19 @@ class RateGyros(TupleSensor):
     fields = (("pitch_rate", 1e-3), ("roll_rate", 1e-3))
 
 
-class SatelliteReceiver(TupleSensor):
-    """A receiver whose fixes differ by their noise at least; so its "static hold", if it has any, must be off.
-
-    A fix that is repeated for `_STUCK_NS` is no fix.
-    """
-
-    device = "gps"
-
-    def __init__(self, ctx: Context) -> None:
-        super().__init__(ctx)
-        self._last: Value | None = None
-        self._repeated = 0  # steps
-        self._most = steps_of(_STUCK_NS, ctx.period_ns)
-
-    def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Convert a fix, but not one that is stuck."""
-        self._repeated = self._repeated + 1 if raw == self._last else 0
-        self._last = raw
-        return None if self._repeated >= self._most else super().convert(raw)
-
-
-class GpsReceiver(SatelliteReceiver):
+class GpsReceiver(TupleSensor):
     """Latitude and longitude in 1e-7 deg, height in mm, track in 1e-5 deg."""
 
+    device = "gps"
+    may_repeat_ns = _MAY_REPEAT_FIX_NS
     fields = (("gps_latitude", 1e-7), ("gps_longitude", 1e-7), ("gps_altitude", 1e-3), ("gps_track", 1e-5))
 
 
-class GpsAltitude(SatelliteReceiver):
+class GpsAltitude(TupleSensor):
     """The GPS receiver in a spec that uses only the height of the receiver."""
 
+    device = "gps"
+    may_repeat_ns = _MAY_REPEAT_FIX_NS
     fields = ((None, 1e-7), (None, 1e-7), ("gps_altitude", 1e-3), (None, 1e-5))
 
 
