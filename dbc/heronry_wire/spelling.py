@@ -11,6 +11,11 @@ def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
     return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=likeness)), None)
 
 
+def kind_word(kind: str) -> str:
+    """Give the word for a kind of element in a sentence: `PE` for `pe`, any other kind as it is."""
+    return "PE" if kind == "pe" else kind
+
+
 def meant(word: str, known: Iterable[str], otherwise: str = "", *, there_is: str = "there is") -> str:
     """Give "did you mean ...?" with the known word most similar to `word`.
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from heronry_dg.rules.rule import Rule, Severity
 from heronry_wire.errors import HeronryError, on_one_line
-from heronry_wire.spelling import close
+from heronry_wire.spelling import close, kind_word
 
 _LONGEST_SHOWN = 60
 _LONGEST_CYCLE_SHOWN = 24
@@ -103,7 +103,7 @@ class Findings:
         if not any(one.place == place for one in uses):
             uses.append(Use(place, kind, closest))
         hint = f"did you mean '{closest}'?" if closest is not None else _there_is(known)
-        self.add(rule, place, f"no {'PE' if kind == 'pe' else kind} is named {shown(name)}", hint)
+        self.add(rule, place, f"no {kind_word(kind)} is named {shown(name)}", hint)
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
         """Give the hint "did you mean ...?" with the most similar known name; empty where none is similar."""

@@ -23,7 +23,7 @@ from fractions import Fraction
 from heronry_dg.model import Function, Module, Spec
 from heronry_wire.errors import HeronryError
 from heronry_wire.management import MOST_PRIORITY
-from heronry_wire.spelling import close, meant
+from heronry_wire.spelling import close, kind_word, meant
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
@@ -189,7 +189,7 @@ def _what_was_meant(spec: Spec, text: str) -> str:
 
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    return f"no {'PE' if kind == 'pe' else kind} is named '{name}'; {meant(name, known, there_is='the spec has')}"
+    return f"no {kind_word(kind)} is named '{name}'; {meant(name, known, there_is='the spec has')}"
 
 
 @dataclass(frozen=True, slots=True)

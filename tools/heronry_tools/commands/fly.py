@@ -16,7 +16,7 @@ from heronry_tools.console.progress import show_line
 from heronry_tools.console.spec_argument import FLOWN, load_spec_file, spec_path
 from heronry_tools.console.whole_file import expect_writable, write_whole
 from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
-from heronry_wire.spelling import meant
+from heronry_wire.spelling import kind_word, meant
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -319,7 +319,7 @@ def _blow(spec: "Spec", text: str) -> "Blow":
             f"--kill {text}: write pe:NAME@WHEN, bus:NAME@WHEN or device:NAME@WHEN, for example pe:nav_a@20"
         )
     if name not in known:
-        raise UserError(f"--kill {text}: no {'PE' if kind == 'pe' else kind} is named '{name}'; {meant(name, known)}")
+        raise UserError(f"--kill {text}: no {kind_word(kind)} is named '{name}'; {meant(name, known)}")
     if how and kind != "device":
         raise UserError(f"--kill {text}: '={how}' can stand only after a device; leave '={how}' out")
     if how and how not in _HOW:

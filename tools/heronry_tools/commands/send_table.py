@@ -60,16 +60,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Send the table; returns the exit code."""
     import canopen  # noqa: F401, PLC0415 - imported first, so that a missing package is reported before planning
 
-    from heronry_tools.console.errors import UserError  # noqa: PLC0415
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import expect_pe, load_spec  # noqa: PLC0415
     from heronry_tools.runtime.table_files import table_texts  # noqa: PLC0415
     from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
     from heronry_wire.bus_opening import open_bus  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415
 
     spec, pe = load_spec(arguments.spec), arguments.pe
-    if pe not in spec.pes:
-        raise UserError(f"no PE is named '{pe}'; the spec has {', '.join(spec.pes)}")
+    expect_pe(spec, pe)
     key = None if arguments.key is None else read_key(arguments.key)
     flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
 

@@ -36,13 +36,13 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write one table, or all; returns the exit code."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - keeps `--help` quick
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import expect_pe, load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     if (arguments.pe is None) == (arguments.all is None):
         raise UserError("name one PE, or write --all DIR")
-    if arguments.pe is not None and arguments.pe not in spec.pes:
-        raise UserError(f"no PE is named '{arguments.pe}'; the spec has {', '.join(spec.pes)}")
+    if arguments.pe is not None:
+        expect_pe(spec, arguments.pe)
     made = contingencies_of(spec, arguments.contingencies)
     if arguments.all is not None:
         write_tables(spec, spec.pes, arguments.all, made)

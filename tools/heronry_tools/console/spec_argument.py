@@ -124,6 +124,12 @@ def _from_git(text: str) -> bytes:
     raise UserError(f"{text}: {why} (git); PATH is relative to the top of the repository, ./PATH to this folder")
 
 
+def expect_pe(spec: "Spec", name: str) -> None:
+    """Raise UserError if the spec has no PE of this name."""
+    if name not in spec.pes:
+        raise UserError(f"no PE is named '{name}'; the spec has {', '.join(spec.pes)}")
+
+
 def named_function(spec: "Spec", name: str) -> "Function":
     """Give the function of this name; raises UserError."""
     if name in spec.functions:
