@@ -38,6 +38,7 @@ from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 from lab.benches.fleets import Aircraft, aircraft
+from lab.benches.processes import children
 from lab.slow_spec import slow_spec
 
 PATIENCE_S = 60.0
@@ -160,11 +161,11 @@ class Flight:
         return heal
 
     def _nodes(self) -> list[int]:
-        return [pid for pid in _children(os.getpid()) if _words(pid) & {b"heronry_agent", b"manager"}]
+        return [pid for pid in children(os.getpid()) if _words(pid) & {b"heronry_agent", b"manager"}]
 
     def _planners(self) -> list[int]:
-        managers = [pid for pid in _children(os.getpid()) if b"manager" in _words(pid)]
-        return [p for m in managers for p in _children(m) if b"heronry_manager.planner.service" in _words(p)]
+        managers = [pid for pid in children(os.getpid()) if b"manager" in _words(pid)]
+        return [p for m in managers for p in children(m) if b"heronry_manager.planner.service" in _words(p)]
 
     def _start_manager(self, node: int) -> None:
         self._streams[node] = EventStream(self._fleet.start_manager(node, standby=True))
@@ -205,10 +206,6 @@ def _stopped(pids: Sequence[int]) -> Callable[[], None]:
                 os.kill(pid, signal.SIGCONT)
 
     return heal
-
-
-def _children(parent: int) -> list[int]:
-    return [int(pid) for pid in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 
 
 def _words(pid: int) -> set[bytes]:

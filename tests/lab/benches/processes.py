@@ -1,4 +1,4 @@
-"""The processor time and memory of processes, from proc(5), and processes that load this computer without end."""
+"""Processor time, memory and descriptors of processes, from proc(5), and processes that load this computer."""
 
 import os
 import subprocess
@@ -31,6 +31,16 @@ def resident_mib(pid: int) -> float:
     """Give the memory of a process in MiB, shared memory included."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
     return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS"))
+
+
+def open_descriptors(pid: int) -> int:
+    """Give the number of open descriptors of a process."""
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
+
+
+def children(pid: int) -> list[int]:
+    """Give the children that the first thread of a process has started, by process number."""
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()]
 
 
 def _stat(pid: int) -> list[str]:
