@@ -110,6 +110,10 @@ class Context(Protocol):
         """Name of the mode in which the module runs."""
 
     @property
+    def device(self) -> str | None:
+        """Name of the module's device in the spec; None if the module has none."""
+
+    @property
     def period_ns(self) -> int:
         """Time between two steps, in ns."""
 
@@ -118,7 +122,10 @@ class Context(Protocol):
         """Time of this step on the monotonic clock of the PE, in ns."""
 
     def read(self) -> Value | None:
-        """Return the reading of the module's device when this step began; None if there is no valid reading."""
+        """Return the reading of the module's device when this step began; None if there is no valid reading.
+
+        An actuator reads the last command that it has taken.
+        """
 
     def write(self, value: Value) -> None:
         """Command the module's device; the agent executes the command after the step, if then still authorized."""

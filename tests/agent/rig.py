@@ -21,14 +21,15 @@ class Host:
     mode: str = "only"
     period_ns: int = 25_000_000
     now_ns: int = 0
-    device: Callable[[int], Value | None] = lambda _now_ns: None
+    device: str = "device_under_test"
+    reading: Callable[[int], Value | None] = lambda _now_ns: None
     drive: Callable[[Value, int], object] | None = None
     written: list[Value] = field(default_factory=list)
     reports: list[tuple[str, int]] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
 
     def read(self) -> Value | None:
-        return self.device(self.now_ns)
+        return self.reading(self.now_ns)
 
     def write(self, value: Value) -> None:
         self.written.append(value)
@@ -103,8 +104,8 @@ class Flight:
         module, mode = self.spec.modules[name], self.spec.modules[name].modes[mode_name]
         host = Host(module=name, mode=mode_name, period_ns=1_000_000_000_000 // mode.rate_mhz)
         if module.device is not None:
-            device = module.device
-            host.device = lambda now_ns: self.plant.read(device, now_ns)
+            device = host.device = module.device
+            host.reading = lambda now_ns: self.plant.read(device, now_ns)
             host.drive = lambda value, now_ns: self.plant.write(device, value, now_ns)
         self.running[name] = _Running(host, find_image(module.image)(host), mode)
 

@@ -1,6 +1,7 @@
 """Drivers of sensors and actuators: units, silence, limits, and what happens without a demand."""
 
 import itertools
+import math
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from heronry_agent.module import Datum, Value
 
 
 def reading(rig: Rig, value: Value | None) -> None:
-    rig.host.device = lambda _now_ns: value
+    rig.host.reading = lambda _now_ns: value
 
 
 def test_a_gps_receiver_speaks_in_integers_and_its_driver_in_units() -> None:
@@ -35,7 +36,7 @@ def test_a_receiver_that_repeats_one_fix_for_three_seconds_is_stuck_until_the_ne
     assert rig.run(2.9)["gps_altitude"] == 300.0
     assert rig.host.reported == []
     assert rig.run(0.7) == {}
-    assert rig.host.reported == ["device:gps"]
+    assert rig.host.reported == ["device:device_under_test"]
     reading(rig, (380_300_000, -845_000_000, 300_001, 0))
     assert rig.step()["gps_altitude"] == pytest.approx(300.001)
 
@@ -54,11 +55,11 @@ def test_a_silent_device_is_reported_after_every_half_second() -> None:
         assert rig.step() == {}
     assert rig.host.reported == []
     rig.step()
-    assert rig.host.reported == ["device:gps"]
+    assert rig.host.reported == ["device:device_under_test"]
     rig.run(0.4)
-    assert rig.host.reported == ["device:gps"]
+    assert rig.host.reported == ["device:device_under_test"]
     rig.step()
-    assert rig.host.reported == ["device:gps"] * 2
+    assert rig.host.reported == ["device:device_under_test"] * 2
 
 
 def test_a_device_that_came_back_and_fell_silent_again_is_reported_again() -> None:
@@ -68,7 +69,7 @@ def test_a_device_that_came_back_and_fell_silent_again_is_reported_again() -> No
     assert rig.step() == {"pressure_2": 500.0}
     reading(rig, None)
     rig.run(0.6)
-    assert rig.host.reported == ["device:pressure_sensor_2"] * 2
+    assert rig.host.reported == ["device:device_under_test"] * 2
 
 
 def test_a_device_that_takes_a_moment_to_wake_is_not_reported() -> None:
@@ -127,6 +128,32 @@ def test_a_servo_without_a_demand_stays_and_before_the_first_is_left_alone() -> 
     rig.step(rudder_demand=4.0)
     rig.step()
     assert rig.host.written == [4.0, 4.0]
+
+
+@pytest.mark.parametrize("taken", [None, 0.0])
+def test_a_rudder_servo_that_takes_no_command_for_half_a_second_is_reported(taken: float | None) -> None:
+    rig = Rig("rudder_servo")
+    reading(rig, taken)
+    rig.run(1.0)
+    assert rig.host.reported == []  # it has been given no command yet
+    rig.run(0.5, rudder_demand=4.0)
+    assert rig.host.reported == []
+    rig.step(rudder_demand=4.0)
+    assert rig.host.reported == ["device:device_under_test"]
+    rig.run(0.5, rudder_demand=4.0)
+    assert rig.host.reported == ["device:device_under_test"] * 2
+
+
+def test_a_rudder_servo_that_takes_its_commands_is_not_reported_nor_one_that_misses_some() -> None:
+    rig = Rig("rudder_servo")
+    rig.host.reading = lambda _now_ns: rig.host.written[-1] if rig.host.written else None
+    for tick in range(200):
+        rig.step(rudder_demand=10.0 * math.sin(tick / 10))
+    missed = {step for step in range(200, 400) if step % 20 < 15}
+    rig.host.reading = lambda now_ns: rig.host.written[-1] if now_ns // rig.host.period_ns not in missed else None
+    for tick in range(200):
+        rig.step(rudder_demand=10.0 * math.sin(tick / 10))
+    assert rig.host.reported == []
 
 
 @given(st.lists(st.none() | st.floats(allow_nan=True, allow_infinity=True), max_size=60))

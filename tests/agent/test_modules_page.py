@@ -17,8 +17,8 @@ from heronry_agent.shell.devices import DeviceDriverError, Devices
 from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "modules.md"
-FAST = Orders("speed", "my_glider:Speed", "fast", 25 * MS, has_device=True)
-SLOW = Orders("speed", "my_glider:Speed", "slow", 100 * MS, has_device=True)
+FAST = Orders("speed", "my_glider:Speed", "fast", 25 * MS, device="speed_sensor")
+SLOW = Orders("speed", "my_glider:Speed", "slow", 100 * MS, device="speed_sensor")
 SPEED, UNTIL_NS = 0, 10**18
 SERVO = next(module for module in TABLE.modules if module.index == SERVO_1)
 

@@ -208,7 +208,7 @@ def test_a_step_lasts_from_its_command_to_its_answer() -> None:
         process.flush(0)
         assert answer_of(process) == Loaded({})
         process.loading = False
-        process.send(Start(CONTROL, Orders("control", image, "only", 1, has_device=False), ()))
+        process.send(Start(CONTROL, Orders("control", image, "only", 1, device=None), ()))
         process.expect(CONTROL, 1, time.monotonic_ns())
         assert process.spent_ns(CONTROL, 1, time.monotonic_ns() + LONG_NS) == 0
         process.send(Step(CONTROL, 1, 0, LONG_NS + time.monotonic_ns(), None, []))

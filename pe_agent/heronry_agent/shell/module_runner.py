@@ -32,13 +32,13 @@ _HERE = (__file__, find_image.__code__.co_filename)
 
 
 class Orders(NamedTuple):
-    """What is needed to build a module: its name, image, mode and period in ns, and whether it has a device."""
+    """What is needed to build a module: its name, image, mode, period in ns, and the name of its device, if any."""
 
     name: str
     image: str
     mode: str
     period_ns: int
-    has_device: bool
+    device: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class _Context:
     mode: str
     period_ns: int
     now_ns: int
-    has_device: bool
+    device: str | None
     until_ns: int = 0
     reading: Value | None = None
     writes: list[Value] = field(default_factory=list)
@@ -97,7 +97,7 @@ class _Context:
         self.writes, self.reports, self.phases, self.priorities = [], [], [], []
 
     def _require_device(self) -> None:
-        if not self.has_device:
+        if self.device is None:
             raise RuntimeError(f"module {self.module} has no device: give it one in the spec")
 
 
@@ -134,7 +134,7 @@ class ModuleRunner:
         missing = self.load(orders.image)
         if missing is not None:
             return missing
-        context = _Context(self._clock, orders.name, orders.mode, orders.period_ns, now_ns, orders.has_device)
+        context = _Context(self._clock, orders.name, orders.mode, orders.period_ns, now_ns, orders.device)
         try:
             self._running[module] = (self._classes[orders.image](context), context, orders.image)
         except Exception as error:  # noqa: BLE001 - a module's constructor may raise anything

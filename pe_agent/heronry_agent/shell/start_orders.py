@@ -8,4 +8,4 @@ from heronry_agent.shell.module_runner import Orders
 def orders_of(action: StartModule) -> Orders:
     """Return the order that starts the module of `action`."""
     entry, mode = action.entry, action.entry.modes[action.mode]
-    return Orders(entry.name, entry.image, mode.name, NS_MHZ // mode.rate_mhz, entry.device is not None)
+    return Orders(entry.name, entry.image, mode.name, NS_MHZ // mode.rate_mhz, entry.device)

@@ -58,6 +58,15 @@ def test_where_guidance_is_kept_a_single_fault_lets_it_come_home() -> None:
     assert found["kept"]["acceptable"] == found["kept"]["runs"], figures(found)
 
 
+@pytest.mark.soak
+@pytest.mark.parametrize("how", ["dead", "stuck"])
+def test_a_rudder_servo_that_fails_in_the_glide_is_replaced_by_the_other_one(how: str) -> None:
+    blow = Blow("device:rudder_servo_1", at_s=15.0, how=how)
+    landing = fly_glider(SPEC, GliderMission(seed=147, start="glide", judged=True, blows=(blow,)))
+    assert landing.guided
+    assert (landing.causes, landing.violations) == ((), ()), line(landing)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

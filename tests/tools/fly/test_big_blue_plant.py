@@ -85,6 +85,17 @@ def test_a_wire_that_has_failed_does_not_burn_and_the_other_one_does() -> None:
     assert not plant.hangs
 
 
+def test_a_servo_reads_the_last_command_that_it_took() -> None:
+    plant = BigBluePlant(1, start="glide")
+    assert plant.read("rudder_servo_1", 1 * S) is None
+    assert plant.write("rudder_servo_1", 5.0, 1 * S) == plant.read("rudder_servo_1", 2 * S) == 5.0
+    plant.fail("rudder_servo_1", "stuck", 2 * S)
+    assert plant.write("rudder_servo_1", 9.0, 3 * S) is None
+    assert plant.read("rudder_servo_1", 3 * S) == 5.0
+    plant.fail("rudder_servo_1", "dead", 3 * S)
+    assert plant.read("rudder_servo_1", 4 * S) is None
+
+
 def test_the_parachute_lets_it_down_with_about_5_m_per_s() -> None:
     plant = BigBluePlant(1, start="glide")
     plant.write("chute_charge_1", 1, 2 * S)

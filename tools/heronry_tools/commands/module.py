@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise UserError(f"--inputs {text}: write it as NAME=VALUE, for example density=1.225")
         inputs[name] = read_value(value)
     reading = None if arguments.reading is None else read_value(arguments.reading)
-    orders = Orders("module", arguments.image, arguments.mode, period_ns(arguments.rate_hz), has_device=True)
+    orders = Orders("module", arguments.image, arguments.mode, period_ns(arguments.rate_hz), device="NAME")
     with redirect_stdout(sys.stderr):
         trial = try_module(orders, inputs, reading, arguments.steps, arguments.limit)
     is_json = arguments.format == "json"

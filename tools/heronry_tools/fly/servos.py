@@ -47,6 +47,11 @@ class Servos:
     pushes: dict[str, str]  # by servo: its surface
     failed: dict[str, tuple[str, float]] = field(default_factory=dict)  # by servo: how, and by how much
     last: dict[str, str] = field(default_factory=dict)  # by surface: the servo that was driven last
+    accepted: dict[str, float] = field(default_factory=dict)  # by servo: the last command that it accepted
+
+    def read(self, servo: str) -> float | None:
+        """Return the last command that a servo has accepted; None before the first one, and from a dead servo."""
+        return None if self.failed.get(servo, ("", 0.0))[0] == "dead" else self.accepted.get(servo)
 
     def command(self, servo: str, value: float) -> float | None:
         """Command a servo; return the command that it accepted, None if it is dead or stuck."""
@@ -56,7 +61,8 @@ class Servos:
         surface = self.surfaces[self.pushes[servo]]
         surface.is_loose = how == "loose"
         self.last[self.pushes[servo]] = servo
-        return surface.push(value + (offset if how == "bias" else 0.0))
+        self.accepted[servo] = surface.push(value + (offset if how == "bias" else 0.0))
+        return self.accepted[servo]
 
     def fail(self, servo: str, how: str, offset: float) -> None:
         """Make a servo fail; `how` is a `Failure`.

@@ -8,6 +8,10 @@ safe:
 - A charge or a burn wire cannot be undone. It fires after two demands in a row, and then stays fired.
 - A gas valve closes without a demand: the gas stays in the wings and in the bottle.
 
+The elevator has an angle sensor and a monitor, which find a servo that has failed (servo_monitor.py). The rudder has
+neither, so its driver finds by itself a servo that takes no commands. It cannot find a servo that takes commands, but
+does not move the surface.
+
 After a restart, a servo driver waits for the first demand, since the surface may be anywhere. If a charge is still
 demanded after a restart, its driver fires it again, which does no harm.
 """
@@ -16,9 +20,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.lasting import Lasting
 from heronry_agent.parts.reading import held, number, whole
 
 _NS_PER_S = 1_000_000_000
+_REFUSES_NS = 500_000_000
+_TAKEN_WITHIN_DEG = 1.0
 
 
 class SurfaceServo(Module):
@@ -88,9 +95,27 @@ class LimitedElevatorServo3(SurfaceServo):
 
 
 class RudderServo(SurfaceServo):
-    """A rudder servo; its last command is not published."""
+    """A rudder servo; its last command is not published.
+
+    In each step the driver compares the last command that the servo has taken with the command of the step before. It
+    reports a servo for which they differ for half a second, and again after each further half second.
+    """
 
     demand = "rudder_demand"
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._refusal = Lasting(_REFUSES_NS, ctx.period_ns)
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Report a servo that takes no commands; command the surface."""
+        if self._refusal.is_due(self._angle_deg is not None and not self._has_taken(self._angle_deg)):
+            self.ctx.report_failed(f"device:{self.ctx.device}")
+        return super().step(inputs)
+
+    def _has_taken(self, angle_deg: float) -> bool:
+        taken = self.ctx.read()
+        return isinstance(taken, (int, float)) and abs(taken - angle_deg) <= _TAKEN_WITHIN_DEG
 
 
 class Charge(Module):

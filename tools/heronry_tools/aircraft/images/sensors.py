@@ -30,7 +30,6 @@ class SensorDriver(Module):
     may_repeat_ns: how long a healthy device may repeat one reading; None: without end
     """
 
-    device: ClassVar[str]
     may_repeat_ns: ClassVar[int | None] = None
 
     def __init__(self, ctx: Context) -> None:
@@ -45,7 +44,7 @@ class SensorDriver(Module):
         raw = self.ctx.read()
         given = None if raw is None or self._is_stuck(raw) else self.convert(raw)
         if self._silence.is_due(given is None):
-            self.ctx.report_failed(f"device:{self.device}")
+            self.ctx.report_failed(f"device:{self.ctx.device}")
         return {} if given is None else given
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
@@ -89,7 +88,6 @@ class TupleSensor(SensorDriver):
 class InertialUnit(TupleSensor):
     """Rate gyros and accelerometers; counts of 0.001 deg/s and 0.001 g."""
 
-    device = "imu_1"
     fields = (
         ("pitch_rate", 1e-3),
         ("roll_rate", 1e-3),
@@ -101,14 +99,12 @@ class InertialUnit(TupleSensor):
 class RateGyros(TupleSensor):
     """Rate gyros alone; counts of 0.001 deg/s."""
 
-    device = "imu_2"
     fields = (("pitch_rate", 1e-3), ("roll_rate", 1e-3))
 
 
 class GpsReceiver(TupleSensor):
     """Latitude and longitude in 1e-7 deg, height in mm, track in 1e-5 deg."""
 
-    device = "gps"
     may_repeat_ns = _MAY_REPEAT_FIX_NS
     fields = (("gps_latitude", 1e-7), ("gps_longitude", 1e-7), ("gps_altitude", 1e-3), ("gps_track", 1e-5))
 
@@ -116,15 +112,12 @@ class GpsReceiver(TupleSensor):
 class GpsAltitude(TupleSensor):
     """The GPS receiver in a spec that uses only the height of the receiver."""
 
-    device = "gps"
     may_repeat_ns = _MAY_REPEAT_FIX_NS
     fields = ((None, 1e-7), (None, 1e-7), ("gps_altitude", 1e-3), (None, 1e-5))
 
 
 class Horizon(SensorDriver):
     """Thermopiles: the contrast along and across the aircraft, in counts, as a pair."""
-
-    device = "horizon_sensor"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Give both counts, limited to the range of a SHORT."""
@@ -136,70 +129,59 @@ class Horizon(SensorDriver):
 class Barometer(NumberSensor):
     """Static pressure in hPa, from the barometer of the aircraft `elevator_and_chute`."""
 
-    device = "barometer"
     variable = "absolute_pressure"
 
 
 class PressureSensor1(NumberSensor):
     """The first of three static pressures, in hPa."""
 
-    device = "pressure_sensor_1"
     variable = "pressure_1"
 
 
 class PressureSensor2(NumberSensor):
     """The second of three static pressures, in hPa."""
 
-    device = "pressure_sensor_2"
     variable = "pressure_2"
 
 
 class PressureSensor3(NumberSensor):
     """The third of three static pressures, in hPa."""
 
-    device = "pressure_sensor_3"
     variable = "pressure_3"
 
 
 class Pitot(NumberSensor):
     """Total minus static pressure, in hPa."""
 
-    device = "pitot"
     variable = "differential_pressure"
 
 
 class ElevatorAngle(NumberSensor):
     """The measured angle of the elevator, in degrees, down positive."""
 
-    device = "elevator_angle_sensor"
     variable = "elevator_angle"
 
 
 class WingPressure(NumberSensor):
     """Gas pressure in the wings, in hPa above the air outside."""
 
-    device = "wing_pressure_sensor"
     variable = "wing_pressure"
 
 
 class Ultraviolet(NumberSensor):
     """Irradiance of the light that cures the wings, in W/m2."""
 
-    device = "uv_sensor"
     variable = "uv_irradiance"
 
 
 class Battery(NumberSensor):
     """Voltage of the battery, in V."""
 
-    device = "battery"
     variable = "battery_voltage"
 
 
 class Camera(SensorDriver):
     """Number of frames that the camera has taken since it was switched on."""
-
-    device = "camera"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Give the count modulo 2^32."""
@@ -208,8 +190,6 @@ class Camera(SensorDriver):
 
 class CommandReceiver(SensorDriver):
     """Two commands: open the parachute, cut the balloon's line; 1 is yes."""
-
-    device = "command_receiver"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Give both commands, each as 0 or 1; None if the reading is not a pair."""
@@ -221,13 +201,9 @@ class CommandReceiver(SensorDriver):
 class Console(CommandReceiver):
     """The two commands of `CommandReceiver`, from the switches of the console on the ground."""
 
-    device = "console"
-
 
 class ChuteReceiver(SensorDriver):
     """The only command of the aircraft `elevator_and_chute`: open the parachute; 1 is yes."""
-
-    device = "receiver"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Give the command as 0 or 1; None if the reading is not a number."""

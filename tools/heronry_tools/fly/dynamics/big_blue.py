@@ -155,8 +155,10 @@ class BigBluePlant:
             self._tick()
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Advance to `now_ns`, and return the reading of a sensor; None if the sensor does not answer."""
+        """Advance to `now_ns`, and return the reading of a device; None if the device does not answer."""
         self.advance(now_ns)
+        if device in self.servos.pushes:
+            return self.servos.read(device)
         how, frozen, offset = self._failed.get(device, (None, None, 0.0))
         match how:
             case None:

@@ -141,8 +141,10 @@ class EavPlant:
             self._step()
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Advance to `now_ns`, and return the reading of a sensor; None if it does not answer."""
+        """Advance to `now_ns`, and return the reading of a device; None if it does not answer."""
         self.advance(now_ns)
+        if device in self.servos.pushes:
+            return self.servos.read(device)
         fault = self._failed.get(device)
         if fault is None:
             return self._reading(device, now_ns)

@@ -125,7 +125,7 @@ class PlantProcess:
             surfaces = self._plant.servos.surfaces
             columns = {f"{name}_deg": surfaces[name].position for name in ("elevator", "aileron", "rudder")}
             self._recorder.sample(truth, {**columns, "throttle": surfaces["throttle"].position})
-        readings = {device: self._plant.read(device, plant_ns) for device in DEVICES}
+        readings = {device: self._plant.read(device, plant_ns) for device in (*DEVICES, *self._plant.servos.pushes)}
         if self._origin_ns is None:
             readings |= HELD
         refusing = frozenset(name for name, (how, _) in self._plant.servos.failed.items() if how in ("dead", "stuck"))
