@@ -370,6 +370,15 @@ def test_a_report_of_what_has_not_failed_is_a_false_one() -> None:
     assert rules(checks) == ["blame"]
 
 
+def test_a_servo_may_be_reported_for_a_fault_of_the_sensor_with_which_a_monitor_compares_it() -> None:
+    spec = load(shipped_spec_path("big_blue"))
+    checks, names = Checks(spec), list(spec.devices)
+    emergency = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, names.index("elevator_servo_1"), 7)
+    checks.see(sent(Frame(emcy_id(spec.pes["tail_a"].node_id), emergency.encode()), "tail_a"))
+    assert rules(checks, Situation(frozenset({"device:elevator_angle_sensor"}))) == []
+    assert rules(checks, Situation(frozenset({"device:gps"}))) == ["blame"]
+
+
 def test_what_a_gateway_passes_on_is_not_its_own_report() -> None:
     """A node beyond without a key may say anything in the name of any other: no PE is blamed for that."""
     checks = Checks(SPEC)

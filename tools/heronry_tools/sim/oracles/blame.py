@@ -9,7 +9,13 @@ the oracle has read the EMCY beyond the gateway, or a foreign node has sent it. 
 about an element that was cleared meanwhile counts as a new report (`handed_on`). With a key no manager believes the
 EMCY of a foreign node. If a manager believed such an EMCY, it would plan without a healthy element, and `end_state`
 would detect this.
+
+A monitor compares an actuator with a sensor. If the sensor is stuck, the monitor cannot know at once which of the two
+has failed, and may report the actuator first. So the report of an actuator is founded, too, if a sensor is down whose
+data a module reads together with those of the actuator's driver.
 """
+
+from itertools import product
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, module_of
@@ -40,6 +46,7 @@ class BlameCheck(Oracle):
         """Begin without reports; the order of elements in `spec` gives the indices in EMCYs."""
         super().__init__()
         self._places = Places(spec)
+        self._compared = _compared(spec)
         self._reported: dict[str, Violation] = {}
         self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
 
@@ -80,8 +87,25 @@ class BlameCheck(Oracle):
         return {element: violation.t_ns for element, violation in self._reported.items()}
 
     def unfounded(self, truth: Situation) -> list[Violation]:
-        """Return a violation for each reported element that is not down in `truth`."""
-        return [violation for element, violation in self._reported.items() if not _is_down(element, truth)]
+        """Return a violation for each report that `truth` does not found: see the head of this file."""
+        return [
+            violation
+            for element, violation in self._reported.items()
+            if not _is_down(element, truth) and self._compared.get(element, frozenset()).isdisjoint(truth.down)
+        ]
+
+
+def _compared(spec: Spec) -> dict[str, frozenset[str]]:
+    """Return the sensors with which some module compares an actuator, by the actuator; both as `device:NAME`."""
+    found: dict[str, frozenset[str]] = {}
+    for module in spec.modules.values():
+        read = {leaf.variable for mode in module.modes.values() for _, leaf in mode.leaves()}
+        devices = {driver.device for variable in read for driver, _ in spec.producers(variable)} - {None}
+        by_kind = {kind: [d for d in devices if d and spec.devices[d].kind == kind] for kind in ("actuator", "sensor")}
+        for actuator, sensor in product(by_kind["actuator"], by_kind["sensor"]):
+            element = f"device:{actuator}"
+            found[element] = found.get(element, frozenset()) | {f"device:{sensor}"}
+    return found
 
 
 def _is_down(element: str, truth: Situation) -> bool:
