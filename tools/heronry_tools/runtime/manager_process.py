@@ -37,7 +37,9 @@ from heronry_wire.key_file import read_key
 from heronry_wire.replicated_link import AnyLink, open_link
 from heronry_wire.service_manager import ServiceManager
 
-PRE_PLANNER_NICENESS = 10  # pre-planning may wait; PEs on the same computer, as in the demo, must not
+# Where all nodes share a computer, as in the demo, a manager that is late loses healthy PEs. So its planner stands back
+# to the priority that the PEs have there, and pre-planning, which may wait, stands back behind them.
+_PLANNER_NICENESS, _PRE_PLANNER_NICENESS = 5, 15
 
 
 def mastership(arguments: argparse.Namespace) -> int:
@@ -73,12 +75,12 @@ def mastership(arguments: argparse.Namespace) -> int:
             second = "-advisor" if arguments.advise else "" if _node(arguments) == FIRST_MANAGER else "-standby"
             name = f"{spec.name}{second}"
             control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
-            planner = stack.enter_context(PlannerClient(spec, file)) if has_solver else None
+            planner = stack.enter_context(PlannerClient(spec, file, niceness=_PLANNER_NICENESS)) if has_solver else None
             if planner is not None and made is None:  # else the first plan was made ahead
                 planner.wait_until_ready()
 
             def start_pre_planner() -> PlannerClient:
-                return stack.enter_context(PlannerClient(spec, file, niceness=PRE_PLANNER_NICENESS))
+                return stack.enter_context(PlannerClient(spec, file, niceness=_PRE_PLANNER_NICENESS))
 
             told = _bus_event(spec.manager.bus, arguments)
             place = {"bus": {key: told[key] for key in ("name", "interface", "channel")}, "file": str(file.resolve())}

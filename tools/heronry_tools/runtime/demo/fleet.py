@@ -1,8 +1,9 @@
 """The processes of a demo: the hubs of the software buses, the manager, every PE.
 
 The demo starts, kills and restores these processes, and ends all of them when it ends. Each process of a node stands
-for a computer of its own. Each hub stands for a wire, and a wire delays no frame. So if this user may set priorities,
-these processes get a higher priority than all others on this computer, and the hubs get the highest.
+for a computer of its own. Each hub stands for a wire, and a wire delays no frame. A manager that is late takes healthy
+PEs for lost. So if this user may set priorities, these processes get a higher priority than all others on this
+computer, and the hubs and managers get the highest.
 
 The standard input of every child is a pipe from the demo's process. A child ends when the pipe ends (`--until-eof`). So
 a demo that is itself killed leaves no process behind.
@@ -42,7 +43,7 @@ from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import FIRST_MANAGER
 
 _STOP_TIMEOUT_S = 5.0
-_HUB_PRIORITY, NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
+_CENTRAL_PRIORITY, NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
 _NAME, _LOGS = "heronry-demo-", "heronry-logs-"
 
 
@@ -142,7 +143,7 @@ class Fleet:
             for config in choice.configs() if choice.is_ours else ():
                 bitrate = choice.bitrate or self._spec.buses[choice.name].bitrate
                 self._hubs.append(HubProcess(Path(config["channel"]), bitrate))
-                _prefer(self._hubs[-1].pid, _HUB_PRIORITY)
+                _prefer(self._hubs[-1].pid, _CENTRAL_PRIORITY)
         for hub in self._hubs:  # they start side by side
             hub.wait_until_up()
 
@@ -154,7 +155,7 @@ class Fleet:
         arguments += [*_bus_flags(self._buses[self._spec.manager.bus]), *self._key_flags, *self._contingency_flags]
         arguments += self._slower_flags
         name = "manager" if node == FIRST_MANAGER else "standby"
-        process = self._start(name, arguments, stdout=subprocess.PIPE)
+        process = self._start(name, arguments, stdout=subprocess.PIPE, priority=_CENTRAL_PRIORITY)
         self._managers[node] = process
         assert process.stdout is not None
         return process.stdout
@@ -296,7 +297,9 @@ class Fleet:
         self._pes, self._managers, self._hubs = {}, {}, []
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _start(self, name: str, arguments: list[str], stdout: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+    def _start(
+        self, name: str, arguments: list[str], stdout: int = subprocess.DEVNULL, priority: int = NODE_PRIORITY
+    ) -> subprocess.Popen[bytes]:
         with (self.folder / f"{name}.log").open("ab") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", *arguments],
@@ -306,7 +309,7 @@ class Fleet:
                 process_group=0,
                 env=self._environment,
             )
-        _prefer(process.pid, NODE_PRIORITY)
+        _prefer(process.pid, priority)
         return process
 
 
