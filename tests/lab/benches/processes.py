@@ -33,6 +33,18 @@ def resident_mib(pid: int) -> float:
     return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS"))
 
 
+def busy_s() -> tuple[float, float]:
+    """Give how long the processors of this computer have been busy, and idle, since it started, in s (stat, line 1)."""
+    user, nice, system, idle, waiting, *rest = map(int, Path("/proc/stat").read_text(encoding="ascii").split()[1:9])
+    return (user + nice + system + sum(rest)) / _TICKS_PER_S, (idle + waiting) / _TICKS_PER_S
+
+
+def busy_share(before_s: tuple[float, float]) -> float:
+    """Give the share of all processors that has been busy since `busy_s` gave `before_s`, 0 to 1."""
+    busy, idle = (now - then for now, then in zip(busy_s(), before_s, strict=True))
+    return busy / max(busy + idle, 1 / _TICKS_PER_S)
+
+
 def open_descriptors(pid: int) -> int:
     """Give the number of open descriptors of a process."""
     return len(list(Path(f"/proc/{pid}/fd").iterdir()))
