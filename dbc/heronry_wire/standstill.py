@@ -3,9 +3,10 @@
 A process without a fault may still wake up late: other processes use the processors, the computer swaps, or a virtual
 machine is stopped. Then its frames are late, and other nodes may treat its node as lost.
 
-The driver measures its lateness at each turn of its loop: the time from its deadline until it woke, less the processor
-time that it has used since its last wake-up. This processor time is its own work, and its own work is no standstill. A
-wait that ends early, because a frame has come, is never late. The driver gives each standstill to its core as an event.
+The driver measures its lateness at each turn of its loop: the time from its last wake-up until it waits again, and the
+time from its deadline until it woke, less the processor time that it has used meanwhile. This processor time is its own
+work, and its own work is no standstill; a call that blocks, to a slow disk, counts as one. A wait that ends early,
+because a frame has come, is never late. The driver gives each standstill to its core as an event.
 
     up to 1/4 heartbeat period     within the slack of a heartbeat: nothing follows
     more than 1/4                  the standstill is counted
@@ -60,13 +61,19 @@ class LatenessMeter:
     def __init__(self, period_ns: int, now_ns: int, used_ns: int) -> None:
         """period_ns: heartbeat period of the uplink. used_ns: processor time of this thread so far."""
         self._slack_ns, self._due_ns = slack_ns(period_ns), now_ns
-        self._used_ns = used_ns
+        self._used_ns, self._woke_ns, self._worked_ns = used_ns, now_ns, 0
         self._is_waiting = False
 
-    def waits(self, due_ns: int | None) -> None:
-        """Note that the loop begins to wait, until `due_ns` at the latest; None: without a limit."""
+    def waits(self, due_ns: int | None, now_ns: int | None = None) -> None:
+        """Note that the loop begins to wait.
+
+        due_ns: until then at the latest; None: without a limit.
+        now_ns: the present time; None: what the loop has done since its last wake-up does not count, since some of it
+            is meant to take long.
+        """
         self._is_waiting = due_ns is not None
-        self._due_ns = due_ns or 0
+        self._worked_ns = 0 if now_ns is None else now_ns - self._woke_ns
+        self._due_ns = max(due_ns or 0, now_ns or 0)
 
     def woke(self, now_ns: int, used_ns: int) -> StoodStill | None:
         """Note that the loop has woken; gives a standstill if the loop woke too late, and None if it did not.
@@ -74,5 +81,6 @@ class LatenessMeter:
         used_ns: processor time of this thread so far.
         """
         own_ns, self._used_ns = used_ns - self._used_ns, used_ns
-        late_ns = now_ns - self._due_ns - own_ns
+        self._woke_ns = now_ns
+        late_ns = self._worked_ns + max(0, now_ns - self._due_ns) - own_ns
         return StoodStill(late_ns) if self._is_waiting and late_ns > self._slack_ns else None

@@ -23,17 +23,27 @@ PERIOD = 20 * MS
 )
 def test_a_wake_up(due_ms: int | None, woke_ms: int, used_ms: int, stood_still_ms: int | None) -> None:
     meter = LatenessMeter(PERIOD, 0, 5 * MS)
-    meter.waits(None if due_ms is None else due_ms * MS)
+    meter.waits(None if due_ms is None else due_ms * MS, 0)
     found = meter.woke(woke_ms * MS, (5 + used_ms) * MS)
     assert found == (None if stood_still_ms is None else StoodStill(stood_still_ms * MS))
 
 
 def test_processor_time_counts_since_the_last_wake_up() -> None:
     meter = LatenessMeter(PERIOD, 0, 0)
-    meter.waits(0)
+    meter.waits(0, 0)
     assert meter.woke(100 * MS, 100 * MS) is None
-    meter.waits(100 * MS)
+    meter.waits(100 * MS, 100 * MS)
     assert meter.woke(200 * MS, 110 * MS) == StoodStill(90 * MS)
+
+
+def test_who_is_stopped_while_it_works_is_late_too_and_has_a_new_deadline_by_then() -> None:
+    meter = LatenessMeter(PERIOD, 0, 0)
+    meter.waits(10 * MS, 0)
+    assert meter.woke(10 * MS, 0) is None
+    meter.waits(530 * MS, 512 * MS)  # 2 ms of its own work
+    assert meter.woke(530 * MS, 2 * MS) == StoodStill(500 * MS)
+    meter.waits(550 * MS, 532 * MS)
+    assert meter.woke(540 * MS, 4 * MS) is None
 
 
 def test_before_the_first_wait_nothing_is_late() -> None:

@@ -130,7 +130,7 @@ class ManagerDriver:
         while not self._stopping and self._stop_reason is None:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._planners.readers(), *self._control.readers()]
-            self._meter.waits(self._core_due_ns())
+            self._meter.waits(self._core_due_ns(), time.monotonic_ns())
             ready, _, _ = select.select(readers, self._control.followers.writers(), [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break

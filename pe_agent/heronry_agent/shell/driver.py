@@ -118,7 +118,7 @@ class AgentDriver:
         while not self._stopping:
             readers: list[Any] = [*always, *self._host.readers()]
             readers += [reader for link in self._links for reader in link.readers]
-            self._meter.waits(self.core.next_deadline_ns())
+            self._meter.waits(self.core.next_deadline_ns(), time.monotonic_ns())
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             self._measure_lateness(time.monotonic_ns())
             if sys.stdin in ready and self._is_abandoned():
