@@ -50,7 +50,10 @@ class CanInterface:
 
 
 def read_interface(name: str) -> CanInterface | None:
-    """Read an interface from the kernel; None where no interface has that name. Raises OSError."""
+    """Read an interface from the kernel; None if no interface has that name.
+
+    Raises OSError if the kernel reports another error.
+    """
     body = _LINK.pack(socket.AF_UNSPEC, 0, 0, 0, 0) + _attribute(_NAME, name.encode() + b"\0")
     try:
         return parse_link(_ask(_GET_LINK, _REQUEST, body))
@@ -61,7 +64,10 @@ def read_interface(name: str) -> CanInterface | None:
 
 
 def take_down_and_up(name: str) -> None:
-    """Restart an interface, and with it its controller; raises PermissionError without CAP_NET_ADMIN, or OSError."""
+    """Restart an interface, and with it its controller.
+
+    Raises PermissionError without CAP_NET_ADMIN, and another OSError if the restart fails for another reason.
+    """
     for flags in (0, _IFF_UP):
         body = _LINK.pack(socket.AF_UNSPEC, 0, socket.if_nametoindex(name), flags, _IFF_UP)
         _ask(_NEW_LINK, _REQUEST | _ACKNOWLEDGE, body)

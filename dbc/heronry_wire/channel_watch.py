@@ -29,8 +29,9 @@ class ChannelWatch:
     def __init__(self, heartbeat_ns: int, misses: int, now_ns: int) -> None:
         """Begin with both channels well.
 
-        heartbeat_ns: heartbeat period of the bus. misses: heartbeat periods without a sign after which a channel is
-        lost.
+        heartbeat_ns: heartbeat period of the bus.
+        misses: after so many heartbeat periods and a quarter, a channel is lost if it has given no sign of life
+            while the other channel has.
         """
         self._patience_ns = silent_ns(heartbeat_ns, misses)
         self._hold_down_ns = HOLD_DOWN_PERIODS * heartbeat_ns

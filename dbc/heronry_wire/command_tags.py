@@ -68,10 +68,13 @@ class Held(NamedTuple):
 
 
 class CommandSigner:
-    """Numbers and tags the commands of one mastership."""
+    """Gives each command of one mastership its number and its tag."""
 
     def __init__(self, key: Key, manager: int, term: int) -> None:
-        """term: a term that this manager has never used before."""
+        """Begin to number the commands of a new mastership.
+
+        manager: node-ID of the manager. term: term of the mastership, which this manager has never used before.
+        """
         self.term = term
         self._key, self._manager = key, manager
         self._tag_id = management_id(manager, Command.TAG)

@@ -163,7 +163,10 @@ def _end(number: int) -> NoReturn:
 
 
 def _report_unraisable(unraisable: "sys.UnraisableHookArgs", /) -> None:
-    """Print nothing for an `Interrupted` that a callback swallows: the second thread ends the process."""
+    """Report an exception that the interpreter swallows as Python does, but print nothing for an `Interrupted`.
+
+    After a swallowed `Interrupted`, the second thread (see the head of this file) ends the process.
+    """
     if not isinstance(unraisable.exc_value, Interrupted):
         sys.__unraisablehook__(unraisable)
 

@@ -275,7 +275,7 @@ class Ping:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """Commands one PE, or all PEs with node 0, to carry out an operation, whose arguments are `a` and `b`."""
+    """Commands a PE to carry out an operation, whose arguments are `a` and `b`; with `node` 0, commands all PEs."""
 
     term: int
     node: int

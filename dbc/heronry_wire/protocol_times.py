@@ -95,7 +95,7 @@ def late_ns(period_ns: int) -> int:
 
 
 def silent_ns(period_ns: int, misses: int) -> int:
-    """Time in ns after the last beat at which `misses` beats count as missed: `misses` + 1/4 periods."""
+    """Time in ns after the last beat at which `misses` beats count as missed: (`misses` + 1/4) periods."""
     return period_ns * misses + slack_ns(period_ns)
 
 

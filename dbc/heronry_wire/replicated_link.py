@@ -171,7 +171,10 @@ class ReplicatedLink:
             link.close()
 
     def _left(self, channel: int, frame: Frame, now_ns: int, took_ns: int) -> None:
-        """Take note that a copy was sent on one channel, and drop the other copy if it cannot start soon."""
+        """Note that one channel has sent its copy of a frame.
+
+        The other channel drops its copy if it has not begun to send the copy after `latest_copy_ns`.
+        """
         self._watch.left(channel, now_ns)
         self.links[1 - channel].queue.limit(frame, now_ns + self._latest_copy_ns, now_ns)
         if self._leaving.take(channel, frame, now_ns):

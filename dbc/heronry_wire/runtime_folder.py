@@ -19,11 +19,11 @@ _OTHERS_WRITE = 0o022
 
 
 class RuntimeFolderError(HeronryError):
-    """The folder cannot be used; the message says why."""
+    """The folder for the sockets of this user's programs cannot be used; the message says why."""
 
 
 def runtime_folder() -> Path:
-    """Give the path of this user's folder.
+    """Give the path of the folder in which this user's programs find each other's sockets.
 
     The folder need not exist, and its owner and access rights are not verified.
     """

@@ -142,7 +142,7 @@ def abort_message(index: int, sub_index: int, reason: Abort) -> bytes:
 
 
 def segment(command: int, data: bytes) -> bytes:
-    """Make a message with up to seven bytes of data."""
+    """Make a message of the byte `command` and up to seven bytes of data, which are filled up with zero bytes."""
     return bytes((command,)) + data.ljust(SEGMENT_BYTES, b"\0")
 
 

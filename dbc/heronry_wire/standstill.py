@@ -1,12 +1,13 @@
-"""Measures how late a driver's loop wakes up, and counts the times in which this process was kept from running.
+"""Measures how late the loop of a driver wakes up, and counts the times in which this process could not run.
 
-A process without a fault may still wake up late: other processes use the processors, the computer swaps, or a virtual
-machine is stopped. Then its frames are late, and other nodes may treat its node as lost.
+A process without a fault may still wake up late: other processes use the processors, the computer swaps, or
+a virtual machine is stopped. Then its frames are late, and other nodes may treat its node as lost.
 
-The driver measures its lateness at each turn of its loop: the time from its last wake-up until it waits again, and the
-time from its deadline until it woke, less the processor time that it has used meanwhile. This processor time is its own
-work, and its own work is no standstill; a call that blocks, to a slow disk, counts as one. A wait that ends early,
-because a frame has come, is never late. The driver gives each standstill to its core as an event.
+At each turn of its loop the driver measures its lateness. This is the sum of two times: from its last
+wake-up until it waits again, and from its deadline until it wakes. The processor time that the driver has
+used meanwhile is subtracted from the sum. So the own work of the driver is no standstill, and a call that
+blocks, for example on a slow disk, is one. A wait that ends early, because a frame has come, is never late.
+The driver gives each standstill to its core as an event.
 
     up to 1/4 heartbeat period     within the slack of a heartbeat: nothing follows
     more than 1/4                  the standstill is counted

@@ -167,7 +167,7 @@ class _Window:
     """A time window that is exactly as long as it takes to send the messages that are released in it.
 
     length: the length of the window.
-    ahead: time after the window; a release in this time counts, too.
+    ahead: time after the window; a message that is released in this time counts as released in the window.
     due: a heap with an entry (next release, period, cost) for each stream. The next release is not counted yet.
     All times are integers (`_on_one_denominator`). The window only grows, so each release is counted once.
     """
@@ -180,7 +180,10 @@ class _Window:
         self.due = due
 
     def admit(self, cost: int, period: int, jitter: int) -> None:
-        """Add a stream, whose first instance is released at -jitter and always counts."""
+        """Add a stream, with all of its releases that count; the first release, at -jitter, counts in any case.
+
+        cost: length of the frame. period: time between two releases. All times are integers, as in the class.
+        """
         count = max(1, -(-(self.length + self.ahead + jitter) // period))
         self.length += count * cost
         heappush(self.due, (count * period - jitter, period, cost))
@@ -202,7 +205,9 @@ class _Window:
 class _Level(NamedTuple):
     """The delays at one priority that have other causes than messages of higher priority.
 
-    blocking: length of a frame of lower priority that has just started.
+    All times are bit times multiplied by the common denominator of `_on_one_denominator`.
+
+    blocking: length of the longest frame of lower priority, which may have just started.
     error_cost: length of an error together with the frame that the error destroys.
     error_jitter: jitter of the errors.
     """
@@ -283,7 +288,12 @@ def _levels(streams: list[_Stream], scale: int, blocking_bits: int, *, with_erro
 
 
 def _bounded(streams: list[_Stream], levels: list[_Level], interval: int) -> int:
-    """Count the messages with a bounded response time; they are the first ones, since priority falls with the index."""
+    """Count the messages whose response time is bounded.
+
+    They are the first ones of `streams`, since priority falls with the index.
+
+    interval: time between two errors, in the unit of the times of `streams`; not used if there are no errors.
+    """
     whole = lcm(interval, *(stream.period for stream in streams))
     load = 0
     for index, (stream, level) in enumerate(zip(streams, levels, strict=True)):
@@ -305,7 +315,10 @@ def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_S
 
 
 def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
-    """Give the longest response time among the instances of a message in the busy period, and how many these are."""
+    """Give the longest response time of a message in a busy period, and how many of its instances this period has.
+
+    busy: length of the busy period. queue: the window of its first instance.
+    """
     instances = -(-(busy + stream.jitter) // stream.period)
     worst = delay = queue.length
     if instances > 1:

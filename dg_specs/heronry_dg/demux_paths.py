@@ -32,7 +32,11 @@ _Datum = tuple[str, int]  # variable, version
 
 
 def check_demux_paths(draft: Draft, spec: Spec, findings: Findings) -> None:
-    """Check that `to` has one end for each branch, and that `to` is given where a function needs it."""
+    """Check that the `to` of each DEMUX names one end for each branch, and find each DEMUX that lacks `to`.
+
+    A DEMUX lacks `to` if it has none, is the output of a function, and has a branch that drives no actuator but
+    leads on to modules that drive one.
+    """
     outputs = {function.output for function in spec.functions.values()}
     asked = [demux for demux in spec.demuxes.values() if demux.to or (demux.name in outputs and _bare(spec, demux))]
     if not asked:
@@ -46,7 +50,10 @@ def check_demux_paths(draft: Draft, spec: Spec, findings: Findings) -> None:
 
 
 def _check_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
-    """Find ends that belong to no branch, to several branches, or to the branch of another end."""
+    """Verify that `to` of a DEMUX names one end for each branch; each mistake is a finding.
+
+    An end is wrong if it can never run, belongs to no branch, to several, or to the branch of another end.
+    """
     hint = "name one end for each branch: a module that can run only if that branch does"
     if len(demux.to) != len(demux.branches):
         sentence = f"DEMUX '{demux.name}' has {len(demux.branches)} branches, and 'to' names {len(demux.to)} modules"
@@ -123,7 +130,7 @@ class DemuxPaths:
         return any((module, mode) in remains.modes for mode in self.spec.modules[module].modes)
 
     def belongs(self, module: str, branch: str) -> bool:
-        """Tell whether a module can run, but cannot run without a branch."""
+        """Tell whether a module can run if no module has failed, but cannot run if this branch has failed."""
         return self.can_run(module) and not self.can_run(module, without=(branch,))
 
     def reached_from(self, module: str) -> set[str]:
@@ -172,7 +179,7 @@ class _Remains:
         self.givers = Counter(givers)
 
     def feed(self, mode: Mode) -> bool:
-        """Tell whether the needs of a mode can be met."""
+        """Tell whether the modules that still give data can meet the needs of a mode."""
         return mode.needs is None or could_hold(
             mode.needs, lambda leaf: any(self.givers[d] > 0 for d in _accepted(leaf))
         )

@@ -106,7 +106,7 @@ class Draft:
 
 
 def read_draft(root: Node, findings: Findings) -> Draft | None:
-    """Read all elements of a file; None, with a finding, if the file is not a map or is of another kind."""
+    """Read all elements of a file; None, with a finding, if the file is not a map, or is a map but no spec."""
     if not isinstance(root, yaml_source.Mapping):
         hint = "begin with dg: 1, then buses:, pes:, modules: ..."
         findings.add(rules.NOT_A_MAP, root.place, "a spec must be a map of sections", hint)
@@ -326,7 +326,7 @@ class _FormFindings:
 
 
 def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
-    """Give the fields of `known` that are close to one of `names`: the author has probably misspelt them."""
+    """Give the fields of `known` that the author probably meant when writing the misspelt `names`."""
     return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 

@@ -68,7 +68,11 @@ class ExpressionReader:
         return {name: reading.expression for name, reading in readings if reading is not None}
 
     def read(self, node: Node) -> Reading | None:
-        """Read the `needs` of a mode; gives None, and adds findings, where it has a mistake."""
+        """Read the `needs` of a mode; gives None, and adds findings, if they have a mistake.
+
+        Gives None, too, once all modes read so far have more than MOST_LEAVES_OF_ALL inputs; the first such mode
+        gets a finding.
+        """
         reading = self._expression(node, below_choice=False)
         if reading is None:
             return None
@@ -143,7 +147,10 @@ class ExpressionReader:
         return match
 
     def _input(self, fields: Mapping[str, yaml_source.Entry], below_choice: bool) -> Reading | None:
-        """Read an input in the form `{var: NAME, worth: [...], only_in: [...]}`; gives None where it has a mistake."""
+        """Read an input in the form `{var: NAME, worth: [...], only_in: [...]}`; None where the input has a mistake.
+
+        below_choice: whether an OR or a XOR is above the input.
+        """
         for key in fields.keys() - set(_INPUT_FIELDS):
             hint = self._findings.suggestion(key, _INPUT_FIELDS) or "write {var: NAME, worth: [...], only_in: [...]}"
             self._findings.add(rules.UNKNOWN_GATE, fields[key].place, f"an input has no field {shown(key)}", hint)
@@ -297,7 +304,12 @@ class ExpressionReader:
         return None if idle else _joined(Xor(_expressions(inputs)), inputs, holds_unwired=False)
 
     def _inputs(self, place: Place, gate: str, node: Node, least: int, below_choice: bool) -> list[Reading] | None:
-        """Read all inputs of a gate; gives None where an input, or the combination of inputs, has a mistake."""
+        """Read all inputs of a gate; gives None if an input, or the combination of inputs, has a mistake.
+
+        gate: the kind of the gate, such as `an OR`, for findings.
+        least: the smallest allowed number of inputs.
+        below_choice: whether the inputs are below an OR or a XOR.
+        """
         items = node.items if isinstance(node, yaml_source.Sequence) else []
         if len(items) < least:
             sentence = f"{gate} takes a list of {least} or more inputs"

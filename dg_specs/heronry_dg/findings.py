@@ -150,7 +150,10 @@ def shown(value: object) -> str:
 
 
 def listed(words: Iterable[str], last: str = "and") -> str:
-    """Write `a`, `a and b`, `a, b and c`."""
+    """Write words as a list: `a`, `a and b`, `a, b and c`.
+
+    last: the word before the last item, `and` in these examples.
+    """
     *most, final = words
     return f"{', '.join(most)} {last} {final}" if most else final
 

@@ -118,7 +118,10 @@ class _GateRules:
                 self._refuse_cycle(cycle)
 
     def _check_votes(self, reading: Reading) -> None:
-        """Check that a mode names a DEMUX at most once, and that no version of a variable is accepted twice."""
+        """Check that a mode names each DEMUX at most once, and that no two of its inputs accept the same datum.
+
+        A datum is a variable in one version.
+        """
         demuxes: set[str] = set()
         accepted: set[_Datum] = set()
         for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):
@@ -148,7 +151,7 @@ class _GateRules:
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
     def _outputs(self, name: str) -> list[str]:
-        """Give the modules that can each serve a function with this output; the output is a module or a DEMUX."""
+        """Give the modules that can each serve a function whose output is `name`, a module or a DEMUX."""
         demux = self._draft.demuxes.get(name)
         ends = demux.form.to if demux is not None and demux.form is not None else []
         return ends or self.branches.get(name, [name])

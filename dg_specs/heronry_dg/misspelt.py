@@ -43,7 +43,11 @@ _ALIKE: Final = 0.85  # less similar names are taken for two different names
 
 
 def blame_declarations(draft: Draft, findings: Findings) -> None:
-    """Replace several findings about one undeclared name by one finding, at its misspelt or missing declaration."""
+    """Report undeclared names at the declarations that are to blame, by the rules in the head of this file.
+
+    One finding, at the misspelt declaration or at the section that lacks the declaration, replaces the
+    findings at the uses of the name. If no declaration is to blame, the findings at the uses stay.
+    """
     if not findings.unknown_names:
         return
     named = _named(draft.root)

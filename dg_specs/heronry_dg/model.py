@@ -108,7 +108,10 @@ class Mode:
         return leaves(self.needs)
 
     def in_phase(self, phase: str | None) -> "Mode":
-        """Give a copy of the mode for a phase: inputs that are not wired in that phase accept no version."""
+        """Give a copy of the mode for a phase: inputs that are not wired in that phase accept no version.
+
+        phase: name of the phase; None: every input stays as it is.
+        """
         if self.needs is None:
             return self
         needs = with_leaves(self.needs, lambda leaf: leaf if leaf.is_open_in(phase) else leaf.closed())
@@ -132,7 +135,10 @@ class Module:
     rate_per_h: Fraction | None = None
 
     def in_phase(self, phase: str | None) -> "Module":
-        """Give a copy of the module for a phase: inputs that are not wired in that phase accept no version."""
+        """Give a copy of the module for a phase: inputs that are not wired in that phase accept no version.
+
+        phase: None: `only_in` is ignored, so every input stays as it is.
+        """
         return replace(self, modes={name: mode.in_phase(phase) for name, mode in self.modes.items()})
 
     def mode_index(self, mode: str) -> int:
@@ -180,7 +186,7 @@ class Function:
     priority_range: tuple[int, int] | None = None  # within which application code may change the priority; None: never
 
     def criticality_in(self, phase: str | None) -> Criticality:
-        """Criticality of the function in a phase."""
+        """Criticality of the function in a phase; for None, that of all phases that the function does not name."""
         return self.criticality.get(phase, self.criticality[None])
 
     def priority_in(self, phase: str | None) -> int:

@@ -218,7 +218,8 @@ def _percent(share: Fraction) -> str:
 def read_plan(text: str, spec: Spec) -> Plan:
     """Read a plan that `to_json` wrote.
 
-    Raises PlanError, also where objective or levels do not fit the configuration.
+    Raises PlanError if the text is no such plan, if the plan was made for another spec, or if its objective or
+    its levels do not fit its configuration.
     """
     document = _document(text)
     if _field(document, "spec", str, "the plan") != spec.digest:

@@ -32,12 +32,15 @@ class UnfitError(ValueError):
     """A value does not fit its field; the error has a rule, a sentence about the value, and a hint."""
 
     def __init__(self, rule: Rule, predicate: str, hint: str = "") -> None:
-        """Keep the sentence without its subject ("must be a number, not 'x'"); by itself it is about "the value"."""
+        """Keep the rule, the hint, and the predicate of the sentence, for example "must be a number, not 'x'".
+
+        The text of the error has the subject "the value"; `said_of` gives the sentence with another subject.
+        """
         super().__init__(f"the value {predicate}")
         self.rule, self.hint, self._predicate = rule, hint, predicate
 
     def said_of(self, subject: str) -> str:
-        """Return the same sentence about a field, of which the caller knows the name."""
+        """Return the sentence of this error with `subject`, such as the name of a field, in place of "the value"."""
         return f"{subject} {self._predicate}"
 
 
@@ -65,7 +68,11 @@ def weight_mbit_per_s(value: object) -> int:
 
 
 def span_ns(value: object) -> int:
-    """Convert milliseconds to nanoseconds; raises UnfitError for a value that is negative, too large or too fine."""
+    """Convert milliseconds to nanoseconds.
+
+    Raises UnfitError for a value that is no number, is negative, is more than MOST_MS, or is no whole number of
+    nanoseconds.
+    """
     return _whole(value, 1_000_000, MOST_MS, "a nanosecond")
 
 
@@ -77,7 +84,8 @@ def period_ns(value: object) -> int:
 def memory_bytes(value: object) -> int:
     """Convert a number of bytes, or a text such as `64KiB`, `2MiB` or `1GiB`, to bytes.
 
-    Raises UnfitError for any other value, and for a value that is negative, too large or too fine.
+    Raises UnfitError for any other value, and for a value that is negative, more than LARGEST_MEMORY, or no
+    whole number of bytes.
     """
     if not isinstance(value, str):
         return _whole(value, 1, LARGEST_MEMORY, "a byte")

@@ -148,7 +148,7 @@ class _ReferenceRules:
                 )
 
     def modules(self) -> None:
-        """Check the names that modules, their modes and DEMUXes use, except in gates: the named elements exist.
+        """Check that every element exists that modules, their modes and DEMUXes name, except for names in gates.
 
         If a mode gives a version of a variable, the variable must have this version. If a module has a device,
         `runs_on` must allow the device's PE.

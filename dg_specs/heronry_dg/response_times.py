@@ -91,7 +91,12 @@ class ResponseTimes:
         return by_bus
 
     def _delays_ns(self, by_bus: Mapping[str, list[Hop]]) -> dict[tuple[str, str, str], Fraction | None]:
-        """Compute the exact time from the source to the end of each hop in ns; None where it is unbounded."""
+        """Compute the exact delay of each hop in ns, by (module, variable, bus): from its source to its end.
+
+        None: the delay is unbounded.
+
+        by_bus: the hops on each bus, in order of priority.
+        """
         delays: dict[tuple[str, str, str], Fraction | None] = {}
         analysed: dict[str, list[Fraction | None]] = {}  # bus -> the jitters from which its delays were computed
         while True:
@@ -166,7 +171,10 @@ class ResponseTimes:
         return frozenset(found)
 
     def _delaying(self, hop: Hop, by_bus: Mapping[str, list[Hop]]) -> Iterator[Hop]:
-        """Give the hops that delay a hop directly: more urgent hops on a wired bus, and the datum's previous hop."""
+        """Give the hops that delay a hop directly.
+
+        These are the more urgent hops on its bus, if the bus is wired, and the hop of its source on the bus before.
+        """
         if self.spec.buses[hop.bus].kind == "wired":
             there = by_bus[hop.bus]
             yield from there[: there.index(hop)]

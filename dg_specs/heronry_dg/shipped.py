@@ -26,7 +26,7 @@ def example_specs() -> tuple[Path, ...]:
 
 
 def flight_specs() -> tuple[Path, ...]:
-    """Files of the specs of aircraft in a flight dynamics model, sorted."""
+    """Files of the specs whose aircraft fly in a flight dynamics model, sorted."""
     return tuple(sorted(path for folder in _FLIGHTS for path in folder.glob(f"*{SUFFIX}")))
 
 

@@ -194,7 +194,11 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Survivors:
-    """What a situation leaves of a system: PEs that are up and can be commanded, buses, devices, modules and routes."""
+    """What a situation leaves of a system, and which of its modules and places have failed.
+
+    Left are the PEs that are up and can be commanded, the working devices on these PEs, the buses that are up,
+    and the routes between these PEs.
+    """
 
     pe_cpu_millis: Mapping[str, int]  # of each PE that is up, reduced where limited
     bus_mbit_per_s: Mapping[str, int]  # of each bus that is up, for published data, in thousandths of a bit/s
@@ -209,7 +213,10 @@ class Survivors:
         return self.hosts_among(module, hosts_when_all_is_up(self.spec, module))
 
     def hosts_among(self, module: Module, homes: tuple[str, ...]) -> tuple[str, ...]:
-        """Give the result of `hosts`; `homes` are the PEs of the module with everything up, computed before."""
+        """Give the PEs on which a module may run now, as `hosts` does, but without computing `homes` again.
+
+        homes: the PEs on which the module may run when everything is up (`hosts_when_all_is_up`).
+        """
         if module.name in self.failed_modules or (module.device is not None and module.device not in self.devices):
             return ()
         hosts = tuple(pe for pe in homes if pe in self.pe_cpu_millis)

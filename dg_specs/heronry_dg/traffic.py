@@ -135,7 +135,10 @@ def _feeders(spec: Spec) -> dict[str, set[str]]:
 
 
 def _contributors(function: Function, feeders: Mapping[str, set[str]]) -> set[str]:
-    """Find the modules whose data could reach an output of a function, including the outputs themselves."""
+    """Find the output modules of a function, and the modules whose data could reach one of these.
+
+    feeders: module -> the modules whose data it could read.
+    """
     found, frontier = set[str](), list(function.outputs)
     while frontier:
         name = frontier.pop()

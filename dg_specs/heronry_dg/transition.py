@@ -162,9 +162,9 @@ class Transitions:
         now: Situation,
         exclusive: Collection[str],
     ) -> frozenset[str]:
-        """Give the PEs for whose BREAK the manager must wait, if a PE may still run any of several configurations.
+        """Give the PEs whose BREAK the manager must await before it commands GO of the configuration `after`.
 
-        may_run: for each available PE, the configurations that the PE may still run.
+        may_run: for each available PE, the configurations of which the PE may still run any one.
         exclusive: PEs to wait for in any case; the result includes these PEs.
         """
         left = survivors(self._spec, now)
@@ -180,7 +180,7 @@ class Transitions:
         return frozenset(exclusive).union(budget)
 
     def parts(self, configuration: Configuration) -> dict[str, Part]:
-        """Give what each PE does under a configuration."""
+        """Give, by PE, the modules that it runs and the data that it sends and forwards under a configuration."""
         runs = placement(configuration)
         return self._parts(runs, _links(configuration, runs))
 
@@ -270,12 +270,18 @@ class _Mixtures:
         self._gone = {pe: [part.broken(new[pe]) for part in parts] for pe, parts in old.items()}
 
     def limits(self, *, known: bool) -> dict[str, int]:
-        """Limit of each bus: the bandwidth that its budget allows, or its present load if that is known and higher."""
+        """Limit of each bus, in thousandths of a bit/s: what its budget allows, or its present load if that is higher.
+
+        known: whether the wires of the running configuration are known. If not, the present load has no influence.
+        """
         carried = self._peaks(self._old) if known else {}
         return {bus: max(room, carried.get(bus, 0)) for bus, room in self._left.bus_mbit_per_s.items()}
 
     def peaks(self, waited_for: Collection[str]) -> dict[str, int]:
-        """Give the highest load of each bus, if all PEs in `waited_for` have reported BROKEN before any PE gets GO."""
+        """Give the highest load of each bus in thousandths of a bit/s, if the PEs in `waited_for` report BROKEN first.
+
+        So each of these PEs has reported BROKEN before any PE gets GO; every other PE may be in any of its states.
+        """
         states = {
             pe: [*([] if pe in waited_for else self._old[pe]), *self._gone[pe], self._new[pe]] for pe in self._old
         }

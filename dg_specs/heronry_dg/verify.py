@@ -100,7 +100,7 @@ def _known(spec: Spec, configuration: Configuration) -> Configuration:
 
 
 def _sound(spec: Spec, known: Configuration) -> Configuration:
-    """Keep the wires that break no part of semantics rule 2."""
+    """Give the configuration `known` without the wires that break a part of semantics rule 2."""
     kept = {}
     for name, running in known.modules.items():
         accepted = dict(known.mode(spec, name).leaves())

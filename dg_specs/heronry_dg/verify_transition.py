@@ -200,7 +200,10 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
 
 
 def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:
-    """Name the exclusive outputs of these modules: each module itself, and its part of each of its DEMUXes."""
+    """Name the exclusive outputs of these modules.
+
+    For each module these are the module itself, and its part (branch or end) of each of its DEMUXes.
+    """
     for module in modules:
         yield f"module {module}"
         for demux, part in case.drives.get(module, ()):
@@ -249,7 +252,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Give a PE's states, but only one of several states in which the PE sends the same frames."""
+    """Give those of a PE's states that differ in what the PE sends or forwards; of equal ones, only the first."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}
@@ -265,12 +268,13 @@ def _loads(
     gateways: Mapping[str, str] | None = None,
     choices: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, int]:
-    """Compute the load of each bus, in thousandths of a bit/s, from the sources that some PEs publish.
+    """Compute the load of each bus, in thousandths of a bit/s, from the sources that the PEs in `states` publish.
 
-    states: the PEs that publish, each with its state.
-    gateways: gateways, each with the state by which it forwards. None: each gateway forwards by its state in `states`.
-    choices: the possible states of each PE. A gateway that `gateways` lacks forwards whatever it forwards in any of
-        these states.
+    states: the state of each PE that publishes.
+    gateways: the state by which each gateway forwards. None: each gateway in `states` forwards by its state
+        there, and no other gateway forwards.
+    choices: used only together with `gateways`: the possible states of each PE. A gateway that is missing in
+        `gateways` forwards everything that it forwards in at least one of its possible states.
     """
     loads = dict.fromkeys(case.left.bus_mbit_per_s, 0)
     keys = _forward_keys(case)

@@ -36,7 +36,7 @@ class Feasible:
     producers: Mapping[str, Sequence[tuple[Module, Mode]]]  # of each variable, in the spec's order
 
     def can_run(self, module: Module) -> bool:
-        """Tell whether some mode of a module could run."""
+        """Tell whether a module could run in at least one of its modes if resources were unlimited."""
         return any((module.name, mode) not in self.lost for mode in module.modes)
 
     def givers(self, leaf: Leaf) -> Iterator[tuple[Module, Mode]]:
@@ -55,10 +55,11 @@ class Feasible:
 
 
 class Feasibility:
-    """Computes what could run with unlimited resources, in any situations of one phase.
+    """Computes which modes could run with unlimited resources, in any situations of one phase.
 
-    What these situations have in common is computed once. Each round of the removal checks only the modes that read
-    data of modes removed in the previous round; the needs of all other modes are still met.
+    What these situations have in common is computed once. For each situation the modes that cannot run are
+    removed, round by round. Each round checks only the modes that read data of modes removed in the previous
+    round; the needs of all other modes are still met.
     """
 
     def __init__(self, spec: Spec, phase: str | None) -> None:
@@ -76,9 +77,9 @@ class Feasibility:
         self._never_met = [(module, mode) for module, mode in every if not intact.can_hold(mode.needs, 1)]
 
     def in_situation(self, now: Situation, left: Survivors | None = None) -> Feasible:
-        """Compute what could run in a situation of this phase.
+        """Compute what could run in a situation; its phase must be the phase of this object.
 
-        left: the survivors of the situation, if they are already computed.
+        left: the survivors of the situation, if they are already computed; None: compute them.
         """
         left = survivors(self._whole, now) if left is None else left
         modules = self._spec.modules.values()
@@ -174,7 +175,10 @@ def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bo
 
 
 def _unmet(found: Feasible, needs: Expression | None, before: int) -> Leaf:
-    """Find the first leaf because of which an expression cannot hold with the modes that are left in round `before`."""
+    """Find the first leaf that keeps an expression from holding.
+
+    Only modes that were not removed before round `before` may supply the leaves.
+    """
     while not isinstance(needs, Leaf):
         inputs = needs.inputs if needs is not None else ()
         needs = next(one for one in inputs if not found.can_hold(one, before))

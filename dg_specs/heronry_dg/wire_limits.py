@@ -162,7 +162,11 @@ class _SliceBounds:
         return found
 
     def _forwarded(self, pe: Pe) -> int:
-        """Count the sources that a PE may have to forward: the producer is beyond one bus, a reader beyond another."""
+        """Count the sources that a PE may have to forward from one of its buses to another.
+
+        A source counts if this PE reaches a possible PE of the producer by one bus, and a possible PE of a reader
+        by another bus.
+        """
         if len(pe.buses) < 2:
             return 0
         return sum(

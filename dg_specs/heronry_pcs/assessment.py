@@ -45,8 +45,11 @@ def assess(
     path: Collection[str] | None = None,
     search: Search = bounds_alone,
 ) -> Assessment:
-    """Assess a graph, or a view of it; `path`: members through which one loop must lead.
+    """Assess a graph, or a view of it.
 
+    view: the members of the view; None: the graph itself is assessed.
+    path: members through which one loop must lead; None: this is not assessed.
+    search: finds bounds of the longest cycle; by default bounds that need no search.
     Raises PcsError where `view` is no view of the graph, or `path` has a name that is no member.
     """
     seen = model if view is None else view_graph(model, view)

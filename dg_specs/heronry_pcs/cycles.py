@@ -141,7 +141,11 @@ class _Blocks:
         return None
 
     def _leave(self, above: str, name: str) -> None:
-        """Close the block below `above`, if no member below it has a neighbor that was entered before `above`."""
+        """Return from the member `name`, which is left, to `above`, the member from which it was entered.
+
+        If neither `name` nor a member entered after it leads back to one entered before `above`, a block is
+        complete: `above`, `name`, and the open members that were entered after `name`.
+        """
         self._low[above] = min(self._low[above], self._low[name])
         if self._low[name] >= self._entered[above]:
             block = {above}

@@ -110,7 +110,12 @@ class Part:
 
 @dataclass(frozen=True)
 class Graph:
-    """A component graph in its space, and the composites to which names of members refer."""
+    """A component graph, with all leaves and composites to which its vertices and members may refer.
+
+    leaves: the *space*, that is, all leaves, also those that the graph does not have; in the order of the file.
+    composites: all components that have components inside, by name.
+    own: the vertices, the edges and the names of the members of the graph.
+    """
 
     name: str
     leaves: Mapping[str, Leaf]  # the space, in the order of the file
@@ -152,7 +157,7 @@ class Graph:
         return self.composites[name] if leaf is None else Part(leaf.vertices())
 
     def of(self, vertices: frozenset[str], edges: frozenset[Edge], components: frozenset[str]) -> "Graph":
-        """Give a graph that has these vertices, edges and members, in the space of this graph."""
+        """Give a graph with these vertices, edges and members, and with the leaves and composites of this graph."""
         return replace(self, own=Part(vertices, edges, components))
 
 

@@ -86,7 +86,10 @@ def _part(part: Part) -> Json:
 
 
 class _Found(Findings):
-    """Collects findings under PCS001; the YAML reader is that of specs, so the rules that it names are replaced."""
+    """Collects the findings about a graph file under the one code PCS001.
+
+    The YAML reader is the one for specs and names rules of specs; `add` replaces each of them by PCS001.
+    """
 
     def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:
         """Note a mistake under PCS001; a hint that is about specs is left out."""

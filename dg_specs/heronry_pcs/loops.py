@@ -32,28 +32,41 @@ class Loops:
     _homes_at: Mapping[str, list[tuple[int, frozenset[str]]]]  # by vertex: loop and vertices of a home that holds it
 
     def through(self, vertices: frozenset[str]) -> bool:
-        """Tell whether some loop has a home within these vertices and another home outside."""
+        """Tell whether some loop leads through these vertices and also outside.
+
+        It does if one of its homes (members or leaves) lies completely within these vertices, and another does not.
+        """
         return any(count < len(self.found[loop]) for loop, count in self._within(vertices).items())
 
     def control(self, vertices: frozenset[str]) -> bool:
-        """Tell whether some loop has a home within these vertices of a plant, and also a home that is no plant."""
+        """Tell whether some loop leads through a plant and through a home that is no plant.
+
+        vertices: the vertices of the plant; the loop must have a home within them.
+        """
         return not self._controlling.isdisjoint(self._within(vertices))
 
     def join(self, members: Collection[frozenset[str]]) -> bool:
-        """Tell whether one single loop has a home within the vertices of each of these members."""
+        """Tell whether some loop goes through all of these members: it has a home within each of them.
+
+        members: the vertices of each member.
+        """
         joined = set(range(len(self.found)))
         for vertices in members:
             joined.intersection_update(self._within(vertices))
         return bool(joined)
 
     def _within(self, vertices: frozenset[str]) -> Counter[int]:
-        """Give for each loop the number of its homes within these vertices; loops without one are left out."""
+        """Give by loop how many of its homes lie within these vertices; a loop without such a home is left out."""
         near = {home for vertex in vertices for home in self._homes_at.get(vertex, ())}
         return Counter(loop for loop, home in near if home <= vertices)
 
 
 def is_plant(graph: Graph, name: str) -> bool:
-    """Tell whether a member has vertices, all of them of leaves that are parts of the physical world."""
+    """Tell whether a member consists of plants only.
+
+    This is so if the member has vertices, and each vertex belongs to a leaf that is a part of the physical
+    world.
+    """
     leaves = {parent(vertex) for vertex in graph.part(name).vertices}
     return bool(leaves) and all(graph.leaves[leaf].plant for leaf in leaves)
 

@@ -1,13 +1,13 @@
 """Which members are neighbors, which members a member subsumes, and the necessary conditions for control.
 
 Two members are neighbors if an edge, in either direction, has one end in the one member and the other end in the other.
-A member subsumes another member if the other member is a subgraph of it, and also is one of its components or is
-subsumed by one of its components.
+A member M subsumes a member N if N is a subgraph of M, and N is either a component of M or subsumed by a component
+of M.
 
 The conditions for control are *necessary, not sufficient*. A member into which no edge leads from another member cannot
-be controllable. A member out of which no edge leads to another member cannot be observable. But if A and B feed each
-other, B feeds K, K feeds C, and C and D feed each other, then an edge leads into K and another one out of K, and yet K
-is on no loop.
+be controllable. A member out of which no edge leads to another member cannot be observable. Why they are not
+sufficient: let A and B feed each other, B feed K, K feed C, and C and D feed each other. An edge leads into K, and
+another one out of K, yet K is on no loop.
 
 Source: the paper that graph.py names, section 2.2.
 """
@@ -33,12 +33,15 @@ def neighbors(graph: Graph) -> Mapping[str, set[str]]:
 
 
 def _crossings(graph: Graph) -> set[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """For each edge, the members that hold its ends; edges between the same members count once."""
+    """Give for each edge a pair: the members that hold its start, and the members that hold its end.
+
+    Two edges with the same pair give it once.
+    """
     return {(graph.holders.get(start, ()), graph.holders.get(end, ())) for start, end in graph.edges}
 
 
 def subsumed(graph: Graph) -> Mapping[str, list[str]]:
-    """Members that each member subsumes, sorted."""
+    """Members that each member subsumes (head of this file), in the order of names."""
     return {name: sorted(_subsumed_by(graph, name)) for name in graph.members}
 
 
@@ -66,7 +69,7 @@ def _subsumed_by(graph: Graph, name: str) -> set[str]:
 
 
 def _below(graph: Graph, name: str) -> set[str]:
-    """Give the members among the components of a member, their components, and so on."""
+    """Give all members of the graph that lie below a member: among its components, their components, and so on."""
     seen: set[str] = set()
     waiting = [name]
     while waiting:

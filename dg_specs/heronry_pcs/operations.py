@@ -87,8 +87,8 @@ def _refuse_clash(graph: Graph, other: Graph) -> None:
 def removal(graph: Graph, edges: Collection[Edge]) -> Graph:
     """Remove edges, and prune the rest (`cprune`); an edge that the graph lacks is ignored.
 
-    Needs configuration. The ends of the edges must be in the space (`unknown:V`; edges are checked in the order of
-    their names).
+    The graph must be a `configuration` (`needs:configuration`). The ends of all edges must be in the graph's
+    space (`unknown:V`); the edges are checked in the order of their names.
     """
     need(graph, "configuration")
     for edge in sorted(edges):
@@ -99,8 +99,8 @@ def removal(graph: Graph, edges: Collection[Edge]) -> Graph:
 def addition(graph: Graph, edge: Edge) -> Graph:
     """Add an edge.
 
-    Needs configuration. Both ends must be in the space (`unknown:V`) and in the graph (`edge_outside`), and not in one
-    member (`edge_inside`).
+    The graph must be a `configuration` (`needs:configuration`). Both ends of the edge must be in the graph's
+    space (`unknown:V`) and among its vertices (`edge_outside`), and must not lie in one member (`edge_inside`).
     """
     need(graph, "configuration")
     _check_known(edge, graph.space)
@@ -112,10 +112,10 @@ def addition(graph: Graph, edge: Edge) -> Graph:
 
 
 def add_edge(graph: Graph, edge: Edge) -> Graph:
-    """Add an edge, and the leaf at the end of the edge that is not in the graph yet.
+    """Add an edge; if one end of the edge is not in the graph, add the leaf of that end, too.
 
-    Needs configuration. Both ends must be in the space (`unknown:V`), and at least one of them in the graph
-    (`edge_apart`). An edge inside one member changes nothing.
+    The graph must be a configuration. Both ends must be in the space (`unknown:V`), and at least one of them in
+    the graph (`edge_apart`). An edge inside one member changes nothing.
     """
     need(graph, "configuration")
     _check_known(edge, graph.space)

@@ -68,7 +68,10 @@ def _joined(spec: Spec, pe: str) -> set[str]:
 
 
 def managers_side(spec: Spec) -> str | None:
-    """Give the side of the PEs on the manager's bus as `side:P`; None if no PE is on that bus."""
+    """Give the side of the PEs on the manager's bus as `side:P`; P is the first PE of this side (`sides_of`).
+
+    Returns None if no PE is on that bus.
+    """
     sides = sides_of(spec)
     return next((f"side:{sides[pe.name]}" for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
 
@@ -144,7 +147,12 @@ def _plant_edges(spec: Spec, leaves: Mapping[str, Leaf]) -> Iterator[Edge]:
 def _composites(
     on_pe: Mapping[str, list[str]], sides: Mapping[str, str], leaves: Mapping[str, Leaf], edges: frozenset[Edge]
 ) -> Iterator[tuple[str, Part]]:
-    """Give the composites of PEs and sides that are not empty, sides first."""
+    """Yield name and content of the composite of each side, and then of each PE.
+
+    A PE without modules and devices gets no composite. A side that has only such PEs gets none either.
+
+    on_pe: by PE, the leaves of its modules and devices. sides: by PE, the first PE of its side.
+    """
     for side in dict.fromkeys(sides.values()):
         pes = [pe for pe in on_pe if sides[pe] == side and on_pe[pe]]
         if pes:

@@ -1,16 +1,17 @@
 """Applies a reconfiguration script (script.py) to a plan: the script rewires and moves running modules.
 
-The graph to which the script is applied has only the running modules and their wires, not devices and plants. Its space
-has, under the name of each module, one leaf for each pair of a mode and a possible PE of the module. The image
-`IMAGE:MODE@PE` selects a leaf. Parts that a script may leave out:
+The graph to which the script is applied has only the running modules and their wires, not devices and
+plants. The script may create the leaves in the space of this graph. For each module, the space has one
+leaf for each pair of a mode and a possible PE of the module, under the name of the module. The image
+`IMAGE:MODE@PE` selects one of these leaves. Parts that a script may leave out:
 
     :MODE    the mode is then the best one that has all inputs and variables which the script wires
-    @PE      the PEs are then those of the legal configuration that publishes the fewest bits per second (level 6); if
-             several publish the fewest, the first one in the spec's order
+    @PE      the PEs are then those of the legal configuration that publishes the fewest bits per second
+             (level 6); if several publish the fewest, the first one in the spec's order
     :PATH    of the input at the end of an edge, if the module has only one input of that variable
 
-A script can create an edge that is not a wire, because it leads from an input, between two variables, or to a module
-that the script has deleted. `no_wires` lists such edges.
+A script can create an edge that is not a wire: an edge that leads from an input, an edge between two
+variables, or an edge to a module that the script has deleted. `no_wires` lists such edges.
 """
 
 from collections.abc import Iterator, Mapping
@@ -58,10 +59,10 @@ def module_graph(spec: Spec, configuration: Configuration) -> Graph:
 def apply_to_plan(
     text: str, spec: Spec, now: Situation, configuration: Configuration, most_placements: int = MOST_PLACEMENTS
 ) -> PlanOutcome:
-    """Apply a script to a configuration; PEs that the script leaves out are chosen for the situation `now`.
+    """Apply a script to a configuration; choose a PE for each module that the script creates without naming a PE.
 
-    If these PEs can be combined in more than `most_placements` ways, each module whose PE is left out gets its first
-    possible PE in the spec's order.
+    The PEs are chosen for the situation `now`. If there are more than `most_placements` combinations of PEs,
+    each of these modules gets its first possible PE in the order of the spec.
     """
     space = _Space(spec, text)
     outcome = interpret(text, module_graph(spec, configuration), space.pick, _target)
@@ -74,9 +75,9 @@ def apply_to_plan(
 
 
 def _target(leaf: Leaf, port: str) -> str:
-    """Give the input that port `V` means at the end of an edge: the only input of variable V, `V:PATH`.
+    """Complete the name of the port at the end of an edge: a variable `V` becomes its input `V:PATH`.
 
-    If the leaf has no such input, or several, the result is the port as written.
+    If the leaf has no input of this variable, or several, the result is `port` as written.
     """
     inputs = [one for one in leaf.ports if one.startswith(f"{port}:")] if ":" not in port else []
     return inputs[0] if len(inputs) == 1 else port
@@ -98,7 +99,12 @@ class _Space:
                     ports.setdefault(name, set()).add(port)
 
     def pick(self, name: str, image: str) -> Leaf | None:
-        """Give the leaf of a module that an image selects; what the image leaves out is filled in."""
+        """Give the leaf of the module `name` in the mode and on the PE that an image selects.
+
+        If the image leaves out the mode, this is the first mode whose leaf has a port for each edge that the script
+        creates at the module. If the image leaves out the PE, this is the first possible PE, and the module
+        is added to `free`. Returns None if there is no such module, or the image selects no mode and PE of it.
+        """
         module = self._spec.modules.get(name)
         if module is None:
             return None
@@ -112,9 +118,9 @@ class _Space:
         return None
 
     def _names(self, module: Module) -> Iterator[tuple[Place, tuple[str, ...]]]:
-        """Give each mode and possible PE of a module, with the four images that select it.
+        """Yield each pair of a mode and a possible PE of a module, with the four images that select this pair.
 
-        These are the image with mode and PE, without the PE, without the mode, and without both.
+        The four images name, in this order: mode and PE, the mode alone, the PE alone, neither.
         """
         for mode in module.modes:
             for pe in hosts_when_all_is_up(self._spec, module):
@@ -122,7 +128,7 @@ class _Space:
                 yield (mode, pe), (image_of(module, mode, pe), *short)
 
     def place(self, name: str, image: str) -> Place:
-        """Mode and PE of a leaf."""
+        """Give the mode and PE with which the leaf of module `name` has the image `image`."""
         module = self._spec.modules[name]
         places = product(module.modes, self._spec.pes)
         return next((mode, pe) for mode, pe in places if image_of(module, mode, pe) == image)
@@ -133,7 +139,10 @@ class _Space:
 
 
 def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Configuration, tuple[Edge, ...]]:
-    """Convert a graph of modules to a configuration; gives also the edges that are no wires of a configuration."""
+    """Convert a graph of modules to a configuration; gives also the edges that could not become wires of it.
+
+    places: mode and PE of each module.
+    """
     modules = {name: Running(places[name][1], places[name][0], {}) for name in spec.modules if name in places}
     no_wires = []
     for start, end in sorted(graph.edges):
@@ -156,11 +165,11 @@ def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Confi
 def _placed(
     spec: Spec, now: Situation, configuration: Configuration, free: list[str], most_placements: int
 ) -> Configuration:
-    """Choose the PEs of the modules in `free` so that a legal configuration publishes the fewest bits per second.
+    """Choose the PEs of the modules in `free`: the legal choice that publishes the fewest bits per second.
 
-    If no choice is legal, that with the fewest bits per second is taken. If there are more than `most_placements`
-    choices, the configuration stays as it is. Level 7 of the objective (CPU) is the same for every choice, since a
-    module takes the same CPU on every PE.
+    If no choice is legal, the one that publishes the fewest bits per second is taken. If there are more than
+    `most_placements` choices, the configuration stays as it is. CPU (level 7 of the objective) need not be
+    compared: it is the same for every choice, since a module takes the same CPU on every PE.
     """
     hosts = [hosts_when_all_is_up(spec, spec.modules[name]) for name in free]
     if not free or prod(map(len, hosts)) > most_placements:

@@ -57,12 +57,12 @@ def is_component_graph(graph: Graph) -> bool:
 
 
 def is_edge_contained(graph: Graph) -> bool:
-    """Tell whether all edges of the graph end in its vertices."""
+    """Tell whether both ends of each edge of the graph are vertices of the graph."""
     return _ends_inside(graph.own)
 
 
 def is_whole(graph: Graph) -> bool:
-    """Tell whether the graph, and each member, has all ports of a leaf or none."""
+    """Tell whether the graph, and also each member, has either all ports or no port of every leaf."""
     ports = {name: len(leaf.ports) for name, leaf in graph.leaves.items()}
     return all(_has_whole_leaves(part.vertices, ports) for part in (graph.own, *graph.members.values()))
 
@@ -110,7 +110,7 @@ def is_component_connected(graph: Graph) -> bool:
 
 
 def is_configuration(graph: Graph) -> bool:
-    """Tell whether the graph has a vertex, and all other predicates of this file but `nested` hold."""
+    """Tell whether the graph has at least one vertex, and fulfils all predicates of this file except `nested`."""
     return bool(graph.vertices) and all(
         PREDICATES[name](graph)
         for name in ("component_graph", "edge_contained", "whole", "disjoint", "pruned", "component_connected")

@@ -56,7 +56,10 @@ class Define:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """`[assigned =] receiver.operation ( arguments );`."""
+    """The statement `[assigned =] receiver.operation ( arguments );` of a script.
+
+    `assigned` is None if the statement assigns nothing.
+    """
 
     line: int
     assigned: str | None

@@ -37,7 +37,10 @@ def check_view(model: Graph, view: Collection[str]) -> None:
 
 
 def view_graph(model: Graph, view: Collection[str]) -> Graph:
-    """Give a view as a graph of its own, with its members closed; raises PcsError as `check_view` does."""
+    """Give a view as a graph of its own; raises PcsError as `check_view` does.
+
+    The components of the graph are the members of the view, each closed: without inner edges and components.
+    """
     check_view(model, view)
     of = {vertex: name for name in view for vertex in model.members[name].vertices}
     return Graph(
@@ -57,12 +60,13 @@ def view_graph(model: Graph, view: Collection[str]) -> Graph:
 def contract(
     model: Graph, view: Collection[str], name: str, parts: Collection[str] | None = None
 ) -> tuple[Graph, View]:
-    """Replace the members of a view that are inside component `name` by that component; gives the model and the view.
+    """Replace the members of a view inside component `name` by that component; gives the model and the new view.
 
-    parts: members of the view, of which the component is first made; None: the model has the component already.
+    parts: members of the view of which the composite `name` is made first; None: the model has component
+        `name` already.
 
-    Raises PcsError, in this order: as `check_view` does; if there are `parts`: `view`, `clash:K`, `needs:nested`; then
-    `unknown:K`, `contracted`.
+    Raises PcsError. The codes, in the order in which they are checked: those of `check_view`; only with
+    `parts`: `view`, `clash:K`, `needs:nested`; then always: `unknown:K`, `contracted`.
     """
     check_view(model, view)
     if parts is not None:

@@ -128,7 +128,10 @@ class Context(Protocol):
         """
 
     def write(self, value: Value) -> None:
-        """Command the module's device; the agent executes the command after the step, if then still authorized."""
+        """Command the module's device to `value`.
+
+        The agent executes the command after the step, if the module's output is still authorized at that time.
+        """
 
     def may_drive(self) -> bool:
         """Tell whether this module's outputs are authorized now.

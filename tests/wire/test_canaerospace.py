@@ -244,7 +244,7 @@ def test_an_emergency_event_goes_out_under_the_number_of_its_node() -> None:
     frame = encode_emergency_event(94, ErrorReport(0x0102, 3, 4), service_code=5, message_code=6)
     assert frame == Frame(94, bytes.fromhex("5E01050601020304"))
     assert read(frame) == Datum(94, DataType.ERROR, 5, 6, ErrorReport(0x0102, 3, 4))
-    with pytest.raises(WireError, match=r"0 is not the node-ID of a node: use 1\.\.127"):
+    with pytest.raises(WireError, match=r"0 is not the node-ID of any node: use 1\.\.127"):
         encode_emergency_event(0, ErrorReport(1, 0, 0))
 
 

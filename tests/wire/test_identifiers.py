@@ -76,7 +76,7 @@ def test_the_edges_of_the_plan(can_id: int, meaning: Meaning) -> None:
 def test_an_identifier_is_refused_to_a_node_that_has_none() -> None:
     with pytest.raises(WireError, match=r"126 is not the node-ID of a PE: use 92\.\.125"):
         plan.state_id(126)
-    with pytest.raises(WireError, match=r"91 is not the node-ID of a node: use 92\.\.127"):
+    with pytest.raises(WireError, match=r"91 is not the node-ID of a PE or manager: use 92\.\.127"):
         plan.heartbeat_id(91)
     with pytest.raises(WireError, match=r"125 is not the node-ID of a manager: use 126\.\.127"):
         plan.management_id(125, Command.LEASE)

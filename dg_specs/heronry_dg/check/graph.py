@@ -294,9 +294,9 @@ class _Possible:
     def _sources(self, leaf: Leaf) -> frozenset[str] | None:
         """Give the names of the modules and DEMUXes that could be wired to a leaf while this module runs.
 
-        The name of a DEMUX stands for its branches, or for its ends. This module may itself be a branch or an end of a
-        DEMUX. While it runs, no other branch or end of that DEMUX runs. So the result names that DEMUX only if this
-        module itself gives what the leaf accepts.
+        A DEMUX is named in place of its branches and ends, since only one of these modules runs at a time. This
+        module may itself be a branch or an end of a DEMUX. Then no other branch or end of that DEMUX runs. So the
+        result names that DEMUX only if this module itself gives what the leaf accepts.
 
         Returns None if no module gives what the leaf accepts.
         """

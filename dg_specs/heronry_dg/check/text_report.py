@@ -37,7 +37,7 @@ def concise(files: Sequence[Assessed]) -> str:
 def by_code(files: Sequence[Assessed], rules: Mapping[str, Rule], *, colour: bool = False) -> str:
     """Give a list with the number of findings of each code, which is shown above the findings.
 
-    With only a few findings the text is empty.
+    With `_FEW` findings or fewer, the result is an empty text.
     """
     counts = Counter((finding.severity, finding.code) for assessed in files for finding in assessed.findings)
     if counts.total() <= _FEW:

@@ -199,7 +199,7 @@ def _starved(subject: Subject, findings: Findings, response: Response, level: st
 
 
 def _possible_hops(spec: Spec) -> dict[str, list[Hop]]:
-    """Give for each wired bus every source that some configuration could send there, in its fastest mode."""
+    """Give for each wired bus every source that a configuration may send there, at its module's fastest rate."""
     left = survivors(spec, Situation())
     hosts = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}
     readers = _readers(spec)

@@ -60,7 +60,7 @@ def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str
 
 
 def _radios(count: int) -> str:
-    """Write a spec in which a gateway has `count` wireless buses, with a PE that reads a sensor beyond each of them."""
+    """Write a spec in which a gateway has `count` wireless buses; beyond each of them, one PE reads one sensor."""
     numbers = range(count)
     radios = "".join(f", r{number}: {{kind: wireless, bitrate: 250000, reserve: 0.5}}" for number in numbers)
     names = ", ".join(f"r{number}" for number in numbers)

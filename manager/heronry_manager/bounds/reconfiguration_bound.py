@@ -225,9 +225,11 @@ class Bounds:
         )
 
     def _activating(self, burst: Burst) -> Burst:
-        """Give the frames on the buses during a step of activation; `burst`: the frames while slices went out.
+        """Give the frames on the buses during a step of activation.
 
-        PEs beyond a radio may still receive their slices.
+        Of the slices only those for PEs beyond a radio count, since these PEs may still be receiving them.
+
+        burst: the frames on the buses while the slices went out.
         """
         first = self._spec.manager.bus
         beyond = burst.slices_beyond
@@ -237,10 +239,11 @@ class Bounds:
         return replace(burst, heads=0, paced=stragglers, broadcasts=burst.broadcasts + 1, answers=burst.answers + 1)
 
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
-        """Give the number of SLICE frames for one PE: one head, and the bodies of its new slice.
+        """Give the number of SLICE frames for one PE: one head, and as many bodies as its slice needs.
 
-        - A PE that did not return, and runs the same slice already, gets no bodies.
-        - If several PEs are lost or return, the longer of two slices counts: the PE's slice before, or after.
+        - If several PEs are lost or return, the longer of two slices counts: that in `before`, or that in `after`.
+        - Otherwise the slice in `after` counts. A PE that did not return, and has the same slice in `before`, gets
+          no bodies.
         """
         node = self._spec.pes[pe].node_id
         length = len(after.slices[node])
@@ -261,7 +264,10 @@ class Bounds:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
-        """Give for how many ns a silent PE may still drive one of these DEMUXes; 0: no silent PE drove one."""
+        """Give the longest T_lease (ns) of the silent PEs that ran an exclusive module of one of these DEMUXes.
+
+        A silent PE may still drive the DEMUX for this time. 0: no silent PE ran such a module.
+        """
         rivals = {m for demux in demuxes for group in self._spec.demuxes[demux].exclusives.values() for m in group}
         drove = {running.pe for module, running in case.before.modules.items() if module in rivals}
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)

@@ -74,9 +74,11 @@ def contingencies(
     outcomes: Mapping[tuple[Phase, FaultSet], Outcome],
     safe_modes: Mapping[Phase, Configuration],
 ) -> Contingencies:
-    """Put the results of a sweep together, and give numbers to their configurations; equal ones get the same number.
+    """Put the results of a sweep together, and number their configurations; equal ones get the same number.
 
-    outcomes: the result for every fault set in every phase of the scope.
+    outcomes: the result for every fault set in every phase of the scope; with `scope.places`, also for each
+        place in use.
+    safe_modes: the configuration of the safe mode of each phase; it gets a number, too.
     """
     numbers = _Numbers(spec)
     for phase in scope.phases:

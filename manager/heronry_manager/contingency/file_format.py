@@ -147,7 +147,9 @@ def _read_phase(
         for pe, module, index in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
     )
     if any(index >= len(plans) for _, index in by_place):
-        raise PackingError(f"phase {phase} names a plan for the failure of a module on a PE, but lacks this plan")
+        raise PackingError(
+            f"phase {phase} refers to a plan for the failure of a module on a PE, but the file does not have this plan"
+        )
     return PhasePlans(phase, safe_mode, plans, by_fault_set, by_place)
 
 

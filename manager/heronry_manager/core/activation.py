@@ -75,7 +75,13 @@ class Activation:
         return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
 
     def _may_run(self, pe: str, current: Reconfiguration | None) -> list[Configuration] | None:
-        """Give the configurations that a PE may be running, according to its last state; None: they are not known."""
+        """Give the configurations that a PE may be running: the one in its last state, and that of `current`.
+
+        The list is empty if the last state of the PE says that it runs nothing. None: the configuration in the last
+        state is not known.
+
+        current: the current epoch, to which the PE may have changed since its last state; None: there is none.
+        """
         seen = self._observed.of[pe]
         if seen.state is PeState.UNCONFIGURED:
             return []

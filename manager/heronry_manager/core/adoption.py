@@ -4,17 +4,17 @@ For this, three conditions must be met; if one is not, the manager opens a new e
 
 - All available PEs that run anything are ACTIVE in one epoch.
 - No PE was seen on a newer epoch.
-- The manager knows the configuration by the digest of that epoch: it remembers it (`memory`), it has overheard it, or
-  it is the plan that the manager would deploy now.
+- The manager knows the configuration with the digest of that epoch. There are three ways to know it: the
+  manager remembers it (`memory`), has overheard it, or would deploy it now as its plan.
 
-A plan is adopted only if every available PE runs it. A remembered or overheard configuration is adopted even if a PE is
-missing or runs nothing; the manager then treats this PE as a fault.
+A plan is adopted only if every available PE runs it. A remembered or overheard configuration is adopted
+even if a PE is missing or runs nothing; the manager then treats this PE as a fault.
 
 At first the manager does not know which exclusive outputs a PE drives (`exclusion`):
 
     a silent PE         counts as holding the tokens that the adopted epoch places on it
-    an available PE     may still start the configuration of another manager until it hears the new term. So until then
-                        it counts as holding every token that could be placed on it
+    an available PE     may still start the configuration of another manager until it hears the new term. So
+                        until then it counts as holding every token that could be placed on it
 """
 
 from dataclasses import replace

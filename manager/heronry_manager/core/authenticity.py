@@ -306,7 +306,11 @@ class Authenticity:
             self._overheard[manager].append(_Overheard(self._by_node[order.node], session, control))
 
     def _follow(self, manager: int, tag: bytes) -> None:
-        """Find the kept answer that this TAG proves, and open its session, unless a newer session is known."""
+        """Find another manager's WELCOME that this TAG proves, among those kept, and open its session with the PE.
+
+        The session is not opened if the same or a newer session of the PE is known. No effect if the TAG proves
+        no WELCOME.
+        """
         kind, _, proof = decode_tag(tag) or (None, 0, 0)
         for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
             peer, place = answer.peer, Place(answer.session.term, answer.session.number)
@@ -358,7 +362,11 @@ class Authenticity:
         return replace(page, digest=digest)
 
     def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int, bytes] | None:
-        """Find the session, number, digest and EMCY for which the tag of a page 0 is right; None: the tag is wrong."""
+        """Find the values with which the tag of a page 0 is right; None: the tag is wrong.
+
+        Returns the session, the number of the page in the session, the digest of the configuration that runs,
+        and the EMCY that the tag covers.
+        """
         emergencies = [*peer.held] if PeFlags.FAULT_PENDING in page.flags else [NO_EMERGENCY]
         covered = [(digest, emergency) for digest in self._digests(peer, page.epoch) for emergency in emergencies]
         for one in peer.sessions():

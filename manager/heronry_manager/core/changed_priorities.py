@@ -85,7 +85,12 @@ class ChangedPriorities:
         return [one for (_, function), one in self._turn.memory.priority_requests.items() if function == name]
 
     def told(self, index: int) -> tuple[Operation, int, int]:
-        """Give operation, a and b of the CONTROL that announces the priority of the function with this index."""
+        """Give the CONTROL that announces the priority of a function, as operation, `a` and `b`.
+
+        The operation is HOLDS for a changed priority, and CLEAR for the priority of the spec.
+
+        index: the index of the function, as `index_of` gives it.
+        """
         changed = self._changed.get(self._functions[index].name)
         return (Operation.CLEAR, _place(index), 0) if changed is None else _held(index, changed)
 
@@ -109,7 +114,7 @@ class ChangedPriorities:
         return self._change(PriorityChanged(function, priority, by_operator=True), _OPERATOR)
 
     def requested(self, pe: str, incarnation: int, request: Emergency) -> list[str] | None:
-        """Decide on a PE's request for a priority; gives the causes of a new plan.
+        """Decide on a PE's request for a priority; gives the causes of a new plan, none if no priority changes.
 
         None: the request must not be acknowledged yet, so that the PE repeats it.
         """

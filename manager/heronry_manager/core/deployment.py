@@ -266,7 +266,11 @@ class Deployment:
         return self._stands_on(self._adoption.of_plan(plan))
 
     def adopts_remembered(self, now: Situation, runs: Runs | None) -> bool:
-        """Adopt the remembered or overheard configuration (`runs`) if the PEs run it; tells whether it was adopted."""
+        """Adopt a remembered or overheard configuration if the PEs run it; tells whether it was adopted.
+
+        now: the present situation; the plan counts as made for the limits in it.
+        runs: the remembered or overheard configuration, with its epoch; None: there is none, so none is adopted.
+        """
         return self._stands_on(self._adoption.of_remembered(runs, now))
 
     def _stands_on(self, adopted: Reconfiguration | None) -> bool:

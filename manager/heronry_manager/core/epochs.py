@@ -148,7 +148,7 @@ class Epochs:
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:
-        """Remember an epoch that was activated or adopted, also over a restart.
+        """Remember an epoch that was activated or adopted, and keep it in the journal for the time after a restart.
 
         Of the epochs that no available PE shows any more, only the last few stay remembered.
         """

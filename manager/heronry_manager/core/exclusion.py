@@ -99,7 +99,8 @@ class Exclusion:
     def begun(self, now_ns: int, available: Collection[str]) -> None:
         """Begin a mastership: a PE that is not in `available` holds every token that could be placed on it.
 
-        Every PE counts as named by an ALIVE until now, since the previous manager may have named it.
+        An ALIVE of the previous manager may have named any PE. So for every PE, `now_ns` counts as the time at
+        which an ALIVE named it last.
         """
         self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
         self._unsaid = set(self._spec.pes) if self._tells_departures else set()
@@ -121,7 +122,8 @@ class Exclusion:
     def waits(self) -> bool:
         """Tell whether `said` must be called when the next ALIVE is on the bus.
 
-        This is so while some PE may be missing from ALIVE, but no ALIVE without this PE has been on the bus yet.
+        This is so while there is a PE that ALIVE no longer names, or may not name, and no ALIVE without this PE
+        has been on the bus yet.
         """
         return bool(self._unsaid)
 
@@ -160,7 +162,8 @@ class Exclusion:
     def declared_down(self, pe: str, heard_ns: int) -> None:
         """Note that a PE was declared down for its silence, which has lasted since `heard_ns`.
 
-        After some periods of silence the PE certainly sends no more data of modules.
+        After three and a quarter heartbeat periods of silence (head of this file), the PE certainly sends no more
+        data of modules.
         """
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 

@@ -224,5 +224,8 @@ class Following:
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) from which `is_orphaned` may hold without a further frame; None: it may hold already."""
+        """Give the earliest time (ns) at which `is_orphaned` can become true if no further frame comes.
+
+        None: this time has passed, so `is_orphaned` may be true already.
+        """
         return self._orphaned_ns if self._turn.now_ns < self._orphaned_ns else None

@@ -201,9 +201,9 @@ class Health:
         return now_ns >= max(silent_ns, default=NEVER_NS)
 
     def discount_losses(self) -> list[str]:
-        """Discount the losses since the last frame of any PE, because this manager itself heard nothing.
+        """Discount the losses of PEs that were counted after this manager last heard a PE.
 
-        Gives the PEs whose losses were discounted.
+        The reason: the manager itself heard nothing. Gives the PEs whose losses were discounted.
         """
         last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
         discounted = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
@@ -271,7 +271,7 @@ class Health:
     def in_flight(self, now_ns: int) -> None:
         """Shorten the start-up window, because some PE runs a configuration: the aircraft is in operation.
 
-        All PEs that work are then heard within their `misses` periods.
+        Every PE that works is heard within `misses` + 1 of its heartbeat periods, so the window need not be longer.
         """
         if self._window_closes_ns is None:
             return

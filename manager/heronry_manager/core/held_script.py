@@ -85,7 +85,10 @@ class HeldScript:
         self._turn.emit("script_ended", reason=reason)
 
     def release(self) -> bool:
-        """End the script that the operator has ordered, whether it is held or only asked; tells if there was one."""
+        """Release the operator's scripts: refuse the one that is asked, and end the one that is held.
+
+        Returns False if there is neither.
+        """
         was_asked, was_held = self.is_asked, self.target is not None
         if was_asked:
             self.refuse("the operator released it")

@@ -41,7 +41,10 @@ class Knowledge:
         self.begin()
 
     def begin(self) -> None:
-        """Forget everything that is not remembered over a restart."""
+        """Forget what this manager knows, except what `memory` and `details` hold.
+
+        New objects replace all objects but `details`, and begin with what `memory` holds.
+        """
         settings, turn, spec, key = self._settings, self._turn, self._settings.spec, self._settings.key
         self.health = Health(spec, turn.now_ns, settings.window_ns)
         self.exclusion = Exclusion(spec, tells_departures=settings.tells_departures)

@@ -144,7 +144,10 @@ class KnownSituation:
         return Situation(self.down(), self.links.limits(), self.phase, self.priorities.now())
 
     def spares(self, plan: Plan) -> bool:
-        """Tell whether a plan is legal under the present limits of radios, and no limit has risen since it was made."""
+        """Tell whether a plan need not be replaced although limits of radios have changed.
+
+        This is so if the plan fits the present limits, and none of the limits for which it was made has risen.
+        """
         limits = self.links.limits()
         room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
         fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
@@ -194,7 +197,10 @@ class KnownSituation:
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
     def reported(self, pe: str, emergency: Emergency) -> Changes | None:
-        """Latch or note the fault that a PE reports.
+        """Take the fault that a PE reports.
+
+        A fault of a device or module is latched. A fault of a PE or bus is only a suspicion (`suspicions`).
+        A restart of a module is only reported as an event.
 
         Gives the changes that follow; None if the report names an element that the spec lacks.
         """
@@ -238,7 +244,14 @@ class KnownSituation:
         return () if cause is None else (PlanNeeded(cause),)
 
     def _request_answered(self, pe: str, kind: int, number: int) -> None:
-        """Note that another manager has executed a PE's request, unless the PE may have restarted since the request."""
+        """Note that another manager has acknowledged a PE's request, if this shows that it has executed the request.
+
+        It shows that if the manager has announced the phase, or the priority of the function, immediately
+        before. No effect if the PE may have restarted since the request.
+
+        kind: PHASE or PRIORITY.
+        number: number of the request; for a priority, with the index of the function, as in CONTROL.
+        """
         incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
         if incarnation is None:
             return
@@ -248,7 +261,10 @@ class KnownSituation:
             self._request_accepted(pe, incarnation, number)
 
     def _request_accepted(self, pe: str, incarnation: int, detail: int) -> bool:
-        """Note that a request of a PE is executed, here or by another manager; tells whether the request is new."""
+        """Note that a phase request of a PE is executed, here or by another manager; tells whether it is new.
+
+        detail: number of the request, with or without the bit FORWARD_ONLY.
+        """
         if not self._mission.accepted(pe, incarnation, detail):
             return False
         self._turn.keep(PhaseRequest(pe, incarnation, detail & ~FORWARD_ONLY))
@@ -284,7 +300,10 @@ class KnownSituation:
         return () if phase == self.phase else self.enter(phase, f"manager {manager}")
 
     def held_no_longer(self, manager: int) -> Changes:
-        """Count a heartbeat of the active manager, and drop each fact that this manager has ceased to announce.
+        """Count a heartbeat of the active manager, and drop what the active manager has ceased to announce.
+
+        This concerns latched faults and changed priorities. A manager that only advises keeps the faults that its
+        operator has supposed, and all changed priorities.
 
         manager: node-ID of the active manager. Returns the changes of the situation that follow.
         """

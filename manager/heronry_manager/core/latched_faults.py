@@ -79,7 +79,14 @@ class LatchedFaults:
         return f"{kind.name.lower()}:{names[index]}" if index < len(names) else None
 
     def where(self, element: str, pe: str, code: FaultCode) -> str:
-        """Give what counts as failed when a PE reports an element: the element, or a module's place on that PE."""
+        """Give what counts as failed when a PE reports an element: the element, or only a module's place on that PE.
+
+        Only a module with several possible PEs has places. Only its place counts, except in three cases:
+
+        - The module itself is latched already.
+        - The code says neither that the module has failed on this PE (`_FAILED_THERE`), nor that code is missing.
+        - The module has already failed on another PE, and this PE reports anything but missing code.
+        """
         place = f"{element}@{pe}"
         if place not in self._places or element in self._failed:
             return element
@@ -90,7 +97,11 @@ class LatchedFaults:
         return element if code not in _FAILED_THERE or second else place
 
     def told(self, a: int, index: int) -> str | None:
-        """Give the element that CONTROL names by these fields in CLEAR or HOLDS; None: the spec has no such element."""
+        """Give the element that a CONTROL with the operation CLEAR or HOLDS names; None: the spec has no such element.
+
+        a: field a of the CONTROL: the kind of the element, and the node-ID of its place.
+        index: index of the element.
+        """
         number, node = kind_and_place(a)
         element = self.element(ElementKind(number), index) if number in set(ElementKind) else None
         if node == EVERYWHERE or element is None:
@@ -125,7 +136,7 @@ class LatchedFaults:
         return True
 
     def clear(self, element: str) -> list[LatchedFault]:
-        """Clear an element, and the places of a module; gives the faults that were latched on these."""
+        """Clear an element and, if it is a module, all its places; gives the faults that were latched on them."""
         cleared = [one for one in self._failed.values() if one.element == element] + self._of(element)
         for one in cleared:
             del self._failed[one.element]

@@ -113,7 +113,7 @@ class Claim:
     """Decides whether this manager is active, stands by, or ends; keeps its state."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn) -> None:
-        """Listen for T_lease from now on."""
+        """Begin in the state LISTENING, and listen for the time T_lease from now on."""
         self._settings, self._turn = settings, turn
         self._lease_ns = settings.lease_ns
         self.state = Mastership.LISTENING
@@ -204,7 +204,10 @@ class Claim:
     def is_refused(self, *, most_hear_none: bool) -> bool:
         """Tell whether most PEs have reported for long enough that they hear no LEASE, though this manager sends it.
 
-        Long enough is T_lease at first, and twice as long after each refusal.
+        most_hear_none: most PEs report this now. If False, the time begins anew, and the refusals until now are
+            forgotten.
+
+        Long enough is T_lease at first. After each refusal the time is doubled, up to a limit.
         """
         now_ns = self._turn.now_ns
         if not most_hear_none:
@@ -219,7 +222,10 @@ class Claim:
     # Giving way
 
     def fall_silent(self) -> None:
-        """Stop sending, and listen again from the first frame of a PE on."""
+        """Stop sending, and listen again: T_lease of listening begins with the next frame of a PE.
+
+        From now on this manager no longer lets manager 126 begin first.
+        """
         self._move(MastershipEvent.FALLS_SILENT)
         self.listens_until_ns, self._goes_first = None, True
 

@@ -21,14 +21,21 @@ from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 
 
 class ModuleNotices:
-    """Keeps the notices of one kind; a subclass chooses the events that report them."""
+    """Keeps the notices of one kind (head of this file), by module and PE.
+
+    A subclass chooses the events that report when a notice begins and when it is over.
+    """
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._modules, self._turn = list(spec.modules), turn
         self._told: dict[tuple[str, str], tuple[int, int]] = {}  # by module and PE: time and detail of the last one
 
     def reported(self, pe: str, emergency: Emergency) -> None:
-        """Note what a PE reports of one of its modules; the first such notice is reported as an event."""
+        """Take what a PE reports of one of its modules.
+
+        The first report makes an event. Later ones prolong the notice until the PE has been silent about the module
+        for CHANNEL_FORGOTTEN_NS (`beat`). A report of a module that the spec does not have is ignored.
+        """
         if emergency.kind is not ElementKind.MODULE or emergency.index >= len(self._modules):
             return
         key = self._modules[emergency.index], pe

@@ -16,7 +16,7 @@ _MOST_LATE = 8  # a page 0 that is more numbers behind the last one is not late,
 
 @dataclass(slots=True)
 class Observed:
-    """What one PE has reported that it runs."""
+    """What one PE runs, as the PE has reported it."""
 
     epoch: int = 0
     digest: int = 0

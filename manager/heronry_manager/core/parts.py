@@ -11,7 +11,7 @@ from heronry_manager.core.turn import Turn
 
 
 class Parts:
-    """The objects of the core that act; the code that processes frames calls them.
+    """The acting objects of a manager's core, which the code that processes frames calls.
 
     This code is in `pe_reports`, `succession` and `inbound`.
     """

@@ -132,7 +132,13 @@ class PeDetails:
             self.reader.give_up()
 
     def failures(self) -> list[dict[str, Any]]:
-        """Give the last failure of each module, oldest first: element, by, text, for_ns."""
+        """Give the last failure of each module, oldest first, as a dict with four keys.
+
+        element: the module that has failed.
+        by: the PE that reported the failure.
+        text: the reason, as read from this PE.
+        for_ns: time since the reason was read.
+        """
         now_ns = self._turn.now_ns
         kept = sorted(self._failures.values(), key=lambda one: one["at_ns"])
         return [{k: v for k, v in one.items() if k != "at_ns"} | {"for_ns": now_ns - one["at_ns"]} for one in kept]
@@ -145,7 +151,10 @@ class PeDetails:
         return self._standstills.get(pe)
 
     def own_standstills(self) -> dict[str, int]:
-        """Give the standstills of this manager's computer, in the form of `standstills`."""
+        """Give how often and for how long this manager's own computer has stood still.
+
+        The keys are those that `standstills` gives for a PE.
+        """
         own = self.own
         times_ms = {"last_long_ms": own.last_long_ns // _NS_PER_MS, "longest_ms": own.longest_ns // _NS_PER_MS}
         return {"times": own.times, "long_times": own.long_times, **times_ms}

@@ -98,7 +98,7 @@ class Planning:
     def failed(self, answer: PlanFailed) -> bool:
         """Note that the planner could not answer a request; tells whether this is the present request.
 
-        A request in the background is not repeated.
+        The present request is repeated after PLAN_AGAIN_NS, except a background request, which is not repeated.
         """
         if answer.request != self._request or not self.waiting:
             return False
@@ -141,7 +141,7 @@ class Planning:
     def target_taken(self) -> None:
         """Note that the configuration of a script is deployed.
 
-        Another background request may be made for this situation.
+        The request for it no longer counts as one in the background, so the optimal plan may be requested later.
         """
         self.in_background = False
 

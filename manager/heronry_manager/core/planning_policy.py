@@ -224,9 +224,10 @@ class PlanningPolicy:
         return Answer(PlanFailed(request.request, reason), Source.IMMEDIATE)
 
     def _in_its_place(self, request: RequestPlan, answer: PlanReady | PlanFailed) -> Answer:
-        """Give the answer of the exact planner.
+        """Give the answer of the exact planner or, if it has failed, an answer of the greedy planner in its place.
 
-        If the exact planner has failed and the aircraft needs a plan, give the answer of the greedy planner.
+        The failure itself is the answer to a background request. It is also the answer if there is no greedy
+        planner, or if the greedy plan is not legal.
         """
         if isinstance(answer, PlanFailed) and self._immediate is not None and not request.in_background:
             plan = self._immediate.plan(request.now, request.running)

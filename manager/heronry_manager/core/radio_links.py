@@ -54,7 +54,10 @@ class LinkChange:
 
 @dataclass(slots=True)
 class LinkRecord:
-    """What the manager keeps of one radio; shares of its bandwidth in per mille."""
+    """What the manager remembers of one radio: the share of bandwidth that plans use, and the gateway's reports.
+
+    All shares are shares of the radio's bandwidth, in per mille.
+    """
 
     radio: Radio
     period_ns: int
@@ -131,7 +134,11 @@ class RadioLinks:
         return [LinkChange("gone", record.radio, 0)]
 
     def _follow(self, record: LinkRecord, usable: int, now_ns: int) -> list[LinkChange]:
-        """Change the share that plans may use, if this report demands it; `usable`: the share reported, per mille."""
+        """Change the share of a radio's bandwidth that plans may use, if a report demands it.
+
+        usable: the share that the report gives as usable, per mille.
+        Returns the change; an empty list if there is none.
+        """
         if record.settling:
             return self._set(record, _step_below(usable))
         was_low, record.low = record.low, usable < record.step * _BELOW

@@ -371,7 +371,7 @@ class Reconfiguration:
             self._by_node[frame.node].asked_ns = now_ns  # its answer is due from its last frame on
 
     def _may_repeat(self, now_ns: int) -> bool:
-        """Tell whether PREPARE or ACTIVATE may be sent to all PEs again now; if so, count it as repeated."""
+        """Tell whether PREPARE or ACTIVATE may be sent to all PEs again now; if so, count it as sent now."""
         may = now_ns >= self._broadcast_ns + self._repeat_ns
         if may:
             self._broadcast_ns = now_ns

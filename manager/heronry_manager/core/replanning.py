@@ -117,7 +117,10 @@ class Replanning:
     # Scripts of the operator
 
     def fly(self, target: Configuration) -> None:
-        """Request the best plan; it is compared with `target`, the configuration of a script."""
+        """Request the best plan in the background, because of a script whose configuration is `target`.
+
+        When the plan has come, `ready` compares the two: `target` is deployed unless it is worse at level 1.
+        """
         running = self._known.deployment.running
         assert running is not None, "a script is refused while nothing runs"
         self._known.script.ask(target)
@@ -187,10 +190,10 @@ class Replanning:
             deployment.prepare(answer.plan, self.planning.causes)
 
     def _weighed(self, answer: PlanReady) -> PlanReady:
-        """Return the answer to deploy.
+        """Return the answer to deploy: the given one, or one with the configuration of a script as its plan.
 
-        If there is a script, and the plan is not better than the configuration of the script at level 1, the answer has
-        this configuration. Otherwise the answer has the plan itself.
+        The configuration of a script, asked or held, is taken unless it is worse at level 1 than the plan in
+        `answer`. Without such a script, the given answer is returned.
         """
         script, deployment = self._known.script, self._known.deployment
         was_asked = script.is_asked
@@ -220,9 +223,10 @@ class Replanning:
     # What runs
 
     def advance(self) -> None:
-        """Command the next steps of the epochs.
+        """Command the next step of each epoch that need not wait any more.
 
-        When an epoch is completed, drop its causes, and look for a better plan.
+        If an epoch is completed, drop its causes, and decide what to request next (`_settle`). If the epoch that
+        was being prepared is activated, a storm ends.
         """
         was_next = self._known.deployment.next
         done = self._known.deployment.advance()
@@ -254,7 +258,8 @@ class Replanning:
     def _may_stay(self) -> bool:
         """Tell whether the running configuration may stay.
 
-        It may if it is legal, serves all critical functions that are wanted, and runs on all available PEs.
+        It may if it is legal, serves all critical functions that are wanted, and is run by every available PE.
+        Besides, none of its modules may have been stopped by a fault that the operator has cleared.
         """
         spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
         plan, now = deployment.plan, situation.now()
@@ -267,7 +272,13 @@ class Replanning:
         return not verify(spec, now, plan.configuration)
 
     def _settle(self) -> None:
-        """If nothing is under way, request the optimal plan in the background, or report that the plan has settled."""
+        """Decide what to request next, if there is a current epoch, none is being prepared and no plan is awaited.
+
+        - If changes were gathered, request a plan for them.
+        - Else request the optimal plan in the background, unless the running plan is optimal, a script is held,
+            or the last request was already one in the background.
+        - In these three cases, report that the plan has settled.
+        """
         deployment = self._known.deployment
         running, plan = deployment.running, deployment.plan
         if running is None or deployment.next is not None or self.planning.waiting:

@@ -26,9 +26,10 @@ _STORM_NS = 1_000_000_000
 
 
 class Storms:
-    """Tells whether there is a storm, from the number of epochs and requests that a change has ended or replaced.
+    """Tells whether there is a storm: changes that follow each other so fast that no epoch is activated.
 
-    The count begins anew when an epoch is activated, or when everything runs as planned.
+    Counted are the epochs that a change has ended, and the requests for plans that a change has replaced. The
+    count begins anew when an epoch is activated, or when everything runs as planned.
     """
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
@@ -47,7 +48,10 @@ class Storms:
 
     @property
     def rages(self) -> bool:
-        """Tell whether there is a storm, so that changes are gathered until what is under way is finished."""
+        """Tell whether there is a storm.
+
+        In a storm changes are gathered until the epoch or the request for a plan that is under way is finished.
+        """
         return self._restarts >= _RESTARTS and self._turn.now_ns - self._since_ns >= _STORM_NS
 
     def may_finish(self, now: Situation, wanted: Configuration, running: Configuration | None) -> bool:

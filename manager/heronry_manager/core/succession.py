@@ -34,7 +34,11 @@ class Succession:
     # What another manager sends
 
     def heard(self, node: int, message: ManagementMessage | Malformed) -> None:
-        """Process a command of another manager: follow that manager, or give way to it."""
+        """Process a command of another manager.
+
+        As a standby or advising manager, take in the command. In any other state, decide at a LEASE whether to
+        give way to the other manager. A malformed command has no effect.
+        """
         if isinstance(message, Malformed):
             return
         if self._claim.state is Mastership.STANDBY:
@@ -105,7 +109,14 @@ class Succession:
         self._replanning.take_over(Cause("no manager was active", now_ns, known_ns))
 
     def is_over(self, *, hears_no_pe: bool) -> bool:
-        """Tell whether this term must end: this manager is cut off, its receiver has failed, or its term is too low."""
+        """Tell whether this term must end, and report the reason as an event.
+
+        The term must end in two cases: this manager hears no PE (it is cut off, or its receiver has failed), or most
+        PEs have reported for long enough that they hear no LEASE (for example, its term is too low). The answer is
+        False if this manager only advises, or is not in the state ACTIVE.
+
+        hears_no_pe: this manager hears no PE.
+        """
         if self._settings.advise or self._claim.state is not Mastership.ACTIVE:
             return False
         if hears_no_pe:
@@ -117,7 +128,10 @@ class Succession:
         return False
 
     def fall_silent(self) -> None:
-        """Forget all but the memory, send nothing, and listen until a PE is heard."""
+        """Stop sending, and forget all that this manager knows except its memory, which the journal holds.
+
+        The manager then listens until a PE is heard, and for T_lease after that.
+        """
         self._forget()
         self._claim.fall_silent()
 

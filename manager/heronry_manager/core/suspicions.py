@@ -50,7 +50,11 @@ class Suspicions:
             self._conclude(f"pe:{pe}", "it answers, and stays")
 
     def bus(self, bus: str, by: str) -> None:
-        """Note that the PE `by` reports a failure of a bus, and emit an event with the manager's own evidence."""
+        """Note that the PE `by` reports a failure of a bus.
+
+        If the report is new, emit two events: one with the report and with this manager's own evidence for or
+        against it, and one with the conclusion.
+        """
         element = f"bus:{bus}"
         if not self._note(element, by):
             return
@@ -59,9 +63,9 @@ class Suspicions:
         self._conclude(element, "it stays" if evidence is not None else "no plan uses it before a PE behind it is back")
 
     def beat(self) -> None:
-        """End the suspicion of each PE that has been lost meanwhile.
+        """End the suspicion of each PE that was sent a PING, has not answered, and counts as lost by now.
 
-        Reports older than CHANNEL_FORGOTTEN_NS are forgotten, so that the next one counts as new.
+        Reports from CHANNEL_FORGOTTEN_NS ago or earlier are forgotten: a repetition of such a report counts as new.
         """
         for pe in sorted(pe for pe in self._asked if not self._health.is_available(pe)):
             self._asked.remove(pe)

@@ -41,7 +41,7 @@ class Turn:
         self._actions: list[ManagerAction] = []
 
     def ask(self, *actions: ManagerAction) -> None:
-        """Add actions to those that the driver gets from this call; a silent manager's frames are dropped."""
+        """Add actions to those that the driver gets from this call; frames are dropped if this manager is `silent`."""
         self._actions += [action for action in actions if not (self.silent and isinstance(action, Send))]
 
     def send(self, command: Command, message: Encodable) -> None:
@@ -51,7 +51,7 @@ class Turn:
     def keep(self, record: Record) -> None:
         """Add a record to the memory, and request that the driver writes the record to the journal.
 
-        A silent manager does neither.
+        If this manager is `silent`, do nothing.
         """
         if not self.silent:
             self.memory = self.memory.after(record)

@@ -180,7 +180,7 @@ Order = OrderToExecute | AskStatus | AskTraceback
 class OperatorSaid:
     """An order of the operator, with the number that its Reply repeats.
 
-    Only AskTraceback is answered in a later call.
+    The Reply to AskTraceback comes in a later call of the core; every other order is answered in the same call.
     """
 
     number: int

@@ -32,7 +32,7 @@ Chosen = Mapping[tuple[str, str], bool]
 
 
 class Choosing(Choice):
-    """The small model that chooses modules and their modes in one situation."""
+    """The solver model that chooses, for one situation, which modules run and in which modes, but not where."""
 
     def __init__(self, possible: Candidates, group: Sequence[Level], key: Sequence[int]) -> None:
         """Build the small model, in which modules and modes are chosen but not placed.
@@ -49,9 +49,9 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Find an upper bound of the merged sum of levels, and keep only the choices that reach it.
+        """Give an upper bound of the sum into which the group's levels are merged; rule out choices with less.
 
-        None: no bound was found with the given effort.
+        None: the given effort was used up before the best sum was proven.
         """
         self._model.maximize(self._worth)
         solver = self._solved()

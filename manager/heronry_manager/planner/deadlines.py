@@ -60,7 +60,7 @@ class _Room:
     most: int
 
     def holds(self, published: Set[MessageKey]) -> bool:
-        """Tell whether the condition holds if these messages are published."""
+        """Tell whether this condition holds if exactly these messages are published."""
         return sum(taken for key, taken in self.demand.items() if key in published) <= self.most
 
 
@@ -78,7 +78,7 @@ class _Moment:
     demand: Demand
 
     def room(self) -> _Room:
-        """Return the condition that all more urgent bits are sent by this moment, so that the message can leave."""
+        """Return the condition under which the message can leave at this moment: all more urgent bits are sent."""
         return _Room(self.demand, self.end - self.always)
 
 
@@ -114,9 +114,10 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model that a message leaves in time; tell whether `published` violates this condition.
+        """Add to the model the condition that a message leaves in time; tell whether `published` violates it.
 
-        Return False also if the model has this condition already, or if it would have too many moments.
+        Returns False, and adds nothing, if this was called for the message before, or if the condition would have
+        more than MOST_MOMENTS moments.
         """
         if hop in self._stated:
             return False
@@ -153,7 +154,9 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition, in ns, that a message leaves on both buses in time, in spite of more urgent messages.
+        """Return the condition, in ns, that the time which a message takes on two buses fits its deadline.
+
+        The demand of the condition is the time for which more urgent messages keep the two buses busy.
 
         before, first: the hop on the first bus, and the moment at which the message leaves there.
         hop, then: the hop on the second bus, and the moment at which the message leaves there.
@@ -216,7 +219,10 @@ class Deadlines:
 
 
 def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[frozenset[Hop]]:
-    """Return the smallest sets found of published hops that together miss a deadline; none if all deadlines are met."""
+    """Return small sets of published hops, each of which makes a message late.
+
+    The list is empty if all deadlines are met. A late message adds no set if its causes contain an earlier set.
+    """
     conflicts: list[frozenset[Hop]] = []
     for late in times.late(published):
         if not any(known <= late.causes for known in conflicts):

@@ -70,11 +70,17 @@ class Planner:
         return search
 
     def immediate(self, now: Situation, running: Placement | None = None) -> Plan:
-        """Find a legal configuration without a search."""
+        """Find a legal configuration without a search, by the greedy planner.
+
+        running: the running configuration; None: it is not known.
+        """
         return self._greedy.plan(now, running)
 
     def serve(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> "Search":
-        """Search for levels 1 and 2 alone (critical functions and utility); return the finished search."""
+        """Search for levels 1 and 2 alone (critical functions and utility); return the finished search.
+
+        The arguments are those of `plan`.
+        """
         search = self._search(now, running, effort)
         search.serve()
         return search
@@ -145,7 +151,7 @@ class Search:
     def bounds(self) -> tuple[int, ...]:
         """Return an upper bound for each integer of `objective.key()`.
 
-        A bound holds for all configurations in which no earlier integer of the key is worse.
+        A bound holds for all configurations in which no earlier integer of the key is worse than that of `best`.
         """
         levels = {level.position: level for group in self._groups for level in group}
         return tuple(
@@ -176,7 +182,10 @@ class Search:
             self._search(group, set_up)
 
     def _search(self, group: list[Level], set_up: Callable[[float], CpSolver]) -> None:
-        """Search for a group of levels until a solution meets its deadlines, or the effort is used up.
+        """Search for better values of a group of levels, in several attempts.
+
+        The attempts end when a solution meets all deadlines of its messages, when an attempt finds no solution,
+        when the levels are at their bounds, or when the effort is used up.
 
         set_up: makes the solver of each attempt; gets the effort that the attempt may use.
         """
@@ -239,7 +248,10 @@ class Search:
             self._bounds[level.position] = min(most, self._bounds[level.position])
 
     def _hint(self, values: Mapping[int, int]) -> None:
-        """Let the next search start from these values of variables."""
+        """Let the next search of the solver start from these values.
+
+        values: index of a variable of the model -> its value.
+        """
         self._model.proto.clear_solution_hint()
         hint = self._model.proto.solution_hint
         hint.vars.extend(values.keys())
@@ -258,7 +270,10 @@ class Search:
                 self._values.update((literal.index, value) for literal, value in part)
 
     def _take(self, found: Configuration, values: Sequence[int]) -> None:
-        """Keep a legal configuration, and the values of all variables, if it is better than the best one so far."""
+        """Keep a legal configuration if it is better than the best one so far.
+
+        values: the values of all variables of the model in this configuration; they are kept with it.
+        """
         objective = self._score(found)
         if objective.key() > self._key:
             self.best, self.objective = found, objective

@@ -116,7 +116,7 @@ def _weights(group: list[Level]) -> list[int]:
 
 
 def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
-    """Cut a group into smaller ones whose merged sums fit into 62 bits."""
+    """Divide a group of levels, in order, into smaller groups; the merged sum of each fits into 62 bits."""
     part: list[Level] = []
     for level in group:
         if part and sum(abs(weight) for _, weight in merged([*part, level])) >= _SAFE:
@@ -128,7 +128,10 @@ def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
 
 
 def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int = 0) -> Level:
-    """Make a level from its terms; of each list of alternatives at most one term can be true."""
+    """Make a level from lists of alternative terms; in each list, at most one term can be true.
+
+    position: place of the level in `Objective.key()`. offset: what is added to the sum of the terms there.
+    """
     groups = [group for group in alternatives if group]
     return Level(
         position,
@@ -208,9 +211,10 @@ def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int
 
 
 def _changes(placing: Placing, running: Placement | None) -> Level:
-    """Make the level of changes, negated.
+    """Make the level of changes: minus the number of modules that change; an empty level if `running` is None.
 
-    A module that cannot go on where it runs has no term: its change cannot be avoided, and is in the offset.
+    The offset counts every running module as changed. A module that stays in its mode on its PE adds 1 to it,
+    and a new module subtracts 1. A module that cannot stay adds nothing, since its change cannot be avoided.
     """
     if running is None:
         return _level(6, Kind.SUPPLYING, ())

@@ -44,7 +44,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The first line of the process: it has read the spec, and waits for requests."""
+    """The first line that the planner's process sends: it has read the spec, and waits for requests."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,7 @@ class Placing(Choice):
     """Variables of a model that say which modules run in which mode on which PE."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
-        """Add the variables and their constraints to the model."""
+        """Add to the model which module runs in which mode on which PE, as variables and their constraints."""
         super().__init__(model, possible)
         self.pes = {name: candidate.pes() for name, candidate in possible.modules.items()}
         self.x: dict[tuple[str, str, str], IntVar] = {}
@@ -163,7 +163,7 @@ class Placing(Choice):
                 self._model.add_at_most_one(self._here(group, pe))
 
     def _together(self) -> None:
-        """Require that the modules of each group of `together` run on one PE only."""
+        """Require that all running modules of one group of `together` run on the same PE."""
         for number, group in enumerate(self.possible.spec.together):
             homes = {pe: self._here(group, pe) for pe in self.possible.spec.pes}
             chosen = {pe: self._model.new_bool_var(f"together.{number}@{pe}") for pe, here in homes.items() if here}

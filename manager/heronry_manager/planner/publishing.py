@@ -26,10 +26,13 @@ MessageKey = tuple[str, str, int, str]  # producer, variable, rate in mHz, bus
 
 
 class Publishing:
-    """Variables of a model that say which source is published on which bus."""
+    """The variables of the solver's model that say which source is published on which bus."""
 
     def __init__(self, model: CpModel, possible: Candidates, placing: Placing, wiring: Wiring) -> None:
-        """Add the variables, and the limit on the bandwidth of each bus (semantics rule 7)."""
+        """Add the variables that say what is published on which bus, and limit the bandwidth of each bus.
+
+        The limit is that of semantics rule 7.
+        """
         self.bandwidth: dict[str, Terms] = {bus: [] for bus in possible.left.bus_mbit_per_s}  # mbit/s
         self._model = model
         self._possible = possible
@@ -65,7 +68,7 @@ class Publishing:
         self._model.add(LinearExpr.sum(taken) <= facts - 1)
 
     def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
-        """Add a constraint: if a hop is published, one of these literals is true.
+        """Add a constraint: if a hop is published, at least one of these literals is true.
 
         For a hop with a previous bus (`hop.after`), the constraint holds only if the data come over that bus.
         """
@@ -75,7 +78,12 @@ class Publishing:
             self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
 
     def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
-        """Yield key and hop of all messages on the bus of `hop` that are more urgent; these hops begin on that bus."""
+        """Yield key and hop of each message on the bus of `hop` that is more urgent than the message of `hop`.
+
+        The yielded hops begin on that bus.
+
+        identifiers: identifier of each (producing module, variable); the lower one is more urgent.
+        """
         own = identifiers[hop.producer, hop.variable]
         for key in self.messages:
             producer, variable, _, bus = key
@@ -132,7 +140,10 @@ class Publishing:
             self._model.add(published >= linked + at_producer - at_consumer - 1)
 
     def _only_side(self, module: str, sides: list[Side]) -> Side | None:
-        """Return the side on which all possible PEs of a module are; None: it may run on several sides."""
+        """Return the side of a bus on which all possible PEs of a module are; None: they are on several sides.
+
+        sides: all sides of the bus (head of this file).
+        """
         return next((side for side in sides if side.issuperset(self._placing.pes[module])), None)
 
     def _publication(self, producer: str, variable: str, bus: str) -> IntVar:
@@ -173,5 +184,5 @@ def _sides(left: Survivors, bus: str) -> list[Side]:
 
 
 def _origins(left: Survivors, first: str, then: str) -> set[str]:
-    """Return the PEs whose data reach the bus `then` over the bus `first`."""
+    """Return the PEs whose data reach the bus `then` directly from the bus `first`, on some route."""
     return {origin for (origin, _), route in left.routes.items() if (first, then) in pairwise(route)}

@@ -77,7 +77,11 @@ def light_solver(effort: float) -> CpSolver:
 
 
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
-    """Yield searches in which the hint fixes the modules and modes that run; if one fails, the next may succeed."""
+    """Yield two searches; the second may succeed where the first fails.
+
+    In both, the hint fixes the modules that run, and their modes.
+    effort: the limit of each search, in deterministic time.
+    """
     quick = light_solver(effort)
     quick.parameters.linearization_level = 1
     for solver in (new_solver(Kind.SERVING, effort), quick):

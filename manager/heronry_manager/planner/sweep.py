@@ -150,9 +150,10 @@ class Sweep:
         return None if healthy is None else placement(healthy.configuration)
 
     def _open(self, size: int) -> tuple[list[Question], list[tuple[Phase, FaultSet, FaultSet]]]:
-        """Settle the sets of this size that need no search.
+        """Settle the sets of this size that inherit the plan of a smaller set.
 
-        Return the questions about the sets that need a search, and the sets that have a twin: phase, set and twin.
+        Return the questions about the sets that need a search, and (phase, set, twin) of each set that has a twin.
+        The twin is an earlier set that leaves the planner the same choice.
         """
         questions: list[Question] = []
         twins: list[tuple[Phase, FaultSet, FaultSet]] = []

@@ -36,7 +36,10 @@ class Wiring:
     """Variables of a model that say which producer feeds each input."""
 
     def __init__(self, model: CpModel, possible: Candidates, choice: Choice) -> None:
-        """Add the variables, and the constraints of semantics rules 2, 3 and 5."""
+        """Add to the model the variables of the wires, and the constraints of semantics rules 2, 3 and 5.
+
+        choice: the variables of the model that say which modules run, and in which modes.
+        """
         self.wires: dict[tuple[str, str, str], list[tuple[Source, Leaf, IntVar]]] = {}
         self.links: dict[Link, list[IntVar]] = {}  # at most one of the literals is true
         self._forced: set[tuple[str, str, str]] = set()  # inputs with one possible source

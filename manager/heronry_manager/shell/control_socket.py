@@ -42,7 +42,7 @@ MOST_CALLERS = 16
 
 
 class ControlSocket:
-    """The socket on which a running manager takes orders, with its callers."""
+    """The socket on which a running manager takes orders, and the connections of its callers."""
 
     def __init__(self, path: Path) -> None:
         """Listen on `path`; raises ControlError if another manager listens there, or the path cannot be used."""

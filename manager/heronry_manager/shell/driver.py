@@ -172,7 +172,10 @@ class ManagerDriver:
         }
 
     def _look_after_journal(self) -> None:
-        """Sync the journal to the disk when no frame waits; tell the core when a journal problem begins or ends."""
+        """Sync the journal to the disk if no frame waits to be sent; report journal problems to the core.
+
+        The core is told when a problem begins and when it ends.
+        """
         if self._journal is None:
             return
         if self._link.nothing_waits:

@@ -116,7 +116,12 @@ class PlannerProcesses:
 
 
 def _answers(planner: PlannerLink | None, until_ns: dict[int, int]) -> Iterable[Planned | Failed]:
-    """Give the answers of a process. A process that exceeds a budget is replaced, and all its requests have failed."""
+    """Give the answers that have arrived from a process; there are none if `planner` is None.
+
+    If a request has exceeded its budget, the process is replaced, and all its unanswered requests have failed.
+
+    until_ns: by request, the time (ns) at which its budget ends; answered and failed requests are removed.
+    """
     if planner is None:
         return []
     answers = planner.poll()

@@ -33,7 +33,13 @@ class Plants:
         return event("control_paths", told["t_ns"], epoch=told["epoch"], plants=states)
 
     def status(self, plan: Plan | None) -> dict[str, Any]:
-        """Give the status of the plants, by name: the state of the control path, and the reason if it is not closed."""
+        """Give the part of the status about plants: the state of each control path, and why it is not closed.
+
+        It has the key "plants", and under it the plants by name. It is empty if the spec has no plants, or if
+        `plan` is None.
+
+        plan: the plan that runs now; None: no plan is known to run.
+        """
         if plan is None or not self._spec.plants:
             return {}
         paths = control_paths(self._spec, plan.configuration)

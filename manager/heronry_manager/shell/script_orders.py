@@ -21,7 +21,7 @@ MOST_PLACEMENTS: Final = 100  # few, since the manager's loop waits for the resu
 
 @dataclass(frozen=True, slots=True)
 class ScriptSaid:
-    """The order `script` of a caller, with the number that its reply repeats."""
+    """The order `script` of a client, with the number of its request; the reply carries the same number."""
 
     number: int
     order: FlyScript

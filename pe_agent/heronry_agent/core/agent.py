@@ -270,7 +270,7 @@ class AgentCore:
             self._turn.note("late", f"this computer stood still for {event.for_ns // _NS_PER_MS} ms")
 
     def _images_missing(self, event: ImagesMissing) -> None:
-        """Report the modules of these images to the manager, and refuse slices with such a module from now on."""
+        """Report to the manager which modules have a missing image, and refuse slices with such modules from now on."""
         self.staging.reader.missing_images |= event.images
         self.modules.lack(event.images)
 

@@ -176,7 +176,11 @@ class Authenticity:
         return self._key.opened(sealed)
 
     def accept(self, order: Control) -> None:
-        """Execute a verified RENEW (end the session) or UNLOCK (open the lock for some seconds; 0: close it)."""
+        """Execute a verified RENEW or UNLOCK.
+
+        RENEW ends the session. UNLOCK opens the lock for the number of seconds in it, at most LONGEST_UNLOCK_S;
+        0 closes the lock.
+        """
         if order.operation is Operation.RENEW:
             self._states.end_session()
         else:

@@ -224,7 +224,12 @@ class CommandAcceptance:
         return None
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
-        """Withdraw unsent data frames of sources that this PE no longer sends, or now forwards from another node."""
+        """Withdraw the unsent data frames of each source that has changed.
+
+        A source has changed if this PE no longer sends or forwards its data, or if another node gives them now.
+
+        before, after: what the PE sends before and after an activation step.
+        """
         made_by, wanted_of = _producers(before), _producers(after)
         gone = [source for source, node in made_by.items() if source not in wanted_of or wanted_of[source] != node]
         self.turn.withdraw(self.index.identifiers(gone))

@@ -28,7 +28,7 @@ class Deadlines:
     start_notes: tuple[str, ...]
 
     def next_ns(self) -> int:
-        """Time in ns at which the first part is due, if no event comes before."""
+        """Time in ns at which the first of the agent's parts is due, if no event comes before."""
         due_ns = min(self.state_reports.reporting.next_ns, self.modules.next_ns)
         due_ns = min(due_ns, self.modules.faults.next_ns)
         due_ns = min(due_ns, self.staging.ask_ns)

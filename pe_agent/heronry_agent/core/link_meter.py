@@ -148,9 +148,11 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count a numbered frame as arrived.
+        """Count a numbered frame as arrived, and count the frames of its sequence that were due.
 
-        All frames that its sender has sent since the last one that arrived count as due; after an outage, at most two.
+        Due are the frames numbered after the last one that arrived, up to this frame; after an outage, at most two.
+        Nothing is counted for a frame without a number, for a doubled or late frame, and for the first frame of a
+        sequence that begins anew.
         """
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):

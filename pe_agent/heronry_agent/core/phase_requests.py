@@ -122,7 +122,10 @@ class PhaseRequests:
         return self._fire(module, [watch for watch in fired if self._phase in watch.rule.origins] or fired, now_ns)
 
     def entered(self, phase: int, now_ns: int) -> list[Frame]:
-        """Note the phase that the manager announces; returns the requests of rules that fire again, as frames."""
+        """Note the phase that the manager announces; returns the frames of the requests that follow from a new phase.
+
+        If the phase is new, a rule fires again if its condition still holds and it may be applied in this phase.
+        """
         if phase == self._phase:
             return []
         self._phase = phase

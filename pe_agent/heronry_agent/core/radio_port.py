@@ -30,7 +30,10 @@ class RadioPort:
     """One port of a gateway that leads to a radio, on the side away from the manager."""
 
     def __init__(self, port: int, index: TableIndex, now_ns: int) -> None:
-        """Measure and report from now on; `port` is the number of the port in the table."""
+        """Begin to measure the bandwidth of the radio, and to report it to the manager.
+
+        port: number of the port in the table.
+        """
         entry = index.table.ports[port]
         self.next_ns = self._report_ns = now_ns + entry.heartbeat_ns
         self._port, self._entry, self._node, self._uplink = port, entry, index.node, index.uplink
@@ -80,7 +83,7 @@ class RadioPort:
         return out
 
     def _reports(self, now_ns: int) -> list[Send]:
-        """Return the report to the manager if a period has ended, or the radio has just gone."""
+        """Return the report to the manager if a period has ended or the radio has just gone; else an empty list."""
         is_gone, is_due = now_ns >= self._meter.gone_ns, now_ns >= self._report_ns
         self._meter.gone = self._meter.gone or is_gone
         if is_due:
@@ -106,9 +109,10 @@ class RadioPort:
         return min(self._report_ns, self._meter.gone_ns, NEVER_NS if waits_ns is None else waits_ns)
 
     def _report(self, now_ns: int) -> list[Send]:
-        """Return the report to the manager, and make the queue send at the usable bandwidth plus a tenth.
+        """Return the report to the manager, and set the pace of the queue to 1.1 times the usable bandwidth.
 
-        Even if no bandwidth is usable, the queue sends at a twentieth of the bit rate.
+        The pace is at most the bit rate of the radio, and at least a twentieth of it, even if no bandwidth is
+        usable.
         """
         usable = 0 if self._meter.gone else self._meter.usable()
         pace = max(_LEAST_PACE, min(PER_MILLE, usable * _HEADROOM_PERCENT // 100))

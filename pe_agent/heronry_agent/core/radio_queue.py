@@ -85,7 +85,7 @@ class RadioQueue:
     """Frames that wait for one radio."""
 
     def __init__(self, rate: int, data_per_mille: int, now_ns: int) -> None:
-        """Begin with an empty queue and full buckets.
+        """Begin with an empty queue and full token buckets: each class of frames may send a whole burst at once.
 
         rate: bandwidth of the radio in bit/s.
         data_per_mille: share of the bandwidth that data may take, in thousandths.
@@ -129,7 +129,10 @@ class RadioQueue:
         self._waiting = {key: one for key, one in self._waiting.items() if one.frame.can_id not in identifiers}
 
     def take(self, now_ns: int) -> Waiting | None:
-        """Remove and return the most urgent frame that its bucket allows to be sent now; None if there is none."""
+        """Remove and return the most urgent frame that may be sent now; None if there is none.
+
+        A frame may be sent if its token bucket, that of data or that of management, has enough bits for it.
+        """
         self._expire(now_ns)
         for bucket in (self._data, self._management):
             bucket.fill(now_ns)

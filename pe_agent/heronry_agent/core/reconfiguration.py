@@ -84,7 +84,7 @@ class Reconfiguration:
         return PeState.PARTIAL if self.held else PeState.ACTIVE
 
     def is_at(self, epoch: int, digest: int) -> bool:
-        """Tell whether this PE runs the configuration with this epoch and digest, after any activation step."""
+        """Tell whether this PE runs the configuration with this epoch and digest, however far it is activated."""
         return (epoch, digest) == (self.running.epoch, self.running.digest) and epoch != NO_EPOCH
 
     def advance(self, target: Configured, step: Step) -> Moves | None:

@@ -65,7 +65,7 @@ class Restarts:
         self._find_next()
 
     def forget(self, module: int) -> None:
-        """Drop the failures of a module, and do not restart it."""
+        """Forget the failures of a module, and cancel its restart if one is scheduled."""
         self._records.pop(module, None)
         self.cancel(module)
 

@@ -199,7 +199,7 @@ class RunningModules:
         self._echo(echo or self._publisher.output_echo(event.module, running.mode))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
-        """Process a failure: each module that it concerns is restarted or given up."""
+        """Restart or give up each module that has failed; a late report of a step is only counted."""
         match event:
             case StepFailed(module, release, reason, traceback):
                 if self.schedule.end(module, release, 0):
@@ -288,7 +288,7 @@ class RunningModules:
             self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, index, 0)
 
     def entered(self, phase: int) -> None:
-        """Note the mission phase that the manager announces; phase rules that start from it may fire again."""
+        """Note the mission phase that the manager announces; send the requests of the phase rules that fire now."""
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:

@@ -95,7 +95,10 @@ class Schedule:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which the next module is due, or the next step is to be measured."""
+        """Time in ns at which the next step can begin, or the next unanswered step is to be measured.
+
+        NEVER_NS if there is neither. A module is left out while its partition computes a step.
+        """
         if self._next_ns is None:
             self._next_ns = self._find_next()
         return self._next_ns
@@ -106,7 +109,11 @@ class Schedule:
         return self._grids.keys()
 
     def start(self, module: int, rate_mhz: int, now_ns: int, partition: str = "") -> None:
-        """Schedule a module; its first step is due now."""
+        """Schedule a module; its first step is due now.
+
+        rate_mhz: rate in mHz (thousandths of a Hz).
+        partition: name of the partition in which the module runs.
+        """
         self.stop(module)
         self._grids[module] = _Grid(module, partition, rate_mhz, now_ns)
         self._next_ns = None
@@ -181,7 +188,7 @@ class Schedule:
         return True
 
     def overruns_now(self, module: int) -> bool:
-        """Tell whether OVERRUNS_IN_A_ROW steps of a module have each spent more than a period."""
+        """Tell whether each of the last OVERRUNS_IN_A_ROW steps of a module has spent more than a period."""
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
 
     def overdue(self, now_ns: int) -> list[tuple[int, int]]:
@@ -215,7 +222,10 @@ class Schedule:
         return next_ns
 
     def _awaiting(self, module: int, release: int) -> _Grid | None:
-        """Return the entry of a module if it has to answer this release; otherwise None."""
+        """Return the entry of a module whose step with the number `release` has begun and has no answer yet.
+
+        None: there is no such step.
+        """
         grid = self._grids.get(module)
         step = None if grid is None else self._steps.get(grid.partition, {}).get(module)
         return grid if step is not None and step.release == release else None

@@ -83,7 +83,10 @@ class Staging:
     """Collects and stages the slices of one PE; methods that return bool tell whether page 1 is to be sent now."""
 
     def __init__(self, reader: SliceReader, quiet_ns: int) -> None:
-        """Begin unconfigured; INCOMPLETE is reported if no frame of an incomplete body has come for `quiet_ns`."""
+        """Begin unconfigured.
+
+        quiet_ns: if frames of a slice are missing, and none has come for this time in ns, INCOMPLETE is reported.
+        """
         self.reader = reader
         self._quiet_ns = quiet_ns
         self._collection: _Collection | None = None
@@ -93,9 +96,12 @@ class Staging:
         self.ask_ns = NEVER_NS  # when to report INCOMPLETE
 
     def prepare(self, command: Prepare, running: Configured) -> bool:
-        """Begin to collect the slice of the epoch that a PREPARE names.
+        """Begin to collect the slice of the epoch that a PREPARE names; tells whether page 1 is to be sent now.
 
-        running: the configuration that runs here; it cannot be replaced by an older epoch.
+        If the contingency of the PREPARE is on board, its slice is staged at once. A PREPARE of the epoch that is
+        staged or runs here is only answered.
+
+        running: the configuration that runs here; a PREPARE of an older epoch is refused.
         """
         epoch = command.epoch
         if (epoch, command.digest) in ((self.staged.epoch, self.staged.digest), (running.epoch, running.digest)):
@@ -125,10 +131,10 @@ class Staging:
         return self._stage(read) if isinstance(read, Slice) else self.refuse(read)
 
     def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
-        """Take the head of this PE's slice.
+        """Take the head of this PE's slice; tells whether page 1 is to be sent now.
 
-        running: the configuration that runs here; if the head announces the slice of this configuration, the slice is
-        staged at once.
+        running: the configuration that runs here. If the head announces the slice of this configuration, that slice
+            is staged at once.
         """
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
@@ -153,7 +159,10 @@ class Staging:
         return collection.head is not None and self._check(now_ns)
 
     def tick(self, now_ns: int) -> bool:
-        """Report INCOMPLETE if the frames of a body have stopped coming."""
+        """Report INCOMPLETE in page 1 if the frames of a body have stopped coming.
+
+        Returns True if page 1 is to be sent now.
+        """
         if now_ns < self.ask_ns:
             return False
         self.ask_ns = NEVER_NS

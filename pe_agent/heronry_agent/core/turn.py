@@ -56,7 +56,7 @@ class Turn:
         self.out.append(Note(kind, text))
 
     def count(self, what: str, identifier: int) -> None:
-        """Count one more malformed or refused frame or answer; `what` is the cause.
+        """Count one more frame or answer that is malformed or refused; `what` is the cause.
 
         identifier: CAN identifier of the frame, or index of the module that answered.
         """

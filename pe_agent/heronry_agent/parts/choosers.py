@@ -45,7 +45,10 @@ class FailOver(Module):
 
 
 class NVersion(Module):
-    """Gives the best version of a variable that the other versions do not outvote; a subclass sets the attributes."""
+    """Gives the value of one variable, chosen among its versions: the best version that the others do not outvote.
+
+    A subclass sets the attributes.
+    """
 
     variable: ClassVar[str]
     authors: ClassVar[Mapping[int, str]]  # version -> the element that gives it

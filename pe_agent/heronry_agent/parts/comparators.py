@@ -68,7 +68,10 @@ class Comparator(Module):
 
 
 class ComparatorBetter(Comparator):
-    """Gives the better version, also while the two versions disagree; a subclass sets the attributes."""
+    """Gives the better version, also while the two versions disagree.
+
+    A subclass sets `variable`, `output` and `limit`.
+    """
 
     def goes_on(self, better: float, worse: float) -> float:  # noqa: ARG002 - the other one is not wanted
         """Return the value of the better version."""

@@ -14,7 +14,7 @@ from heronry_agent.module import Inputs, Value
 
 
 def number(inputs: Inputs, variable: str) -> float | None:
-    """Return the value of a variable as a finite float, or None."""
+    """Return the value of a variable as a finite float; None if the datum is missing (head of this file)."""
     datum = inputs.get(variable)
     if datum is None or not datum.valid or not isinstance(datum.value, (int, float)):
         return None
@@ -22,13 +22,16 @@ def number(inputs: Inputs, variable: str) -> float | None:
 
 
 def whole(inputs: Inputs, variable: str) -> int | None:
-    """Return the value of a variable, truncated to an integer, or None."""
+    """Return the value of a variable, truncated to an integer; None if the datum is missing (head of this file)."""
     value = number(inputs, variable)
     return None if value is None else int(value)
 
 
 def numbers(inputs: Inputs, variable: str, count: int) -> tuple[int, ...] | None:
-    """Return the value of a variable that is a tuple of `count` integers, or None."""
+    """Return the value of a variable that is a tuple of `count` integers.
+
+    None if there is no valid datum, or its value is not a tuple of this length.
+    """
     datum = inputs.get(variable)
     if datum is None or not datum.valid or not isinstance(datum.value, tuple) or len(datum.value) != count:
         return None

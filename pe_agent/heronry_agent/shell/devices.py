@@ -51,9 +51,11 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
 
 
 def open_drivers(table: PeTable, origin_ns: int, name: str = PLANT) -> dict[str, DeviceDriver]:
-    """Start the device driver `name`, and return it for each device of the table's modules; raises DeviceDriverError.
+    """Start the device driver `name`; return it under the name of each device of the modules of the table.
 
     origin_ns: take-off time of the simulated flight, in ns of the monotonic clock.
+
+    Raises DeviceDriverError.
     """
     names = {module.device: name for module in table.modules if module.device is not None}
     made = {name: _started(name, origin_ns) for name in sorted(set(names.values()))}

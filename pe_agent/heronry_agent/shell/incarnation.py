@@ -97,9 +97,9 @@ class BootCount:
             self._writer.start()
 
     def _keep_writing(self) -> None:
-        """Write the file until it covers more than RESERVE / 2 further counts; repeat a failed write after RETRY_S.
+        """Write the file until it covers more than RESERVE / 2 counts after the present one.
 
-        After `close` no failed write is repeated.
+        A failed write is repeated after RETRY_S seconds, but not after `close`.
         """
         while self._left() <= RESERVE // 2:
             is_put = self._put()

@@ -43,7 +43,7 @@ class Orders(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What one step of a module has given: its outputs, writes, reports and requests."""
+    """What one step of a module has given: outputs, commands to its device, reports, and requests to the manager."""
 
     outputs: Mapping[str, Value]  # by variable
     writes: tuple[Value, ...] = ()  # commands to the module's device
@@ -123,9 +123,10 @@ class ModuleRunner:
         return None
 
     def start(self, module: int, orders: Orders, now_ns: int) -> Failure | None:
-        """Build a module; a module that `stop` has kept continues in the new mode if its `mode_changed` allows this.
+        """Start a module: continue the object that `stop` has kept, or build a new object.
 
-        Returns None, or how building the module has failed.
+        The kept object continues in the new mode if the image is the same and its `mode_changed` allows this.
+        Returns None, or how importing the image or building the module has failed.
         """
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
@@ -222,7 +223,7 @@ def _place(error: BaseException, file: str | None) -> str | None:
 
 
 def _traceback(error: Exception) -> str:
-    """Format an exception without the frames of heronry and of Python's import."""
+    """Format an exception with its traceback, without the stack frames of heronry and of Python's import."""
     told: traceback.TracebackException | None = traceback.TracebackException.from_exception(error)
     whole = told
     while told is not None:
@@ -232,7 +233,7 @@ def _traceback(error: Exception) -> str:
 
 
 def is_foreign(file: str) -> bool:
-    """Tell whether a frame in this file belongs to a module or library, and not to the code that calls modules."""
+    """Tell whether a stack frame in this file belongs to a module or library, not to the code that calls modules."""
     return file not in _HERE and not file.startswith("<frozen ") and not file.endswith("/importlib/__init__.py")
 
 

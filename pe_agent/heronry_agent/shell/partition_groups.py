@@ -84,7 +84,7 @@ class PartitionGroups:
         return PartitionGroup(folder)
 
     def retire(self, group: PartitionGroup) -> bool:
-        """Remove the group of an ended partition; tells whether the kernel killed the partition for its memory."""
+        """Remove the group of an ended partition; tells whether the kernel killed it because its memory ran out."""
         ran_out = group.ran_out()
         if not group.remove():  # child processes of the partition may take a moment longer to end
             self._ended.append(group)

@@ -47,7 +47,10 @@ _T = TypeVar("_T")
 
 
 class Uncarriable(ValueError):  # noqa: N818 - the name describes a value
-    """A module gave a value that cannot be sent, because of its type or its size; the message says which."""
+    """The answer to a step cannot be sent; the message says why.
+
+    A value has a wrong type or too many bits, or the values or names of the answer have too many bytes.
+    """
 
 
 class _Kind(IntEnum):

@@ -47,7 +47,7 @@ _DETECT, _DECIDED, _IN_ALL = "detect", "decision to active", "fault to active"
 
 
 @dataclass(slots=True)
-class _Quarter:
+class Quarter:
     """What one quarter of the flight showed."""
 
     kills: int = 0
@@ -58,10 +58,10 @@ class _Quarter:
     files: dict[str, int] = field(default_factory=dict)
 
 
-class _Kill:
+class Kill:
     """One kill, and the manager's events that answer it."""
 
-    def __init__(self, pe: str, quarter: _Quarter) -> None:
+    def __init__(self, pe: str, quarter: Quarter) -> None:
         self.pe, self.quarter, self.killed_ns = pe, quarter, time.monotonic_ns()
         self._lost_ns: int | None = None
         self.is_answered = False
@@ -87,7 +87,7 @@ class _Flight:
         }
         flown.start_pes()
 
-    def fly(self, until_s: float, kill: _Kill | None = None, *, settled: bool = False) -> bool:
+    def fly(self, until_s: float, kill: Kill | None = None, *, settled: bool = False) -> bool:
         """Read what the managers tell, until a time, or until something is settled; gives whether it is."""
         while (left_s := until_s - time.monotonic()) > 0:
             if ended := self._fleet.ended():
@@ -108,7 +108,7 @@ class _Flight:
         with suppress(ControlError):  # a busy manager; then the hold-down is longer
             call(self._fleet.control_socket(self._fleet.active_manager()), ClearElement(f"pe:{pe}"))
 
-    def look(self, quarter: _Quarter) -> None:
+    def look(self, quarter: Quarter) -> None:
         """Note memory, descriptors and files."""
         own = {name: pid for name, pid in self._fleet.processes().items() if not name.startswith("pe:")}
         own[f"pe:{self._spared}"] = self._fleet.processes()[f"pe:{self._spared}"]
@@ -129,13 +129,13 @@ def measure(arguments: Namespace, report: Report) -> None:
             raise SystemExit(f"the benchmark ends here: nothing was configured within {_START_S:g} s")
         kills = max(_QUARTERS, round(60 * arguments.minutes / every_s))
         progress.begin("kills", kills)
-        quarters, next_s = [_Quarter() for _ in range(_QUARTERS)], time.monotonic()
+        quarters, next_s = [Quarter() for _ in range(_QUARTERS)], time.monotonic()
         for number in range(kills):
             quarter = quarters[number * _QUARTERS // kills]
             pe = random.choice(victims)
             flight.fly(next_s)
             flight.kill(pe)
-            kill = _Kill(pe, quarter)
+            kill = Kill(pe, quarter)
             flight.fly(next_s + every_s / 2, kill)
             flight.restore(pe)
             quarter.kills, quarter.unanswered = quarter.kills + 1, quarter.unanswered + (not kill.is_answered)
@@ -147,7 +147,7 @@ def measure(arguments: Namespace, report: Report) -> None:
     _tell(arguments, spared, quarters, report)
 
 
-def _tell(arguments: Namespace, spared: str, quarters: list[_Quarter], report: Report) -> None:
+def _tell(arguments: Namespace, spared: str, quarters: list[Quarter], report: Report) -> None:
     for number, quarter in enumerate(quarters, 1):
         report.begin(f"{arguments.spec}, quarter {number} of {arguments.minutes:g} minutes; pe:{spared} is spared")
         for name, values in quarter.times_ms.items():

@@ -204,7 +204,10 @@ def _make(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
 
 
 def _scope(spec: "Spec") -> "Scope":
-    """Give what is planned ahead: the elements that may fail, the number of faults at once (0 or 1), and the phases."""
+    """Give the scope of the plans made ahead: the elements that may fail, how many at once (0 or 1), the phases.
+
+    With 1, each place that a fault-free plan uses may fail, too.
+    """
     from heronry_dg.situation import elements  # noqa: PLC0415
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
     from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415

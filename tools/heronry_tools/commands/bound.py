@@ -60,7 +60,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Bound every fault; returns the exit code."""
+    """Print the longest time of a reconfiguration after each fault; returns the exit code."""
     from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import; `--help` does not need it
     from heronry_manager.bounds.reconfiguration_bound import Bounds  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415

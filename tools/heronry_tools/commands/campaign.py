@@ -12,6 +12,7 @@ from typing import Any
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, feasible, jobs_of, scope_of
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import JSON, add_output
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec
 
 _EPILOG = """\
 A function is lost when the best plan does not serve it: because no plan can, or because the remaining
@@ -33,7 +34,7 @@ def add_parsers(subparsers: Any) -> None:
         description="Plan for every set of faults, and tell which functions survive: how gracefully a system degrades.",
         epilog=_EPILOG,
     )
-    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(parser)
     add_scope_arguments(parser)
     parser.add_argument(
         "--require",
@@ -55,7 +56,6 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.analysis.campaign.requirements import offences, read_requirement  # noqa: PLC0415
     from heronry_tools.analysis.campaign.survey import survey  # noqa: PLC0415
     from heronry_tools.analysis.campaign.sweeping import sweep  # noqa: PLC0415
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.console.whole_file import expect_writable, write_whole  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)

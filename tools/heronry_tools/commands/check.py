@@ -242,7 +242,7 @@ def _defects_of(what: str) -> Iterator[None]:
 
 
 def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]":
-    """Give the findings to report: only the errors with `quiet`, all findings without."""
+    """Give the findings to report: all of them, or only the errors if `quiet` is True."""
     return [one.errors_alone() for one in assessed] if quiet else assessed
 
 

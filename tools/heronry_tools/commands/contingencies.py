@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, jobs_of, scope_of
 from heronry_tools.console.output import add_json, expect_ending
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -37,7 +38,7 @@ def add_parsers(subparsers: Any) -> None:
         description="Plan for every set of faults in every phase, and keep the plans in one file.",
         epilog=_EPILOG,
     )
-    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(parser)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plans here")
     what.add_argument("--check", metavar="FILE", type=Path, help="make no plans; verify every entry of this file")
@@ -48,8 +49,6 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Make a contingency file, or verify one; returns the exit code."""
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415 - slow to import
-
     spec = load_spec(arguments.spec)
     return _make(spec, arguments) if arguments.check is None else _check(spec, arguments)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.analysis.campaign.scope import feasible, jobs_of, kinds_of
 from heronry_tools.console.output import add_output
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec, named_function
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -39,7 +40,7 @@ def add_parsers(subparsers: Any) -> None:
         "or because what is left of PEs and buses has no room for it (resource-aware).",
         epilog=_EPILOG,
     )
-    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(parser)
     parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
     parser.add_argument(
         "--order", metavar="N", type=int, help="find sets of up to N faults (default: the spec's contingency.faults)"
@@ -62,7 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Find the cut sets of a function, and print them; returns the exit code."""
     from heronry_tools.analysis.campaign.cut_sets import cut_sets, given_up  # noqa: PLC0415 - loads the solver
     from heronry_tools.console.progress import Progress  # noqa: PLC0415
-    from heronry_tools.console.spec_argument import load_spec, named_function  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     function = named_function(spec, arguments.function)

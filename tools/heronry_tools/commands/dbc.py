@@ -5,6 +5,7 @@ import sys
 from typing import Any
 
 from heronry_tools.console.output import add_output_file
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec
 
 _EPILOG = """\
 examples:
@@ -21,14 +22,13 @@ def add_parsers(subparsers: Any) -> None:
         description="Write a DBC file. With it other tools decode frames of a spec and of the management protocol.",
         epilog=_EPILOG,
     )
-    parser.add_argument("spec", metavar="SPEC", nargs="?", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(parser, optional=True)
     add_output_file(parser, "DBC", ".dbc")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the DBC; returns the exit code."""
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.dbc import dbc_text  # noqa: PLC0415 - cantools is slow to import
 
     sys.stdout.write(dbc_text(load_spec(arguments.spec) if arguments.spec else None))

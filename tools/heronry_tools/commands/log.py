@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from heronry_tools.console.spec_argument import add_spec_argument
+
 _EPILOG = """\
 examples:
   heronry log convert flight.log big_blue -o flight.mcap       for Foxglove, Lichtblick and PlotJuggler
@@ -24,7 +26,7 @@ def add_parsers(subparsers: Any) -> None:
     convert.add_argument(
         "recording", metavar="FILE.log", type=Path, help="a candump log, a folder of 'heronry record', or a *.scenario"
     )
-    convert.add_argument("spec", metavar="SPEC", nargs="?", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(convert, optional=True)
     convert.add_argument(
         "-o", "--output", dest="file", metavar="FILE", type=Path, required=True, help="*.mcap or *.mf4"
     )

@@ -95,7 +95,7 @@ def _priority(text: str) -> int | str:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Give the order; returns 0 if it is carried out, 1 if the manager refuses it."""
+    """Send the command's order to the manager and print the answer; returns 0 if it was carried out, 1 if refused."""
     from heronry_manager.core.vocabulary import (  # noqa: PLC0415
         AskStatus,
         AskTraceback,

@@ -12,6 +12,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import add_output
 from heronry_tools.console.plan_argument import errors_name, evaluated_in, read_text
 from heronry_tools.console.situation_arguments import add_situation, situation_of
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec
 
 if TYPE_CHECKING:
     from heronry_dg.configuration import Configuration
@@ -60,7 +61,7 @@ def add_parsers(subparsers: Any) -> None:
         description="Find the best legal configuration of a spec in a situation, and prove that it is the best.",
         epilog=_PLAN_EPILOG,
     )
-    _add_spec(plan)
+    add_spec_argument(plan)
     add_situation(plan)
     plan.add_argument(
         "--running",
@@ -88,21 +89,16 @@ def add_parsers(subparsers: Any) -> None:
         description="Verify a plan against every rule, without a planner.",
         epilog=_VERIFY_EPILOG,
     )
-    _add_spec(verify)
+    add_spec_argument(verify)
     verify.add_argument("plan", metavar="PLAN.json", help="the plan to verify (- for standard input)")
     add_situation(verify)
     add_output(verify, "write the broken rules as JSON")
     verify.set_defaults(run=run_verify)
 
 
-def _add_spec(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
-
-
 def run_plan(arguments: argparse.Namespace) -> int:
-    """Plan and show or write the plan; returns the exit code."""
+    """Make a plan, and print it as text or as JSON; returns the exit code."""
     from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import; `--help` does not need it
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.plan import print_plan  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
@@ -177,7 +173,6 @@ def run_verify(arguments: argparse.Namespace) -> int:
     """Verify a plan; returns 0 if the plan is legal, and 1 if it is not."""
     from heronry_dg.plan import read_configuration  # noqa: PLC0415
     from heronry_dg.verify import verify  # noqa: PLC0415
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     text = read_text(arguments.plan)

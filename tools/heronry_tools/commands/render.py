@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import add_output
 from heronry_tools.console.situation_arguments import add_down
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec
 
 if TYPE_CHECKING:
     from heronry_tools.reports.render.graph import Graph
@@ -35,7 +36,7 @@ def add_parsers(subparsers: Any) -> None:
         description="Draw the dependency graph of a spec: as SVG, or as text for Mermaid or Graphviz.",
         epilog=_EPILOG,
     )
-    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(parser)
     parser.add_argument("--function", metavar="NAME", help="draw only what may contribute to this function")
     parser.add_argument(
         "--plan",
@@ -60,7 +61,6 @@ def _graph(arguments: argparse.Namespace) -> "Graph":
     from heronry_dg.plan import read_plan  # noqa: PLC0415
     from heronry_dg.situation import situation  # noqa: PLC0415
     from heronry_tools.console.plan_argument import errors_name, read_text  # noqa: PLC0415
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.render.build import build  # noqa: PLC0415
     from heronry_tools.reports.render.marks import marks  # noqa: PLC0415
 

@@ -37,7 +37,7 @@ examples:
 
 
 def add_parsers(subparsers: Any) -> None:
-    """Add the parsers of the three commands."""
+    """Add the parsers of `heronry rules`, `heronry explain` and `heronry schema`."""
     rules = subparsers.add_parser(
         "rules",
         description="List the rules of heronry check: code, severity, name, and what each finds. "

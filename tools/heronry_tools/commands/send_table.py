@@ -14,6 +14,7 @@ from typing import Any
 
 from heronry_tools.analysis.made_ahead import CARRIED, add_contingencies_argument, contingencies_of
 from heronry_tools.console.output import add_json
+from heronry_tools.console.spec_argument import add_spec_argument, expect_pe, load_spec
 
 _ANSWER_WITHIN_S = 5.0
 _AGAIN_AFTER_S = 0.2
@@ -39,7 +40,7 @@ def add_parsers(subparsers: Any) -> None:
         description="Compile the table of a PE and write it into the PE by SDO.",
         epilog=_EPILOG,
     )
-    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(parser)
     parser.add_argument("pe", metavar="PE", help="name of the PE")
     add_contingencies_argument(parser, CARRIED)
     parser.add_argument(
@@ -60,7 +61,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Send the table; returns the exit code."""
     import canopen  # noqa: F401, PLC0415 - imported first, so that a missing package is reported before planning
 
-    from heronry_tools.console.spec_argument import expect_pe, load_spec  # noqa: PLC0415
     from heronry_tools.runtime.table_files import table_texts  # noqa: PLC0415
     from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
     from heronry_wire.bus_opening import open_bus  # noqa: PLC0415

@@ -7,6 +7,7 @@ from typing import Any
 
 from heronry_tools.analysis.made_ahead import CARRIED, add_contingencies_argument, contingencies_of
 from heronry_tools.console.output import add_output_file
+from heronry_tools.console.spec_argument import add_spec_argument, expect_pe, load_spec
 from heronry_tools.runtime.table_files import table_texts, write_tables
 
 _EPILOG = """\
@@ -25,7 +26,7 @@ def add_parsers(subparsers: Any) -> None:
         description="Compile what one PE needs of a spec: modules, modes, identifiers, ports.",
         epilog=_EPILOG,
     )
-    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(parser)
     parser.add_argument("pe", metavar="PE", nargs="?", help="name of the PE")
     add_output_file(parser, "table", ".table")
     parser.add_argument("--all", metavar="DIR", type=Path, help="write the tables of all PEs into this folder")
@@ -36,7 +37,6 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write one table, or all; returns the exit code."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - keeps `--help` quick
-    from heronry_tools.console.spec_argument import expect_pe, load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     if (arguments.pe is None) == (arguments.all is None):

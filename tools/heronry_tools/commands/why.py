@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.output import add_output
 from heronry_tools.console.situation_arguments import add_down, add_phase
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec, named_function
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -36,7 +37,7 @@ def add_parsers(subparsers: Any) -> None:
         "repair is.",
         epilog=_EPILOG,
     )
-    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    add_spec_argument(parser)
     parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
     add_down(parser)
     add_phase(parser)
@@ -48,7 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Explain how a function is served, or why not; returns the exit code."""
     from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import, as are all here
     from heronry_tools.analysis.why.reasons import explain  # noqa: PLC0415
-    from heronry_tools.console.spec_argument import load_spec, named_function  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     function = named_function(spec, arguments.function)

@@ -102,6 +102,9 @@ def as_user_error(error: Exception, command: str | None = None) -> str | None:
 
 
 def _how_to_install(module: str, command: str | None) -> str | None:
-    """Say how to install a module that an optional extra brings; None for any other module."""
+    """Say how to install a missing package that an optional extra brings; None for any other package.
+
+    command: the command that needs the package; for some commands a smaller extra is enough. None: not known.
+    """
     extra = _ENOUGH.get((module, str(command))) or _EXTRAS.get(module)
     return f'{module} is not installed; add it with: pip install "heronry[{extra}]"' if extra else None

@@ -28,7 +28,8 @@ def add_manager_argument(parser: argparse.ArgumentParser) -> None:
 def manager_socket(arguments: argparse.Namespace) -> Path:
     """Give the socket of the manager to call.
 
-    Raises ControlError if the named manager does not run. Without a name, raises it unless exactly one manager runs.
+    Raises ControlError in two cases: the manager that is named does not run; none is named, and the number of
+    running managers is not one. A socket given by --socket is not checked.
     """
     from heronry_manager.shell.control_client import find_socket  # noqa: PLC0415 - keeps other commands quick
 

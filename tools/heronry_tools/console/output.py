@@ -94,10 +94,13 @@ def add_output(
 
 
 def settled(arguments: argparse.Namespace) -> argparse.Namespace:
-    """Set `format` and `json` of the arguments by the options and the ending of FILE.
+    """Choose the form of the output by the options and the ending of FILE; returns the arguments.
 
-    `format` is None if the command itself chooses its usual form. Raises UserError if the ending of FILE is that of a
-    spec, of a form that the command does not have, or of another form than the one that an option selects.
+    If the command has a choice of forms, `format` and `json` of the arguments are set; `format` is None if the
+    command itself chooses its usual form.
+
+    Raises UserError if the ending of FILE is that of a spec, or of a form that the command does not have. Also
+    raises it if an option selects one form and the ending is that of another form.
     """
     forms: Forms | None = getattr(arguments, "forms", None)
     file: Path | None = getattr(arguments, "report_file", None)
@@ -116,7 +119,10 @@ def settled(arguments: argparse.Namespace) -> argparse.Namespace:
 
 
 def _form_of(file: Path, forms: Forms) -> str | None:
-    """Give the form that the ending of a file names, or None; raises UserError as `expect_ending` does."""
+    """Give the form in `forms` that the ending of a file names; None if the ending names none of them.
+
+    Raises UserError as `expect_ending` does.
+    """
     expect_ending(file, forms)
     ending = file.suffix.lower()
     return next((form for form, endings in forms.items() if ending in endings), None)

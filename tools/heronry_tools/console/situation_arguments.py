@@ -27,7 +27,7 @@ def add_situation(parser: argparse.ArgumentParser) -> None:
 
 
 def add_down(parser: argparse.ArgumentParser) -> None:
-    """Add --down, for a command that needs no more of the situation."""
+    """Add --down: the elements that are down."""
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
 
 
@@ -37,7 +37,10 @@ def add_phase(parser: argparse.ArgumentParser) -> None:
 
 
 def situation_of(spec: "Spec", arguments: argparse.Namespace) -> "Situation":
-    """Give the situation of the options of `add_situation`; raises UnknownElementError as `situation` does."""
+    """Give the situation that the user describes by the options of `add_situation`.
+
+    Raises UnknownElementError as `situation` does.
+    """
     from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import; `--help` does not need it
 
     return situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())

@@ -21,12 +21,12 @@ SHIPPED = ("big_blue", "elevator_and_chute")
 FLOWN = ("eav",)  # shipped for 'heronry fly'; every other command accepts them, too
 
 
-def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = None) -> None:
-    """Add the argument SPEC; the user may leave it out if there is a default."""
+def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = None, optional: bool = False) -> None:
+    """Add the argument SPEC; the user may leave it out if there is a default, or if it is optional."""
     parser.add_argument(
         "spec",
         metavar="SPEC",
-        nargs="?" if default else None,
+        nargs="?" if default or optional else None,
         default=default,
         help=f"a *.dg.yaml file, or a shipped spec: {', '.join(SHIPPED)}"
         + (f" (default: {default})" if default else ""),

@@ -116,7 +116,7 @@ def interval(acceptable: int, runs: int) -> tuple[float, float]:
 
 
 def share(landings: Sequence[Collection[Cause]]) -> dict[str, Any]:
-    """Return the number of landings, the number of acceptable landings and the interval of their share, as JSON data.
+    """Count landings and acceptable landings, with the 95 % interval of their share; returns JSON data.
 
     landings: for each landing, the criteria that it does not meet.
     """

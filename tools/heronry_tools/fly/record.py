@@ -143,7 +143,10 @@ class Recorder:
         self.watch(truth)
 
     def watch(self, truth: Truth) -> None:
-        """Look for contacts with the ground; to be called after each step near the ground, with or without a row."""
+        """Look for contacts with the ground; to be called after each step near the ground, also without a row.
+
+        The row is one of this record: `sample` adds a row, and calls this method itself.
+        """
         if truth.touching and self._touchdown is None:
             self._touchdown = _touchdown(truth)
             self.mark(truth.time_s, "touchdown", "the aircraft touches the ground")

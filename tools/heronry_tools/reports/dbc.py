@@ -186,9 +186,12 @@ _ELEMENT_KINDS = {kind.value: kind.name for kind in ElementKind}
 
 
 def _echo(spec: Spec | None) -> Iterator[Signal]:
-    """Give the signals of an output echo, of a driven device (FLOAT) or of a module that ran (ULONG).
+    """Give the signals of an output echo.
 
-    With a spec, the numbers of devices and modules have their names.
+    An echo with the data type FLOAT shows a device and the value to which it was driven. An echo with the data
+    type ULONG shows a module that ran, and its mode.
+
+    spec: has the names that the numbers of devices and modules get; None: the numbers get no names.
     """
     devices = dict(enumerate(spec.devices)) if spec is not None else None
     modules = dict(enumerate(spec.modules)) if spec is not None else None

@@ -14,7 +14,11 @@ from heronry_wire.management import Step
 
 
 def print_plan(spec: Spec, plan: Plan, planner: str, way: Transition | None = None) -> None:
-    """Print a plan to standard output, with its planner's name and the transition from the running configuration."""
+    """Print a plan to standard output.
+
+    planner: the name of the planner that has made the plan.
+    way: the transition from the running configuration to the plan; None: no transition is printed.
+    """
     tables = list(_tables(spec, plan))
     print_tables(_headline(spec, plan, planner), tables if way is None else [*tables, _way(way)])
 

@@ -133,7 +133,10 @@ def _runs(pe: Mapping[str, Any]) -> str:
 
 
 def _standstills(counts: Mapping[str, int] | None) -> str:
-    """Write how often the processes of a computer could not run."""
+    """Write how often the processes of a computer could not run, and for how long at most.
+
+    The text is empty if this never happened, or if `counts` is None (not known).
+    """
     if counts is None or not counts["times"]:
         return ""
     times = "once" if counts["times"] == 1 else f"{counts['times']} times"

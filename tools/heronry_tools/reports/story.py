@@ -293,9 +293,11 @@ class Story:
             yield from self._roster()
 
     def _control_paths(self, paths: Mapping[str, str]) -> Iterator[Line]:
-        """Give a line for each control loop that opens or closes; at the first call, for each open loop.
+        """Give a line for each plant whose control loop is closed again, or is not closed and has changed its state.
 
-        paths: state of the control loop through each plant, by the name of the plant
+        At the first call, give a line for each plant whose control loop is not closed.
+
+        paths: by name of a plant, the state of the control loop through it; `on_path`: the loop is closed.
         """
         for plant, state in paths.items():
             was = self._paths.get(plant, "on_path")
@@ -396,7 +398,10 @@ def _heartbeat(event: Mapping[str, Any]) -> Line:
 
 
 def _living(pe: str, waited: Mapping[str, Any]) -> Line:
-    """Give the line for a lost PE of a demo if the PE's process runs: then only this computer can be the cause."""
+    """Give the line for a lost PE of a demo whose process still runs, so that only this computer can be the cause.
+
+    waited: the process that has waited longest for a processor, and how long.
+    """
     whose = "it" if waited["who"] == f"pe:{pe}" else f"the process of {waited['who']}"
     if waited["for_ns"] // 1_000_000 < _SHORT_WAIT_MS:
         return Line("  its process runs: this computer may have kept it from working", "bad")

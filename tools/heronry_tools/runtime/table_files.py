@@ -12,7 +12,10 @@ if TYPE_CHECKING:
 def write_tables(
     spec: "Spec", pes: Iterable[str], folder: Path, made: "Contingencies | None" = None
 ) -> dict[str, Path]:
-    """Write one table per PE into a folder, which is made if needed; returns the path of each PE's file."""
+    """Write one table per PE into a folder, which is made if needed; returns the path of each PE's file.
+
+    made: the contingencies; each table gets as many of them as the PE has room for. None: no contingencies.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     texts = table_texts(spec, pes, made)
     files = {pe: folder / f"{pe}.table" for pe in texts}

@@ -65,7 +65,10 @@ def with_heartbeat(spec: Spec, at_least_ns: int) -> Spec:
 
 
 def _rehearse(pipe: int, end_ns: int, niceness: int) -> None:
-    """Run one process of the rehearsal; it writes its lateness into the pipe and ends."""
+    """Run this process of the rehearsal until `end_ns`, write its largest lateness in ns into `pipe`, and exit.
+
+    niceness: nice value of the process; ignored if this user may not set it.
+    """
     worst_ns = 0
     try:
         with suppress(PermissionError):

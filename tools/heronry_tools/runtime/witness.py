@@ -61,7 +61,11 @@ class _Watched:
 
 
 class Witness:
-    """Observes the outputs of one spec; `rivals` are pairs of outputs of two modules that drive in turn."""
+    """Observes the outputs of one spec.
+
+    rivals: pairs of outputs of two modules A and B that serve one function in turn. After outputs of B, A and B
+        the last two are a pair, if the first one was at most `patience_ns` before the last one.
+    """
 
     def __init__(self, spec: Spec) -> None:
         self.rivals: list[tuple[Output, Output]] = []
@@ -110,7 +114,7 @@ class Witness:
         return sorted(found, key=lambda outage: outage.from_ns)
 
     def forget(self) -> None:
-        """Forget the silences that are over, and the rivals, so that a witness can run for days without more memory."""
+        """Forget all outages that are over and all `rivals`, so that a witness can run for days without more memory."""
         self.rivals.clear()
         for watched in self._watched.values():
             watched.outages.clear()

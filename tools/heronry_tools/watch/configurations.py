@@ -57,7 +57,7 @@ NOTHING_RUNS = RunningPlan()
 
 
 class Situations:
-    """Adds the running configuration of one spec to snapshots."""
+    """Adds to the snapshots of one spec what follows from the running configuration."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec, self._graphs = spec, LiveGraphs(spec)

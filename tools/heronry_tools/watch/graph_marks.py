@@ -24,7 +24,10 @@ def edge_key(edge: Edge) -> str:
 
 
 class LiveGraphs:
-    """Finds the live parts of one spec's graph; remembers the last results, since the same situations often return."""
+    """Finds which parts of one spec's graph are in use, lost, idle or dead.
+
+    The last results are remembered, since the same situations often return.
+    """
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -57,7 +60,7 @@ class LiveGraphs:
 
 
 def _choices(configuration: Configuration) -> _Choices:
-    """Give all that a configuration chooses, in a form that a cache can compare."""
+    """Give the PE, the mode and the wires of each module of a configuration, in a form that a cache can compare."""
     return tuple(
         (name, running.pe, running.mode, tuple(sorted(running.inputs.items())))
         for name, running in configuration.modules.items()

@@ -120,7 +120,7 @@ class FollowedManager:
         self._buses = self._opened(first["bus"]) if hears_bus else None
 
     def readers(self) -> Sequence[Any]:
-        """Give the descriptors that become readable when something has come."""
+        """Give the descriptors that become readable when an event of the manager, or a frame of the bus, has come."""
         line = [] if self.trouble else [self._line]
         return [*line, *([] if self._buses is None else self._buses.readers())]
 

@@ -78,10 +78,10 @@ def _served(snapshot: Snapshot) -> set[str]:
 
 
 def _places(snapshot: Snapshot, known: Mapping[str, Place]) -> Mapping[str, Place]:
-    """Give the places of the modules that run.
+    """Give the PE and the mode of each module that runs.
 
-    If nothing has changed, the result is the mapping `known` itself: the many reconfigurations that a snapshot keeps
-    then share one mapping.
+    If they are the same as in `known`, the result is the mapping `known` itself: the many reconfigurations that
+    a snapshot keeps then share one mapping.
     """
     found = {
         name: _place(module.pe, module.mode)

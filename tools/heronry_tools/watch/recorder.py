@@ -33,7 +33,7 @@ _DIGITS = 8  # of the number of a pair in the names of its files
 
 
 class Recorder:
-    """Writes one folder."""
+    """Writes the frames and events of a live feed to one folder of `heronry record`."""
 
     def __init__(self, folder: Path, spec: Spec, source: Source, spec_text: bytes, limit_bytes: int) -> None:
         """Begin a folder, which must be empty or new; raises UserError if it is neither, or cannot be written.
@@ -71,7 +71,7 @@ class Recorder:
             ) from error
 
     def close(self) -> None:
-        """End the present files."""
+        """Close the two files that are being written: the one of the frames, and the one of the events."""
         self._end_pair()
 
     def _begin_folder(self, spec: Spec, source: Source, spec_text: bytes) -> None:

@@ -81,7 +81,7 @@ class State:
 
 
 class Reducer:
-    """The reducer of one spec."""
+    """Computes the state that a view shows of one spec's system, from the state before and one event."""
 
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
@@ -180,7 +180,10 @@ def _status(spec: Spec, state: State, event: Event) -> State:
 
 @cache
 def _reader() -> TypeAdapter[Snapshot]:
-    """Make the adapter that reads a snapshot from JSON data, only when a recording needs it, since this is slow."""
+    """Make the adapter that reads a snapshot from JSON data.
+
+    This is slow, so it is done only once, and only if a recording needs the adapter.
+    """
     return TypeAdapter(Snapshot)
 
 

@@ -171,7 +171,7 @@ class Reconfiguration:
 
     moved, started, stopped: modules.
     lost: functions that were served before, and are wanted but not served now.
-    unwanted: functions that were served before, and that the phase, or a priority of 0, does not want now.
+    unwanted: functions that were served before, and are not wanted now because of the phase or a priority of 0.
     gained: functions that are served now, and were not served before.
     kept: functions that were served before, and are served now.
     """

@@ -50,7 +50,10 @@ class Timeline:
         return bisect_right(self.times_ns, t_ns)
 
     def after(self, count: int, known: State | None = None) -> State:
-        """Give the state after the first `count` events; `known` is an earlier state from which it may continue."""
+        """Give the state after the first `count` events.
+
+        known: a state after some of these events; the computation continues from it if that is shorter.
+        """
         number = count // _EVERY
         while len(self._kept) <= number:
             begin = (len(self._kept) - 1) * _EVERY

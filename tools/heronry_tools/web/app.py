@@ -66,7 +66,10 @@ class Site:
         }
 
     def picture(self, function: str) -> str:
-        """Give the drawing of what contributes to a function, or of the whole graph; each is drawn only once."""
+        """Give the drawing of what contributes to a function, or of the whole graph if `function` is empty.
+
+        Each drawing is made only once.
+        """
         with self.drawing:
             if function not in self.pictures:
                 self.pictures[function] = picture(self.spec, function or None)
@@ -117,7 +120,7 @@ class Site:
         return Response(text, media_type="application/jsonl", headers=head)
 
     async def candump(self, _: Request) -> Response:
-        """Answer with the frames as a candump log, where they are recorded."""
+        """Answer with the recorded frames as a candump log; refuse with status 404 if no frames are recorded."""
         if not self.frames:
             return _refused(404, "no frames are recorded here: use 'heronry record' or 'heronry demo --record'")
         lines = (f"{format_log_line(frame)}\n" for frame in self.frames)

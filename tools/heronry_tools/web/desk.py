@@ -41,7 +41,7 @@ from heronry_wire.errors import HeronryError
 
 
 class Desk:
-    """Answers questions about one spec."""
+    """Answers questions about one spec: the best plan, the plan that a script makes, why a function is not served."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec, self._graphs = spec, LiveGraphs(spec)
@@ -65,9 +65,10 @@ class Desk:
         return self._told(plan(self._spec, self._situation(question)))
 
     def _script(self, text: str, modules: dict[str, Any], question: Mapping[str, Any]) -> dict[str, Any]:
-        """Give the plan that a script makes from the running configuration, or a refusal if the plan is not legal.
+        """Give the plan that a script makes from the running configuration.
 
-        A manager also compares this plan with the best plan, and refuses the script if its plan is worse at level 1.
+        Gives a refusal if the script cannot be applied, or if its result is not legal. A manager also compares
+        the plan with the best plan, and refuses the script if the plan that the script makes is worse at level 1.
         """
         spec, now = self._spec, self._situation(question)
         running = configuration_of({"modules": modules})

@@ -1,4 +1,7 @@
-"""What a page needs of the spec, in addition to the snapshot: the names to choose from, and details to show."""
+"""The facts about a spec that a page needs in addition to the snapshot.
+
+These are names to choose from (phases, elements, functions), and details of what the names stand for.
+"""
 
 from typing import Any
 

@@ -142,7 +142,7 @@ class Guard:
         self._inside, self._access = inside, access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or answer it with the refusal."""
+        """Pass a request on to the other application, or answer it with the reason why it is refused."""
         if scope["type"] != "http":
             await self._inside(scope, receive, send)
             return

@@ -112,7 +112,7 @@ class Live:
         return tuple(decompress(line).decode() for line in self._lines)
 
     async def changed(self, longest_s: float) -> bool:
-        """Wait until something comes, at most `longest_s` seconds; returns False if nothing came in that time."""
+        """Wait until an event comes or `waits` is called; returns False if neither happens in `longest_s` seconds."""
         woken = asyncio.Event()
         self._waiting.add(woken)
         try:

@@ -30,7 +30,10 @@ _LONGEST_ANSWER: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """Sends orders to the manager's socket and to the demo; each of the two may be None."""
+    """Sends orders to the manager's socket and to the demo.
+
+    If one of the two is None, the orders that it would execute are refused.
+    """
 
     manager: Path | None
     demo: socket.socket | None = None

@@ -29,7 +29,10 @@ class Recording(Timeline):
         return int(self.marks[0]["t_ns"]) if self.marks else self.begins_ns
 
     def loads(self, after: int, until: int) -> list[Load]:
-        """Give the loads of the last minutes, from the events numbered above `after` and up to `until`."""
+        """Give the loads of the buses in the events numbered above `after` and up to `until`.
+
+        If these are more than ten minutes, only the last ten minutes are given.
+        """
         found = [load for load in self._loads if after < load["number"] <= until]
         return found[-KEPT_LOADS * max(1, len(self.reducer.spec.buses)) :]
 

@@ -90,7 +90,7 @@ class Draft:
         return len(self._trail)
 
     def undo(self, mark: int) -> None:
-        """Undo all changes since `mark` was returned."""
+        """Undo all changes since the method `mark` has returned this mark."""
         trail = self._trail
         while len(trail) > mark:
             kind, *what = trail.pop()

@@ -43,7 +43,7 @@ def numbered_leaves(numbers: Numbering) -> Leaves:
 
 
 class _Numberer:
-    """Numbers the leaves of all modes, and turns their gates into trees."""
+    """Numbers the leaves of all modes, and turns the gates of each mode into a tree."""
 
     def __init__(self, numbers: Numbering) -> None:
         self._numbers = numbers

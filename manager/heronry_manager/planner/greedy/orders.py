@@ -1,7 +1,7 @@
 """The orders in which the planner tries the inputs of gates, and the modes that may feed each input.
 
-A *giver* of a leaf is a mode that may feed the leaf. The *price* of a mode is an estimate of the CPU that the mode
-takes together with its cheapest producers; it serves only to order alternatives.
+A *giver* of a leaf is a mode that may feed the leaf. The *price* of a mode is the sum of the shares of CPU, RAM and
+flash that the mode takes together with its cheapest producers; it serves only to order alternatives.
 
 There are two orders: by worth, and by price. Inputs or givers with equal values are tried in the order of the spec.
 """
@@ -33,7 +33,12 @@ class Orders:
 
 
 def ordered(leaves: Leaves, module_of: Sequence[int], size: Sequence[int]) -> Orders:
-    """Work out the prices and orders; `size`: CPU of each mode without its producers."""
+    """Work out the prices and orders.
+
+    module_of: the module of each mode.
+    size: what each mode takes by itself, without its producers: the sum of its shares of all CPU, RAM and
+        flash, in millionths (`Sizes.size`).
+    """
     order = _Order(leaves, _prices(leaves, size))
     needs = [None if node is None else order.ordered(node) for node in leaves.written]
     givers = [[(mode, module_of[mode]) for mode in worths] for worths in leaves.worth]
@@ -74,7 +79,7 @@ class _Order:
         self._worth, self.price = leaves.worth, price
 
     def price_of(self, node: Node) -> int:
-        """Return the least CPU with which a gate can hold: the sum of the prices of its cheapest inputs."""
+        """Return the least price with which a gate can hold: the sum of the prices of its cheapest inputs."""
         most, number, inputs, _ = node
         if most == LEAF:
             return min((self.price[giver] for giver in self._worth[number]), default=_UNPRICED)
@@ -90,14 +95,18 @@ class _Order:
         return most_together(points, most)
 
     def has_choice(self, node: Node) -> bool:
-        """Tell whether the inputs of a gate can be supplied in more than one way, which may differ in worth."""
+        """Tell whether a gate or leaf can be supplied in several ways that may differ in worth."""
         most, number, inputs, _ = node
         if most == LEAF:
             return len(set(self._worth[number].values())) > 1
         return number < len(inputs) or any(map(self.has_choice, inputs))
 
     def ordered(self, node: Node) -> Node:
-        """Return a gate with its inputs sorted twice: by worth and by price."""
+        """Return a gate with two lists of its inputs: one with the highest worth first, one with the cheapest first.
+
+        The gates below it get two such lists, too. If a gate needs all its inputs, both its lists keep the given
+        order.
+        """
         most, number, inputs, _ = node
         parts = tuple(map(self.ordered, inputs))
         if number >= len(inputs):  # all inputs are needed, or this is a leaf

@@ -10,11 +10,13 @@ from heronry_manager.planner.greedy.numbering import Numbering
 class PlacementRules:
     """The rules between modules; each module is named by its number (`numbering`).
 
-    `separate`, `together` and `rivals` have one entry for each module: a set of other modules. The set is an integer,
-    in which bit n stands for the module with the number n.
+    `separate`, `together` and `rivals` have one entry for each module: a set of other modules. The set is an
+    integer, in which bit n stands for the module with the number n.
 
     separate: the modules that must run on another PE than this module.
     together: the modules that must run on the same PE as this module.
+    rivals: the other branches, or other ends, of the same DEMUX; none of them may run while this module runs.
+    demuxes: for each DEMUX, the numbers of its ends, in order.
     """
 
     separate: list[int]

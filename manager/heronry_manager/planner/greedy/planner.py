@@ -77,13 +77,16 @@ class _Prepared:
     """Plans for all phases in which the same inputs may be wired."""
 
     def __init__(self, spec: Spec) -> None:
-        """`spec`: without the inputs that must not be wired in these phases."""
+        """Compute the tables for the phases of this object.
+
+        spec: the spec without the inputs that must not be wired in these phases.
+        """
         self._tables = tables_of(spec)
         self._scenery = Scenery(self._tables)
         self._punctuality = Punctuality(self._tables)
 
     def plan(self, now: Situation, running: Placement | None) -> Plan:
-        """Plan as `Greedy.plan` does, in one of these phases."""
+        """Plan as `Greedy.plan` does; the phase of `now` must be one of those for which this object was made."""
         scene = self._scenery.scene(now)
         wanted = self._tables.wanted(now)
         repair = self._repaired(wanted, scene, self._before(scene, running or {}))

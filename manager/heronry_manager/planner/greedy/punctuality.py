@@ -66,7 +66,12 @@ class _Level:
         return one
 
     def add(self, frame: float, period: float, late: float) -> None:
-        """Add a message to the load; `late`: its jitter and one bit time together. All values are in nanoseconds."""
+        """Add a message to the load.
+
+        frame: its transmission time in ns.
+        period: its period in ns.
+        late: the sum of its jitter and one bit time, in ns.
+        """
         self.demand += frame * (1 + late / period)
         self.frames += frame
         self.load += frame / period
@@ -90,7 +95,10 @@ class _Level:
 
 
 class Watch:
-    """Checks each message before it is published; when the budget of the checks is used up, it allows no more."""
+    """Checks the deadlines before each message is published, until the budget of the checks is used up.
+
+    After that it allows no message to be published.
+    """
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
         """Begin with a budget; each check takes from it the number of messages that are already published."""
@@ -99,7 +107,7 @@ class Watch:
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
         """Tell whether a draft that meets its deadlines also meets them with the messages `more` added.
 
-        False, too, if the budget is used up. `Draft` calls this method.
+        False, too, once the budget of this `Watch` for checks is used up. `Draft` calls this method.
         """
         self._budget -= len(draft.published)
         return self._budget >= 0 and self._punctuality.stay_met(draft, more)
@@ -187,9 +195,13 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Give the response time of a source on one bus, in ns: an upper bound; with `is_jitter`, the exact value.
+        """Give the response time of a source on one bus in ns: an upper bound or, with `is_jitter`, the exact value.
 
-        0: the response time is too long. None: the bounds do not decide whether it is too long.
+        0: the source is late. None: the bounds do not decide this or, with `is_jitter`, give no exact value.
+
+        level: the load of all messages on the bus that are more urgent than the source.
+        jitter: the jitter of the source on this bus, in ns.
+        is_jitter: whether the response time is the jitter of the source on a next bus.
         """
         if level.load > _FULL:
             return None
@@ -239,5 +251,10 @@ class Punctuality:
 
 
 def _steps(routes: list[tuple[int, ...]]) -> dict[int, tuple[int, int]]:
-    """Return, for each bus on a route from one PE, how many buses come before it, and the last of these (-1: none)."""
+    """Return for each bus on these routes: how many buses come before it on its route, and the bus just before it.
+
+    The bus just before it is -1 if it is the first one.
+
+    routes: routes from one PE, each a list of buses.
+    """
     return {bus: (depth, route[depth - 1] if depth else -1) for route in routes for depth, bus in enumerate(route)}

@@ -43,7 +43,10 @@ class Repair:
         self._tries = _TRIES
 
     def run(self, punctuality: Punctuality | None = None) -> None:
-        """Serve the wanted functions by steps 1 to 4 (levels 1 and 2); with `punctuality`, meet all deadlines, too."""
+        """Serve the wanted functions by steps 1 to 4 of this file, as well as possible at levels 1 and 2.
+
+        punctuality: if it is given, the result also meets all deadlines; None: it may miss deadlines.
+        """
         goals = self._wanted.goals
         self._server.adopt(goals)
         if punctuality is not None:
@@ -75,7 +78,7 @@ class Repair:
         return self._wanted.score(self.draft.mode)
 
     def unserved(self) -> list[Goal]:
-        """Return the functions that are not served, although the faults alone would allow it."""
+        """Return the functions that are not served, although a mode that serves them is possible in this situation."""
         possible = self._scene.possible
         return [
             goal
@@ -122,9 +125,10 @@ class Repair:
         return False
 
     def _in_the_way(self, goal: Goal) -> list[tuple[Goal, bool]]:
-        """Return all other served functions, each with whether it is less important than `goal`.
+        """Return all other served functions, each with True if it is less important than `goal`.
 
-        Functions on PEs where room is short come first; among equals, the least important comes first.
+        Functions that use a PE where room is short come first, and then all others. In both groups, the least
+        important function comes first.
         """
         goals, short = self._wanted.goals, self._server.short
         number = goals.index(goal)
@@ -187,7 +191,10 @@ class Repair:
     # Improving
 
     def _improve(self) -> None:
-        """Serve functions that are not served, and put outputs into better modes, where there is room."""
+        """Serve each function that can be served now, and put its output module into a better mode if possible.
+
+        This concerns functions that were served before, too. Of the better modes, the best possible one is taken.
+        """
         weight, modes_of = self._wanted.weight, self._tables.numbers.modes_of
         for goal in self._wanted.goals:
             if self._server.serve(goal):

@@ -35,10 +35,10 @@ class Scene:
 
 
 class Scenery:
-    """Works out the scenes of one spec, for any situation."""
+    """Works out the scene of any situation of one spec: the PEs, capacities and modes that can be used in it."""
 
     def __init__(self, tables: Tables) -> None:
-        """Compute the fault-free scene; every other scene is a part of it."""
+        """Compute the scene without faults, from which `scene` works out the scene of each situation."""
         self._tables = tables
         self._elements = element_numbers(tables.numbers)
         self._cpu = tables.sizes.pe_cpu
@@ -86,7 +86,10 @@ class Scenery:
         return hosts
 
     def _down(self, now: Situation) -> tuple[int, int]:
-        """Return the PEs and buses that are down (bits as in `Routes.way`), and the modules that cannot run."""
+        """Return two sets as bits: the PEs and buses that are down, and the modules that cannot run.
+
+        PEs and buses are numbered as in `Routes.way`. A module cannot run if it or its device is down.
+        """
         tables, down, modules = self._tables, self._tables.routes.never, 0
         channels: dict[int, int] = {}
         for element in now.down:
@@ -135,7 +138,10 @@ class Scenery:
         return homeless
 
     def _without(self, gone: int) -> int:
-        """Return the modes that are possible if those in `gone` are not."""
+        """Return the modes that can still run if the modes in `gone` cannot.
+
+        Both are sets of modes, as the bits of an integer.
+        """
         readers, possible = self._tables.orders.readers, self._possible & ~gone
         touched = 0
         while gone:

@@ -19,7 +19,10 @@ _FUEL: Final = 12  # modules tried for one input
 
 
 def supply(draft: Draft, server: Server, tables: Tables) -> None:
-    """Wire all optional and better inputs that earn points, as far as there is room."""
+    """Wire optional inputs, and exchange wired inputs for ones that are worth more, as far as there is room.
+
+    No module is moved for an input.
+    """
     server.moving = False
     for adopting in (True, False):
         server.adopting = adopting
@@ -41,13 +44,16 @@ def _go_through(draft: Draft, server: Server, tables: Tables) -> None:
 
 
 class _Supplier:
-    """Wires more of the inputs of one module, which runs already."""
+    """Wires more inputs of one running module, and gives better versions to inputs that are wired already."""
 
     def __init__(self, draft: Draft, server: Server, tables: Tables, module: int) -> None:
         self._draft, self._server, self._tables, self._module = draft, server, tables, module
 
     def supply(self, node: Node) -> None:
-        """Wire more inputs below a gate that holds already."""
+        """Wire more inputs below a gate that holds already, and give better versions to its wired inputs.
+
+        node: the gate, or a wired leaf.
+        """
         most, number, inputs, _ = node
         if most == LEAF:
             self._improve(number)

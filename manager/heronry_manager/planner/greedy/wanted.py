@@ -14,7 +14,7 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A wanted function; the planner's numbers stand for modules in `outputs`, and for modes in `modes`."""
+    """A wanted function; `outputs` has modules and `modes` has modes, each by its number in the planner."""
 
     name: str
     rank: int  # 0 (A) to 4 (E)
@@ -98,7 +98,10 @@ class _Appraiser:
 
 
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
-    """Give the sort key of a function: class, priority (if critical), priority per price of its cheapest mode.
+    """Give the key by which functions are sorted, the most important one first.
+
+    The key has three parts: the class; the priority of a critical function, 0 for any other; the priority
+    divided by the price of the cheapest mode of the function.
 
     price: by number of a mode, an estimate of the CPU that the mode takes together with its cheapest producers.
     """

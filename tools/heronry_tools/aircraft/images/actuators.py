@@ -45,7 +45,10 @@ class SurfaceServo(Module):
         self._angle_deg: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Command the surface to the demand, no faster than the servo; nothing before the first demand."""
+        """Command the surface towards the demanded angle, at most as fast as the servo turns (`fastest_deg_per_s`).
+
+        Before the first demand nothing is commanded. If the demand is missing later, the last command is repeated.
+        """
         demand_deg = number(inputs, self.demand)
         if demand_deg is not None:
             self._angle_deg = self._towards(held(demand_deg, self.stop_deg))

@@ -53,8 +53,8 @@ class AttitudeFilter(Module):
         """Publish the attitude; nothing if a rate is missing.
 
         The first attitude after a start in mode `fused` is an exception. It is the attitude that the accelerations
-        show, so it needs accelerations, but no rates. (If the mode has changed before, it is the best glide, and needs
-        no inputs.)
+        show, so it needs accelerations, but no rates. If the mode changes before the first attitude, the first
+        attitude is the best glide, and needs no inputs.
         """
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG
@@ -84,7 +84,10 @@ class AttitudeFilter(Module):
 
 
 def _gravity_deg(inputs: Inputs) -> tuple[float, float] | None:
-    """Give the pitch and roll in degrees that the accelerations show; None unless both are present."""
+    """Give the pitch and roll in degrees that the accelerations show.
+
+    None if the longitudinal or the lateral acceleration is missing.
+    """
     forward_g, right_g = number(inputs, "longitudinal_acceleration"), number(inputs, "lateral_acceleration")
     if forward_g is None or right_g is None:
         return None
@@ -103,7 +106,10 @@ class HorizonAttitude(Module):
         self._angles_deg: tuple[float, float] | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish a slightly smoothed attitude, since thermopiles are noisy; nothing without a contrast."""
+        """Publish a slightly smoothed attitude, since thermopiles are noisy.
+
+        Nothing is published if the input `horizon_contrast` is missing.
+        """
         contrast = numbers(inputs, "horizon_contrast", 2)
         if contrast is None:
             return {}

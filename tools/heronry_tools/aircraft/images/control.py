@@ -81,7 +81,7 @@ class PitchControl(Module):
         self._drift_deg = 0.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the elevator's demand in degrees; nothing without a pitch angle."""
+        """Publish the demanded angle of the elevator, in degrees; publish nothing without a pitch angle."""
         pitch_deg = number(inputs, "pitch_angle")
         if pitch_deg is None:
             return {}
@@ -126,7 +126,7 @@ class RollControl(Module):
         self._pid = Pid(proportional=0.8, integral=0.05, damping=0.3, limit_deg=_RUDDER_LIMIT_DEG)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the rudder's demand in degrees; nothing without a roll angle."""
+        """Publish the demanded angle of the rudder, in degrees; publish nothing without a roll angle."""
         roll_deg = number(inputs, "roll_angle")
         if roll_deg is None:
             return {}

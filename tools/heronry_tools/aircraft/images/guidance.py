@@ -70,7 +70,10 @@ class Guidance(Module):
         self._learned_deg = 0.0  # is added to the wanted bank
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish commanded pitch and roll in degrees; without a position or track, `route` flies straight ahead."""
+        """Publish commanded pitch and roll in degrees.
+
+        If the position or the track is missing, the mode `route` flies straight ahead.
+        """
         wanted_deg = self._roll_deg(inputs)
         if self.ctx.mode == "route" and not _flares(inputs):
             self._learn(inputs, wanted_deg)
@@ -122,13 +125,17 @@ def _bank_per_deg(inputs: Inputs) -> float:
 
 
 class OrbitAutopilot(Module):
-    """The experiment: commands a circle over the field, with a glide that is steeper the higher the aircraft is.
+    """The experimental autopilot: commands a circle over the field, with a steeper glide at a greater height.
 
-    While telemetry shows that the aircraft hangs on its balloon, the commands are level wings and the best glide.
+    While telemetry shows that the aircraft hangs on its balloon, the commands are level wings and the best
+    glide.
     """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish commanded pitch and roll in degrees; nothing without altitude, course, position or attitude."""
+        """Publish commanded pitch and roll in degrees.
+
+        Publishes nothing if altitude, course, position or attitude is missing.
+        """
         altitude_m, course_deg = number(inputs, "telemetry_altitude"), number(inputs, "telemetry_course")
         place = (number(inputs, "telemetry_latitude"), number(inputs, "telemetry_longitude"))
         attitude = numbers(inputs, "telemetry_attitude", 2)

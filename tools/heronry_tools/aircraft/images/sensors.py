@@ -97,7 +97,7 @@ class InertialUnit(TupleSensor):
 
 
 class RateGyros(TupleSensor):
-    """Rate gyros alone; counts of 0.001 deg/s."""
+    """Rate gyros without accelerometers; they give pitch rate and roll rate in counts of 0.001 deg/s."""
 
     fields = (("pitch_rate", 1e-3), ("roll_rate", 1e-3))
 
@@ -120,7 +120,10 @@ class Horizon(SensorDriver):
     """Thermopiles: the contrast along and across the aircraft, in counts, as a pair."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give both counts, limited to the range of a SHORT."""
+        """Give both contrasts, along and across the aircraft, in counts limited to -32767..32767 (SHORT).
+
+        None if the reading is not a pair.
+        """
         if not isinstance(raw, tuple) or len(raw) != 2:
             return None
         return {"horizon_contrast": tuple(min(max(count, -_SHORT_LIMIT), _SHORT_LIMIT) for count in raw)}
@@ -184,7 +187,7 @@ class Camera(SensorDriver):
     """Number of frames that the camera has taken since it was switched on."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give the count modulo 2^32."""
+        """Give the number of frames that the camera has taken, modulo 2^32; None if the reading is no int."""
         return {"frame_count": raw & _ULONG_MASK} if isinstance(raw, int) else None
 
 
@@ -192,7 +195,10 @@ class CommandReceiver(SensorDriver):
     """Two commands: open the parachute, cut the balloon's line; 1 is yes."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give both commands, each as 0 or 1; None if the reading is not a pair."""
+        """Give the command to open the parachute and the command to cut the line, each as 0 or 1.
+
+        None if the reading is not a pair.
+        """
         if not isinstance(raw, tuple) or len(raw) != 2:
             return None
         return {"release_command": int(raw[0] != 0), "cutdown_command": int(raw[1] != 0)}
@@ -203,7 +209,7 @@ class Console(CommandReceiver):
 
 
 class ChuteReceiver(SensorDriver):
-    """The only command of the aircraft `elevator_and_chute`: open the parachute; 1 is yes."""
+    """The receiver of the aircraft `elevator_and_chute`; its only command opens the parachute (1) or not (0)."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Give the command as 0 or 1; None if the reading is not a number."""

@@ -127,7 +127,7 @@ class ElevatorMonitor(SurfaceMonitor):
 
 
 class ServoMonitor(SurfaceMonitor):
-    """The monitor of `elevator_and_chute`: servo 1 counts as driven, and servo 2 after servo 1 was reported."""
+    """The monitor of `elevator_and_chute`: servo 1 counts as driven until it is reported, servo 2 from then on."""
 
     command = "elevator_demand"
     health = "servo_failure"

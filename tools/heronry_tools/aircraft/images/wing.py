@@ -37,7 +37,11 @@ class WingState(IntEnum):
 
 
 class InflationControl(Module):
-    """Opens the valve below 470 hPa in the wings and closes it above 500 hPa; `valve_demand` is 0 or 1."""
+    """Demands an open valve below 470 hPa in the wings, a closed one above 500 hPa; in between nothing changes.
+
+    `valve_demand` is 1 for an open valve, 0 for a closed one. In some cases the valve is closed at any
+    pressure (`step`).
+    """
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

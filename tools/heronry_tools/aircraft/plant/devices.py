@@ -232,6 +232,6 @@ def felt_by(device: str) -> frozenset[str]:
 
 
 def reading(surroundings: Surroundings) -> Value:
-    """Give the reading of a healthy device; 0.0 for a device that is not in the table."""
+    """Give the reading of a healthy device; 0.0 for a device that is not in `SENSORS`."""
     sensor = SENSORS.get(surroundings.device)
     return sensor(surroundings) if sensor is not None else 0.0

@@ -30,7 +30,10 @@ class Mechanism:
         self._target, self._pushed_ns = target, now_ns
 
     def rate_per_s(self, now_ns: int, resting: float) -> float:
-        """Give the present rate of motion; `resting` is the position before the first push."""
+        """Give the present rate of motion, in units of the position per second; 0 before the first push.
+
+        resting: the position before the first push.
+        """
         if self._pushed_ns is None:
             return 0.0
         return (self._target - self.position(now_ns, resting)) / self._lag_s()

@@ -16,7 +16,10 @@ _ONE_SIGMA = math.sqrt(3.0 / _DRAWS)
 
 
 def noise(name: str, now_ns: int) -> float:
-    """Give a nearly normal value with mean 0 and standard deviation 1, never beyond 3.5; the same in every process."""
+    """Give a nearly normal value with mean 0 and standard deviation 1, never beyond 3.5.
+
+    The same name and time give the same value in every process.
+    """
     digest = hashlib.blake2b(f"{name}@{now_ns}".encode(), digest_size=_WORDS.size).digest()
     draws: tuple[int, ...] = _WORDS.unpack(digest)
     total = 0.0

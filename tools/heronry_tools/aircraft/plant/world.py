@@ -88,14 +88,20 @@ class Plant:
         """Do nothing: without a command an actuator of this plant stays where it is."""
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Move an actuator as an output echo shows; no effect if this plant has it dead, stuck or loose."""
+        """Move an actuator to the value that its output echo shows.
+
+        No effect if the actuator is dead, stuck or loose in this plant; a biased one takes the value as it is.
+        """
         fault = self._faults.get(device)
         if fault is None or fault.how == "bias":
             self._move(device, value, now_ns)
 
     @staticmethod
     def follows(sensors: Iterable[str]) -> frozenset[str]:
-        """Give the actuators on other PEs whose echoes a plant with these sensors needs."""
+        """Give the actuators that change what these sensors measure.
+
+        A plant with these sensors needs the output echoes of those actuators that are on other PEs.
+        """
         felt = {mechanism for sensor in sensors for mechanism in felt_by(sensor)}
         return frozenset(actuator for actuator, pushed in PUSHED_BY.items() if not felt.isdisjoint(pushed))
 

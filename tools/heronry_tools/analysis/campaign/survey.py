@@ -40,7 +40,7 @@ class Grade:
 
 @dataclass(frozen=True, slots=True)
 class PhaseSurvey:
-    """The figures of one phase."""
+    """What survives in one phase: figures by number of faults, single points of failure, likelihoods of losses."""
 
     phase: Phase
     wanted: Mapping[str, str]  # function -> its class

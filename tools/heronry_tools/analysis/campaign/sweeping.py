@@ -30,7 +30,11 @@ class Written:
 
 
 def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal | None = None) -> Sweep:
-    """Make the plan for every fault set of a scope; plans that the journal already has are taken from it."""
+    """Make the plan for every fault set of a scope, in each phase of the scope.
+
+    executor: makes the plans; None: this process makes them.
+    journal: gives the plans that it already has, and keeps each new one; None: every plan is made anew.
+    """
     known = {} if journal is None else journal.known
     swept = Sweep(spec, scope)
 

@@ -1,12 +1,12 @@
 """A lower bound of what must cross the buses whenever some functions are served, whatever a planner decides.
 
-A function needs one of its output modules. So it certainly needs each variable that all these modules need in all their
-modes. Such a variable comes from one of the modules that give it. So each variable that all these modules need in all
-their modes is certainly needed as well, and so on.
+A function needs one of its output modules. So it certainly needs each variable that all its output modules
+need in all their modes. Such a variable must come from one of the modules that can give it.
+So each variable that all these givers need in all their modes is certainly needed as well, and so on.
 
-If no module that gives a variable can share a PE with a module that reads it, the variable must be published. The
-variable then crosses every bus that lies on all routes between these modules. Its rate there is at least the lowest
-rate of the modules that give it. The rates on a bus may be added, because each variable is counted once.
+If no giver of a variable can share a PE with one of its readers, the variable must be published. The
+variable then crosses every bus that lies on all routes from a giver to a reader. Its rate there is at least
+the lowest rate of the givers. The rates on a bus may be added, because each variable is counted once.
 """
 
 from collections.abc import Iterator, Mapping
@@ -36,7 +36,10 @@ class ForcedTraffic:
         return {name: frame_bits(self.spec, name) * rate for name, rate in self.rates.get(bus, {}).items()}
 
     def overloaded(self, capacities: Mapping[str, int]) -> Iterator[str]:
-        """Name the buses that must carry more than their capacity (in thousandths of a bit/s)."""
+        """Name the buses whose forced traffic exceeds their capacity.
+
+        capacities: the capacity of each bus, in thousandths of a bit/s.
+        """
         yield from (bus for bus in self.rates if sum(self.mbit_per_s(bus).values()) > capacities[bus])
 
 
@@ -68,7 +71,13 @@ def forced_traffic(possible: Candidates) -> ForcedTraffic:
 def _publish(
     possible: Candidates, found: ForcedTraffic, variable: str, givers: set[tuple[str, str]], readers: frozenset[str]
 ) -> None:
-    """Add a variable to `found`, on each bus that lies on every route from one of its givers to one of its readers."""
+    """Add a variable to `found`, on each bus that every route from a giver to a reader takes.
+
+    The routes are those between any PE of any giver and any PE of any reader; without a route nothing is added.
+
+    givers: (module, mode) pairs that give the variable; the lowest of their rates counts.
+    readers: modules that read the variable.
+    """
     ways = [
         frozenset(possible.left.route(here, there) or ())
         for here in {pe for module, _ in givers for pe in possible.modules[module].pes()}

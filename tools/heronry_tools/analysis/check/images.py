@@ -27,7 +27,11 @@ LIMIT_S: Final = 20.0  # an agent waits as long for its code to be loaded
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Check that the images of a spec can be loaded if they are on this computer, and add a finding if not."""
+    """Load every image `package.module:Class` of a spec whose package is on this computer.
+
+    Add a finding for each module whose image cannot be loaded. An image whose package is not on this computer
+    gets no finding.
+    """
     folder = Path(subject.file).resolve().parent
     images = {module.image for module in subject.spec.modules.values() if ":" in module.image}
     found = sorted(image for image in images if _is_here(image, folder))

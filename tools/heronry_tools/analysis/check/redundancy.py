@@ -59,7 +59,7 @@ class Dependence:
                 self._lost_with.setdefault(lost, []).append(element)
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
-        """Give the elements without which no end of a DEMUX can run, although the DEMUX's variable could be given.
+        """Give the elements whose loss stops all ends of a DEMUX, but not all modes that give the DEMUX's variable.
 
         The set is empty if some end cannot run even with everything up.
         """
@@ -72,7 +72,7 @@ class Dependence:
         return unserved - self._where(unserved, lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
-        """Yield the XORs and voters of a mode of which each input, taken alone, could hold if nothing were down."""
+        """Yield those XORs and voters of a mode whose inputs all could hold, each taken alone, if nothing were down."""
         for path, gate in _gates(mode.needs):
             if _chooses(gate) and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])

@@ -178,7 +178,7 @@ class _Serving:
     def _each_phase(self, possible: frozenset[str]) -> None:
         """Report, for each phase, the critical functions that the best plan of the phase gives up.
 
-        possible: the critical functions of which none was found to be impossible alone.
+        possible: the critical functions to check, without those that were found to be impossible even alone.
         """
         crowded: dict[str, list[Phase]] = {}
         for phase in self._phases:

@@ -64,7 +64,10 @@ class Answer:
 
 
 class Planning:
-    """Answers questions about one spec, and keeps what it has found."""
+    """Tells which functions of one spec can be served: in a phase, all at once, or with elements down.
+
+    It keeps the plans and configurations that it has found, to answer later questions.
+    """
 
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
@@ -100,7 +103,7 @@ class Planning:
         down: frozenset[str] = frozenset(),
         least: Mapping[str, int] = NOTHING_ASKED,
     ) -> Answer:
-        """Tell whether some functions can all be served, with some elements down.
+        """Tell whether all these functions can be served at the same time while the elements in `down` are down.
 
         least: the lowest value with which each function may be served; 0 for a function that is not named.
         """

@@ -38,7 +38,7 @@ class Loss:
 
 
 def losses(planning: Planning) -> Iterator[Loss]:
-    """Yield every element whose loss alone loses a critical function.
+    """Yield a `Loss` for every element without which some critical function cannot be served.
 
     A module is left out if the loss of its device loses the same functions.
     """
@@ -67,7 +67,10 @@ def single_elements(spec: Spec) -> Iterator[str]:
 
 
 def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
-    """Give the critical functions of each phase in which all of them can be served with everything up."""
+    """Give, for each phase, its critical functions; a phase is left out if they cannot all be served together.
+
+    Everything counts as up.
+    """
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
     if _differs_by_phase(planning, by_phase):
         fits = {phase: planning.in_phase(phase).all_at_once(names) for phase, names in by_phase.items()}
@@ -106,6 +109,6 @@ def _lost_in(planning: Planning, phase: Phase, wanted: frozenset[str], down: fro
 
 
 def device_of(spec: Spec, element: str) -> str:
-    """Give the device of a module as an element; an empty text for another element."""
+    """Give `device:NAME` for the device of a module, which is given as `module:NAME`; empty for any other element."""
     kind, _, name = element.partition(":")
     return f"device:{spec.modules[name].device}" if kind == "module" else ""

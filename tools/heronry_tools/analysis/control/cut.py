@@ -28,10 +28,10 @@ from heronry_pcs.graph import Graph, PcsError, parent
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """A least cut.
+    """A least cut: the leaves of a component graph, divided into two sides.
 
-    mbit_per_s: what the radio carries, in thousandths of a bit/s.
-    sides: the leaves on each side, sorted.
+    mbit_per_s: the bandwidth that crosses the cut, and that a radio must carry, in thousandths of a bit/s.
+    sides: by name of the side, its leaves, sorted.
     """
 
     mbit_per_s: int

@@ -17,12 +17,13 @@ from heronry_tools.analysis.control.subject import Planned, Subject
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The result of a script.
+    """The result of a script that was tried on a component graph or on a plan.
 
     statements: number of statements in the script.
-    errors: errors of the script; where there are any, nothing is changed.
-    before, after: the graphs before and after the script.
-    violations: for a plan, the reasons why the resulting configuration is not legal; None for a graph.
+    errors: errors of the script; if there are any, the graph after the script is the graph before it.
+    before, after: the component graphs before and after the script.
+    violations: for a plan: the reasons why the resulting configuration is not legal, empty if the script has
+        errors; for a component graph: None.
     """
 
     statements: int

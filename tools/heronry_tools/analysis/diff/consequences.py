@@ -115,7 +115,10 @@ def _served(spec: Spec, found: Plan) -> Iterator[tuple[str, str | None]]:
 
 
 def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[Function]) -> bool:
-    """Tell whether what still works of a known configuration is legal and serves the wanted functions."""
+    """Tell whether the part of a known configuration that still works serves all wanted functions and is legal.
+
+    A module that serves no wanted function does not make it illegal here.
+    """
     left = _remains(spec, now, known)
     if not all(any(output in left.modules for output in function.outputs) for function in wanted):
         return False

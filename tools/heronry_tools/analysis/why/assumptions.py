@@ -50,9 +50,9 @@ class Question:
 
 
 def assumptions(question: Question, goal: str) -> list[Assumption]:
-    """List all assumptions that may keep the function `goal` from being served, in the order of relaxation.
+    """List all assumptions that may keep the function `goal` from being served, in the order to relax them.
 
-    Assumptions that explain least come first, such as other functions; elements that are down come last.
+    An assumption comes early if it explains little: first the other functions, last the elements that are down.
     """
     return list(_assumptions(question, goal))
 
@@ -70,7 +70,11 @@ def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
 
 
 def relaxed(question: Question, without: Collection[Assumption]) -> Question:
-    """Give the question with some assumptions relaxed."""
+    """Give the question that remains if the assumptions `without` are dropped.
+
+    A dropped capacity becomes unlimited. A dropped placement rule no longer holds; the assumption `deadlines`
+    drops all deadlines. A dropped element is not down, and a dropped function need not be served.
+    """
     names: dict[Kind, set[str]] = {}
     for one in without:
         names.setdefault(one.kind, set()).add(one.name)

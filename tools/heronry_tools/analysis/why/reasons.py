@@ -129,7 +129,11 @@ def _is_possible(question: Question) -> bool:
 def _irreducible(
     these: Sequence[Assumption], possible: Possible, without: Iterable[Assumption] = ()
 ) -> list[Assumption]:
-    """Reduce `these` to an irreducible set of assumptions; the assumptions of `without` are relaxed already."""
+    """Reduce `these` to assumptions that together still make the goal impossible, none of which can be left out.
+
+    possible: tells whether the goal is possible when the given assumptions are relaxed.
+    without: assumptions that are relaxed already.
+    """
     gone = list(without)
     kept = list(these)
     for one in these:
@@ -177,9 +181,12 @@ def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator
 def _smallest_hitting(
     cores: Sequence[frozenset[Assumption]], found: Sequence[frozenset[Assumption]]
 ) -> tuple[Assumption, ...] | None:
-    """Find a smallest set that has a member of every irreducible set (`cores`) and contains no known repair (`found`).
+    """Find a smallest set of assumptions that may be a repair; None if none has at most `_MOST_PARTS` members.
 
-    Returns None if no such set has at most `_MOST_PARTS` members.
+    The set has a member of every set in `cores`, and contains no set in `found`.
+
+    cores: irreducible sets of assumptions that make the goal impossible.
+    found: the repairs that are known already.
     """
     names = sorted(frozenset[Assumption]().union(*cores), key=lambda one: (MENDABLE.index(one.kind), one.name))
     for size in range(min(_MOST_PARTS, len(names)) + 1):
@@ -191,9 +198,10 @@ def _smallest_hitting(
 
 
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
-    """Give a repair with the amount needed of each capacity.
+    """Give the repair that relaxes the assumptions `parts`, with the least amount of each capacity among them.
 
-    The amounts are found one after the other; while an amount is searched, the capacities after it are unlimited.
+    The amounts are found one after the other. While an amount is searched, the capacities after it are
+    unlimited.
     """
     capacities = [one for one in parts if one.kind in CAPACITIES]
     repaired = relaxed(question, parts)

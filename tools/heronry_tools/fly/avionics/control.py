@@ -42,7 +42,7 @@ class _Loop(Module):
         self._period_s = ctx.period_ns / NS_PER_S
 
     def mode_changed(self) -> bool:
-        """Keep the integral, which holds the trim, through a change of the mode."""
+        """Keep this object, with its integral, which holds the trim, when the mode changes; returns True."""
         return True
 
     def _learn(self, error: float, gain: float, limit: float) -> float:
@@ -87,7 +87,8 @@ class PitchControl(_Loop):
 class CourseControl(Module):
     """Computes the roll command from the error of the course over ground.
 
-    Without a landing stage, the roll command may be up to 25 degrees.
+    The roll command is at most 8 degrees in the flare transition and the flare. In all other stages, and if the
+    landing stage is not known, it is at most 25 degrees.
     """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:

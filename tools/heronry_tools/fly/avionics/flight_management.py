@@ -52,7 +52,7 @@ _LONGEST_M = 110.0  # x of the landing point beyond which the aircraft goes arou
 
 
 class Stage(IntEnum):
-    """Stage of the landing, as the module publishes it."""
+    """A stage of the landing, with the number that the flight management publishes as `landing_stage`."""
 
     START = 0
     APPROACH = 1

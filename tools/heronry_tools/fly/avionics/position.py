@@ -101,7 +101,7 @@ class TrackedPosition(Module):
         self._since_ns = ctx.now_ns
 
     def mode_changed(self) -> bool:
-        """Keep the state of the filter through a change of the mode."""
+        """Keep this object, with the state of its filter, when the mode changes; returns True."""
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:

@@ -51,7 +51,11 @@ class TrackingFilter:
     """An extended Kalman filter for the position; times are on the clock of the PE on which it runs."""
 
     def __init__(self, camera_m: Camera, start_m: Sequence[float], now_ns: int) -> None:
-        """Begin at `start_m`, a position of the receiver with unknown bias; `camera_m` is the camera's position."""
+        """Begin at the position `start_m`; the biases of the receiver and of the camera are not known yet.
+
+        camera_m: position of the camera.
+        start_m: x, y, h of the aircraft in the runway's frame, in m.
+        """
         self._camera_m = camera_m
         self.state = [*start_m, *([0.0] * 5)]
         self.covariance = [[0.0] * STATES for _ in range(STATES)]
@@ -108,7 +112,7 @@ class TrackingFilter:
             self._ways.popleft()
 
     def use_receiver(self, position_m: Sequence[float]) -> None:
-        """Correct the state by a position of the receiver, which contains its bias and noise."""
+        """Correct the state by a position that the receiver has measured, with the receiver's bias and noise in it."""
         for i, measured in enumerate(position_m):
             row = [0.0] * STATES
             row[i] = row[BIAS_X + i] = 1.0

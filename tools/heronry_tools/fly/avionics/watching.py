@@ -31,7 +31,7 @@ _FORGETS_NS = 1_000_000_000
 
 
 class AccuracyMonitor(Module):
-    """Reports the differential receiver when its position no longer moves with the measured velocity."""
+    """Reports that the differential receiver has failed, when its position does not follow the measured velocity."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

@@ -223,7 +223,7 @@ class EavPlant:
         )
 
     def slow_errors(self) -> tuple[float, ...]:
-        """Return the present biases of the receiver without corrections (x, y, height in m) and of the camera (rad)."""
+        """Return the present biases: of the GPS receiver without corrections (x, y, height in m), the camera (rad)."""
         return *(self._errors[f"gps/{axis}"].slow for axis in "xyh"), *self.camera.bias_rad
 
     # The world

@@ -65,7 +65,7 @@ class Writer:
 
 
 class Reader:
-    """Reads, from the file, the snapshot that was written last."""
+    """Reads the newest snapshot from the file that the writing process shares."""
 
     def __init__(self, file: Path) -> None:
         """Open the file; raises FileNotFoundError if the writer has not made it yet."""

@@ -42,7 +42,7 @@ class Scale:
     end_px: float
 
     def px(self, value: float) -> float:
-        """Return the pixel of a value."""
+        """Return the position in px at which a value is drawn."""
         share = (value - self.least) / (self.most - self.least)
         return self.begin_px + share * (self.end_px - self.begin_px)
 

@@ -105,7 +105,12 @@ def _scatter(landings: Sequence[Landing]) -> str:
 def _around_home(
     good: Sequence[Touchdown], bad: Sequence[Touchdown], norths: Sequence[float], easts: Sequence[float]
 ) -> str:
-    """Draw a map, north up, with equal scales and with the circle in which a landing is acceptable."""
+    """Draw a map of the touchdown points around home, with the circle in which a landing is acceptable.
+
+    North is up, and both axes have the same scale.
+
+    norths, easts: positions of the touchdown points in m, all of which are on the map.
+    """
     radius = acceptance.FIELD.distance_m
     reach = max(1.2 * radius, *(1.05 * abs(value) for value in (*norths, *easts)))
     height = 600.0
@@ -142,7 +147,7 @@ def _sinks(landings: Sequence[Landing]) -> str:
 
 
 def _by_bias(landings: Sequence[Landing]) -> str:
-    """Draw the share of acceptable landings in bins of the height error, with the interval of each share."""
+    """Draw the share of acceptable landings in bins of the height error, each share with its 95 % interval."""
     bins: dict[int, list[bool]] = {}
     for landing in landings:
         if landing.height_bias_m is not None:

@@ -216,7 +216,7 @@ class _Placing:
         self._y[column[place]] = level
 
     def _ends(self, segment: Segment) -> tuple[int, int]:
-        """Give the heights of a segment's two ends, each from the top of its box."""
+        """Give the heights of a segment's two ends, in pixels from the top of the symbol or way-point at that end."""
         out = self._shapes[segment.source].port(segment.out_cell)
         into = self._ports[segment.edges[0]] if segment.last else self._shapes[segment.target].port(None)
         return out, into

@@ -106,11 +106,11 @@ def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[
 
 
 def _tightened(graph: Graph, edges: list[Edge], start: Mapping[str, int], last: int) -> dict[str, int]:
-    """Return new columns of the symbols, with shorter edges; all edges still lead to the right.
+    """Return new columns of the symbols that make the edges shorter; every edge still leads to the right.
 
-    Single symbols are moved, in several sweeps.
+    One symbol is moved at a time, in several passes over all symbols.
 
-    start: the column of each symbol before. last: the column of the actuators.
+    start: the present column of each symbol. last: the column of the actuators.
     """
     ranks = dict(start)
     into: dict[str, list[str]] = {key: [] for key in graph.nodes}

@@ -24,7 +24,7 @@ _Middles = Mapping[str, int]  # symbol -> the middle of its box, from the left, 
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """A part of a graph, with its layout."""
+    """One sheet of a picture: a graph, or a part of a graph, with the layout of what is on this sheet."""
 
     graph: Graph
     layout: Layout
@@ -46,7 +46,11 @@ def sheets(graph: Graph) -> tuple[Sheet, ...]:
 
 
 def _cut(graph: Graph, middles: _Middles, width: int, parts: int) -> Iterator[Graph]:
-    """Divide a graph into `parts` graphs, by the places of its modules in the picture in one piece."""
+    """Divide a graph into at most `parts` graphs, by the horizontal places of its symbols.
+
+    middles: these places, in a picture of the whole graph.
+    width: width of this picture in pixels.
+    """
     of = {key: _middle(group, middles) * parts // width for group in _groups(graph) for key in group}
     on = [of[edge.target if edge.source.startswith(_VARIABLE) else edge.source] for edge in graph.edges]
     homes = _homes(graph, on)
@@ -62,7 +66,10 @@ def _cut(graph: Graph, middles: _Middles, width: int, parts: int) -> Iterator[Gr
 
 
 def _groups(graph: Graph) -> list[set[str]]:
-    """Give all symbols except variables, in groups of symbols that edges join."""
+    """Divide all symbols except variables into groups; two symbols are in one group if edges connect them.
+
+    Edges to or from variables do not count.
+    """
     joined: dict[str, list[str]] = {key: [] for key in graph.nodes if not key.startswith(_VARIABLE)}
     for edge in graph.edges:
         if edge.source in joined and edge.target in joined:
@@ -89,9 +96,11 @@ def _middle(group: Collection[str], middles: _Middles) -> int:
 
 
 def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
-    """Give the sheet on which each variable is drawn solid.
+    """Give for each variable the one sheet on which it is drawn solid; on other sheets it is drawn dashed.
 
-    This is the first sheet on which the variable is given; if it is given on no sheet, the first on which it is read.
+    This is the first sheet on which the variable is given. If it is given on no sheet, this is the first sheet
+    on which it is read.
+
     on: the sheet of each edge of the graph.
     """
     given: dict[str, int] = {}

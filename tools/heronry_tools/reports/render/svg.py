@@ -72,7 +72,11 @@ def uncoloured(graph: Graph, edge_key: Callable[[Edge], str]) -> str:
 
 
 def _sheet(sheet: Sheet, top: int, width: int, edge_key: Callable[[Edge], str] | None = None) -> Iterator[str]:
-    """Draw one sheet at a height `top`; with `edge_key`, for a page that colours the symbols itself."""
+    """Draw one sheet; its upper edge is at `top`, in px.
+
+    edge_key: for a page that colours the symbols itself: gives the name by which the page finds an edge.
+        None: for a drawing with its own colours.
+    """
     if top:
         yield f'<path class="fold" d="M0,{top}H{width}"/>'
     yield f'<g transform="translate(0,{top})">'

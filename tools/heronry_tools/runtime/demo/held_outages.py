@@ -12,7 +12,10 @@ TELL_AGAIN_NS = 1_000_000_000
 
 
 class HeldOutages:
-    """Holds outages of one kind: those that are over, or those that last; the caller passes in all times, in ns."""
+    """Holds outages until they are reported: either only outages that are over, or only outages that still last.
+
+    The caller passes in all times, in ns.
+    """
 
     def __init__(self, *, are_over: bool) -> None:
         self._are_over = are_over
@@ -20,14 +23,20 @@ class HeldOutages:
         self._told_ns: int | None = None
 
     def take(self, outages: Sequence[Outage]) -> None:
-        """Hold the outages of this kind. A held outage that lasted and has now ended is dropped."""
+        """Hold those of the outages that are of the kind of this object: those that are over, or those that last.
+
+        An outage that was held while it lasted is dropped when it has ended.
+        """
         if not self._are_over:
             ended = {(one.function, one.from_ns) for one in outages if one.to_ns is not None}
             self._held = [one for one in self._held if (one.function, one.from_ns) not in ended]
         self._held += [one for one in outages if (one.to_ns is not None) == self._are_over]
 
     def due(self, now_ns: int) -> list[Outage]:
-        """Give the outages to report now; none within a second after the last report."""
+        """Give the held outages if they are to be reported now, and hold them no longer.
+
+        The list is empty if the last report was less than a second ago.
+        """
         if not self._held or (self._told_ns is not None and now_ns - self._told_ns < TELL_AGAIN_NS):
             return []
         self._told_ns = now_ns

@@ -16,7 +16,10 @@ _LONGEST_SUFFIX = "-standby"
 
 @contextmanager
 def manager_name(spec_name: str) -> Iterator[str | None]:
-    """Hold a free name while the block runs; gives None where the user's folder of sockets cannot be used."""
+    """Hold a free name for the manager of a demo while the `with` block runs.
+
+    Gives None if the user's folder of sockets cannot be used.
+    """
     try:
         folder = listening_folder(checked_length(default_socket(f"{spec_name}-demo-999{_LONGEST_SUFFIX}")))
     except ControlError:

@@ -35,7 +35,7 @@ class PlanningAhead:
         self._found_before = 0
 
     def start(self) -> str:
-        """Start the process; returns a sentence for the user."""
+        """Start the process that makes the plans for every single fault; returns a sentence for the user."""
         self._found_before = found_so_far(self._spec)
         command = [sys.executable, "-m", __name__, str(self._file)]
         self._process = subprocess.Popen(

@@ -31,7 +31,10 @@ class Wait:
 
 
 class ProcessorWaits:
-    """Samples the waits of some processes; the caller passes in all times, in ns of one clock."""
+    """Samples how long processes have waited for a processor.
+
+    The caller passes in all times, in ns of one clock.
+    """
 
     def __init__(self, window_ns: int, proc: Path = _PROC) -> None:
         """window_ns: how far back `longest` looks."""
@@ -39,7 +42,10 @@ class ProcessorWaits:
         self._samples: deque[tuple[int, Mapping[int, int]]] = deque()  # time, waits so far by process number
 
     def look(self, now_ns: int, processes: Mapping[str, int]) -> None:
-        """Sample these processes (names and numbers), unless they were sampled just before."""
+        """Sample the waits of these processes; no effect within 50 ms after the last sample.
+
+        processes: name of a process -> its process number.
+        """
         if self._samples and now_ns - self._samples[-1][0] < _LOOK_AGAIN_NS:
             return
         self._samples.append((now_ns, {number: self._waited_ns(number) for number in processes.values()}))

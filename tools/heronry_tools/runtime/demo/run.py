@@ -218,9 +218,10 @@ class Show:
                 pass
 
     def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
-        """Give an event of the manager; add the field `waited` if it reports the loss of a PE that was not killed.
+        """Give an event of the manager; a report of the loss of a PE that was not killed gets the field `waited`.
 
-        The process of such a PE still runs. `_pass_on` fills the field: how long a process has waited for a processor.
+        The process of such a PE still runs. The field is None until `_pass_on` fills it with the longest time for
+        which a process has waited for a processor.
         """
         if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
             return one | {"waited": None}
@@ -301,7 +302,10 @@ class Show:
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
-        """Kill the active manager. The standby manager gives the events from the moment at which it takes over."""
+        """Kill the active manager, and take the demo's events from the standby manager from now on.
+
+        The demo ignores these events until the standby manager takes over.
+        """
         victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
         self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]
@@ -318,7 +322,10 @@ class Show:
             self._tell_outages(held.due(now_ns), now_ns)
 
     def _is_new(self, outage: Outage, now_ns: int) -> bool:
-        """Tell whether an outage is to be reported: once if it lasts long, and once when it is over."""
+        """Tell whether to report an outage now; if so, note that it is reported.
+
+        An outage is reported at most twice: once while it lasts, after LONG_SILENCE_NS; and once when it is over.
+        """
         over = outage.to_ns is not None
         key = (outage.function, outage.from_ns, over)
         if key in self._told or not (over or now_ns - outage.from_ns >= LONG_SILENCE_NS):
@@ -327,9 +334,9 @@ class Show:
         return True
 
     def _tell_outages(self, outages: Sequence[Outage], now_ns: int) -> None:
-        """Report outages that have begun, or outages that have ended: one event for each.
+        """Report outages, one event for each: either all of them have begun, or all of them are over.
 
-        Many outages are reported in one more event, which sums them up.
+        If there are more than `_MOST_ALONE`, one further event sums them up.
         """
         gathered = len(outages) > _MOST_ALONE
         for one in outages:

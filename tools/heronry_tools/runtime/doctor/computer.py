@@ -14,7 +14,10 @@ _NS_PER_MS = 1_000_000
 
 
 def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
-    """Give findings about software; `needs_can` tells whether the bus to be used is SocketCAN."""
+    """Give the findings about this computer's Python, its packages, and its kernel's support for CAN.
+
+    needs_can: whether the bus to be used is SocketCAN; if not, the kernel is not checked.
+    """
     found = {name: _version(name) for name in (*_NEEDED, *_WELCOME)}
     told = ", ".join(f"{name} {number}" for name, number in found.items() if number is not None)
     missing = [name for name in _NEEDED if found[name] is None]

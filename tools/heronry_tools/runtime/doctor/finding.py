@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One finding.
+    """One result of a check.
 
-    check: a word to filter by.
+    check: one word that names the check; the user may filter findings by it.
     says: the result in a sentence.
-    remedy: a command line or a sentence that helps; None where all is right.
+    remedy: a command line or a sentence that helps; None if nothing is wrong.
     """
 
     check: str

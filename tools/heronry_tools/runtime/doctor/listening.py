@@ -47,7 +47,7 @@ class BusNamed:
 
     @property
     def flags(self) -> str:
-        """Give the flags that name the bus."""
+        """Give the options `-i` and `-c` by which a command line names the bus."""
         return f"-i {self.interface} -c {self.channel}"
 
     def start_agents(self, where: str) -> str:
@@ -137,7 +137,10 @@ def assess_hearing(
 
 
 def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
-    """Give the finding about a replicated bus: whether every node that is heard is heard on both channels."""
+    """Give the finding about a replicated bus: whether every node that is heard is heard on both channels.
+
+    expected: has the names of the nodes; None: the finding names nodes by their node-IDs.
+    """
     names = {} if expected is None else expected.pes
     all_nodes = set().union(*heard.on_channel.values())
     lacking = [

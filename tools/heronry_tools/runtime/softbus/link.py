@@ -51,7 +51,9 @@ class Link:
     def offer(self, frame: Frame, dlc: int, timeout_s: float | None) -> None:
         """Put a frame into the mailbox as soon as the mailbox is empty.
 
-        Raises can.CanOperationError if the mailbox is still full after `timeout_s`.
+        timeout_s: how long to wait, in seconds; None: without end.
+        Raises can.CanOperationError if the mailbox is still full after `timeout_s`, or if another thread is still
+            waiting to send.
         """
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):

@@ -22,10 +22,10 @@ class BusNameError(HeronryError, ValueError):
 
 
 def path_to_listen(channel: str) -> Path:
-    """Give the path at which a hub serves the bus `channel`; if this is a name, create the folder for it.
+    """Give the path at which a hub serves the bus `channel`; if `channel` is a name, create the path's folder.
 
-    Raises RuntimeFolderError if the folder cannot be created or another user could write into it, and BusNameError if
-    `channel` is neither a path nor a name.
+    Raises RuntimeFolderError if the folder cannot be created or another user could write into it, and
+    BusNameError if `channel` is neither a path nor a name.
     """
     return Path(channel) if _is_path(channel) else owned_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
 

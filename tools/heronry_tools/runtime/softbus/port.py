@@ -54,7 +54,10 @@ class Port:
         self._overruns = 0
 
     def fileno(self) -> int:
-        """Return the descriptor that `select` waits on until a full receive socket takes frames again."""
+        """Return the descriptor of the client's receive socket; -1 until the client has sent this socket.
+
+        While the socket is full, `select` waits on this descriptor until the socket takes frames again.
+        """
         return -1 if self.receive is None else self.receive.fileno()
 
     def read(self) -> tuple[bytes, list[int]]:

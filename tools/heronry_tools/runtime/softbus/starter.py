@@ -69,7 +69,10 @@ class HubProcess:
         self._process.communicate()
 
     def close(self) -> None:
-        """Stop the hub and wait until its socket is gone. Raises HubError, with its message, if the hub failed."""
+        """Stop the hub, and wait until it has ended and removed its socket.
+
+        Raises HubError if the hub has failed (with the hub's message), or did not stop in time and was killed.
+        """
         self._process.send_signal(signal.SIGCONT)
         self._process.terminate()
         try:

@@ -27,7 +27,10 @@ class Command:
 
 
 def described(argv: list[str], tools: Path | None) -> Command:
-    """Describe the command `argv`, called from the present folder; the programs in `tools` are last on its PATH."""
+    """Describe the command `argv`, to be run in the present folder.
+
+    tools: a folder with programs, which becomes the last one on the PATH of the command; None: no such folder.
+    """
     env = dict(os.environ)
     if tools is not None:
         env["PATH"] = os.pathsep.join(filter(None, (env.get("PATH", os.defpath), str(tools))))

@@ -58,9 +58,12 @@ def _ip(*words: str) -> bool:
 
 
 def run(command: Command, expired: Callable[[], bool]) -> int:
-    """Run `command`; returns its exit code, 128 + n if signal n ended it.
+    """Run `command`; returns its exit code, or 128 + n if signal n ended it.
 
-    Raises CannotRunError, ExpiredError, or what a signal handler raises.
+    If a signal handler raises an exception, the command is ended, and the exception passes on.
+
+    expired: tells whether the time of the command is over.
+    Raises CannotRunError if the command cannot be started, and ExpiredError if it was ended by `expired`.
     """
     stdin = None if os.isatty(0) else subprocess.DEVNULL
     try:

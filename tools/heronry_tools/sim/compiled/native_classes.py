@@ -109,7 +109,13 @@ def _make_final(node: ast.Assign | ast.AnnAssign, lines: list[str]) -> None:
 
 
 def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> None:
-    """Rewrite the lines of one class, from the last to the first, so that the numbers of earlier lines stay right."""
+    """Rewrite a class in `lines` as a dataclass with a constructor that can be compiled.
+
+    A class for which this is not possible stays as it is. The lines are changed from the last to the first, so
+    that the numbers of earlier lines stay right.
+
+    often: classes that are created often; a named tuple is rewritten only if it is among these
+    """
     is_tuple = [*map(ast.unparse, node.bases)] == ["NamedTuple"] and node.name in often
     words = {"unsafe_hash": "True"} if is_tuple else _words(node)
     fields = None if words is None else _fields(node)

@@ -11,7 +11,7 @@ _WORST_SHARE = 0.5
 
 
 def read_share(text: str) -> float | None:
-    """Return the share of destroyed frames that `text` gives; None if it is not a share within the allowed range."""
+    """Return the share of destroyed frames that `text` gives; None if it is not a number from 0 to 0.5."""
     try:
         share = float(text)
     except ValueError:

@@ -120,9 +120,10 @@ def _more_often(name: str, *, of_two: bool) -> int:
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind of fault is only for flights with a key.
+    """Tell whether a kind of fault needs a key.
 
-    In a flight with two managers, the answer is no for a kind that needs two managers.
+    of_two: the flight has two managers. Then the answer is False for a kind that needs both a key and two
+        managers.
     """
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
@@ -149,13 +150,20 @@ def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
 
 
 def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[str, tuple[int, int]]]) -> Fault:
-    """Draw one of `pes` and the fault by which it is lost."""
+    """Draw a fault by which one PE of `pes` is lost.
+
+    leads: the faults to draw from: the kind, with the shortest and the longest duration in ms.
+    """
     kind, lasts_ms = random.choice(leads)
     return Fault(at_ms, kind, random.choice(pes), random.randint(*lasts_ms))
 
 
 def _rivals(spec: Spec) -> set[str]:
-    """Return, as `pe:NAME`, the PEs with a device of a DEMUX whose devices are on several PEs."""
+    """Return the PEs that share a DEMUX with another PE, each as `pe:NAME`.
+
+    A DEMUX counts if its branches and ends have devices on more than one PE. All PEs with these devices are
+    returned.
+    """
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
         devices = (spec.modules[branch].device for branch in (*demux.branches, *demux.to))

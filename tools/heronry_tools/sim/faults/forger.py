@@ -124,7 +124,13 @@ class Forger:
             self._bus.offer(self._station, frame)
 
     def _is_quiet(self) -> bool:
-        """Tell whether a manager is unlikely to send now: its next LEASE is not due, or is long overdue."""
+        """Tell whether a manager is unlikely to send now.
+
+        Two conditions must hold:
+
+        - for `_PAUSE_NS`, no frame of a manager and no page 2, which a manager would answer, has come
+        - the next LEASE is not due yet, or is long overdue
+        """
         now_ns = self._clock.now_ns
         has_ended = now_ns - self._heard_ns >= _PAUSE_NS
         return has_ended and not _DUE_NS[0] < now_ns - self._leased_ns < _DUE_NS[1]

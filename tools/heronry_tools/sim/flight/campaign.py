@@ -121,7 +121,7 @@ class Coverage:
         }
 
     def _thin(self) -> dict[tuple[str, str], int]:
-        """Return the cells with fewer than `ENOUGH` injections."""
+        """Return the number of injections in each cell (kind of fault, state) that has fewer than `ENOUGH` of them."""
         return {cell: count for cell, count in self.cells().items() if count < ENOUGH}
 
     def _states(self) -> list[str]:

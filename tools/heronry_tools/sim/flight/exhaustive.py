@@ -229,7 +229,10 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
 
 
 def _done_ns(simulation: Simulation) -> list[int]:
-    """Return the times at which a reconfiguration was complete, or a PE had been admitted to the running epoch."""
+    """Return the times at which a reconfiguration was complete, or late PEs had been admitted, in ascending order.
+
+    PEs count as admitted three heartbeat periods after a plan changed nothing, or an epoch was adopted.
+    """
     told = [event for kind in ("plan_unchanged", "adopted") for event in simulation.events_of(kind)]
     admitted = [event["t_ns"] + _ADMITTED_NS for event in told]
     return sorted([*admitted, *(event["t_ns"] for event in simulation.events_of("reconfigured"))])
@@ -244,9 +247,10 @@ def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFau
 
 
 def _faults(story: str) -> tuple[Fault, ...]:
-    """Return the faults that cause the event of a story.
+    """Return the faults that cause the event of a story; none for a story that begins with "start" or "request".
 
-    The event of a story that begins with "return" or "clear" is the end of the fault.
+    The event of a story that begins with "return" or "clear" is the end of the fault. Exception: for "clear"
+    and a module, the event is the last of the faults, the order of the operator to clear everything.
     """
     what, _, target = story.partition(" ")
     match what:
@@ -309,7 +313,10 @@ class _FrameFaultInjector:
     """Counts the management frames of a flight, and injects each frame fault when the frame with its number comes."""
 
     def __init__(self, simulation: Simulation, faults: tuple[FrameFault, ...], injected: list[Injected]) -> None:
-        """Inject `faults`, and append each to `injected`, which the oracle `service` reads."""
+        """Begin to count frames, and inject `faults` from now on.
+
+        injected: gets an entry when a fault is injected; the oracle `service` reads this list.
+        """
         self._simulation, self._frame_faults, self._injected = simulation, faults, injected
         self._count = -1
         self._done: set[FrameFault] = set()
@@ -322,9 +329,9 @@ class _FrameFaultInjector:
         return [f"'{fault}' was not injected: {why}" for fault in self._frame_faults if fault not in self._done]
 
     def _tamper(self, sent: Sent) -> Tampering | None:
-        """Inject the faults that belong to the frame `sent`, which no node has received yet.
+        """Count the frame `sent` if it is a management frame, and inject the faults that have its number.
 
-        Returns how the bus must deliver the frame; None if the bus delivers it as usual.
+        No node has received the frame yet. Returns how the bus must deliver it; None: as usual.
         """
         if classify(sent.frame.can_id).use not in _COUNTED:
             return None
@@ -360,7 +367,7 @@ class _FrameFaultInjector:
         return list(nodes.values()) if victim == ALL_NODES else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
-        """Return the name of a victim's station; empty for every node, and for a manager that does not run."""
+        """Return the name of a victim's station; empty if the victim is ALL_NODES, or a manager that does not run."""
         if victim == ALL_NODES:
             return ""
         if victim.startswith("pe:"):

@@ -33,7 +33,10 @@ _OF_A_STANDBY = (
 
 
 class Managers:
-    """The one or two managers of a flight; `running` has the managers that run, by the number of their seat."""
+    """The one or two managers of a flight.
+
+    running: the managers that run, by the number of the seat (the computer) on which each runs.
+    """
 
     def __init__(
         self,
@@ -53,7 +56,7 @@ class Managers:
         """Create the managers, without starting one.
 
         are_two: whether managers 126 and 127 fly, each being the standby manager while the other is active
-        disks: the disks with the journals, by seat
+        disks: the disk with the journal of each manager, by the number of its seat (see the head of this file)
         key: the key of managers and PEs; None without authentication
         decide_ns: returns the time that the next planning run takes
         """
@@ -135,7 +138,7 @@ class Managers:
         self.see_active_manager()
 
     def see_active_manager(self) -> None:
-        """Tell `protocol` whether an active manager can be heard."""
+        """Tell `protocol` whether an active manager can be heard: one that is not paused and can send."""
         active_manager = (
             m for m in self.running.values() if m.core.is_active and m.is_awake and m.stations[0][1].can_send
         )

@@ -106,7 +106,12 @@ class Operator:
     def _look(self) -> None:
         """Give the active manager the orders about failed elements that it may not know.
 
-        Look again later if an order to clear an element still waits for an active manager, or if this operator insists.
+        - An order to clear an element is given if no manager has got it yet.
+        - If this operator insists (`insist`), the orders to clear an element, and to declare one failed, are also
+          given if the manager has not got them in its present term.
+
+        Look again later if an order to clear an element still waits for an active manager, or if this operator
+        insists.
         """
         manager = self._managers.commanding
         if manager is not None:
@@ -133,7 +138,10 @@ class Operator:
         self._well[element] = term
 
     def _has_failed_everywhere(self, element: str) -> bool:
-        """Tell whether an element is a place of a module that is down, and latched, everywhere."""
+        """Tell whether an element is a place (`module:NAME@PE`) of a module that has failed on all PEs.
+
+        The module itself must be down in the true situation, and latched by the active manager.
+        """
         module = module_of(element)
         return is_place(element) and module in self._truth.situation.down and module in self.latched()
 

@@ -44,9 +44,9 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Return a failing flight that lasts until all its faults are over.
+    """Fly a failing flight again until all its faults are over, and return the result.
 
-    If the longer flight does not fail, return `outcome`.
+    Return `outcome` itself if its flight lasts long enough already, or if the longer flight does not fail.
     """
     scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.faults)))
     whole = outcome if scenario == outcome.scenario else fly(scenario)
@@ -54,7 +54,10 @@ def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]
 
 
 def _plainer(best: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Make each fault simpler, and the flight shorter, as long as the flight still fails."""
+    """Make each fault simpler, and the flight shorter.
+
+    A change is kept if the changed flight still breaks one of `rules`.
+    """
     for position in range(len(best.scenario.faults)):
         for make_plain in (_without_state, _half_as_long, _half_as_long, _half_as_long):
             faults = best.scenario.faults
@@ -84,7 +87,10 @@ def _fails(outcome: Outcome, rules: set[str]) -> bool:
 def _without_a_part(
     faults: tuple[Fault, ...], parts: int, scenario: Scenario, fly: Callable[[Scenario], Outcome], rules: set[str]
 ) -> Outcome | None:
-    """Leave out each of `parts` parts of the list in turn; return the first flight that still fails, or None."""
+    """Divide `faults` into `parts` parts, and leave out each of them in turn.
+
+    Returns the first flight that still breaks one of `rules`; None: no flight does.
+    """
     bounds = [len(faults) * i // parts for i in range(parts + 1)]
     for begin, end in pairwise(bounds):
         outcome = fly(replace(scenario, faults=faults[:begin] + faults[end:], drawn=False))

@@ -63,7 +63,7 @@ class Truth:
         self._cut.discard(element)
 
     def cut(self, element: str) -> None:
-        """Set a healthy element as cut off."""
+        """Set an element that has not failed as cut off; until `mended` or `is_back` it counts as down."""
         self._cut.add(element)
 
     def mended(self, element: str) -> None:

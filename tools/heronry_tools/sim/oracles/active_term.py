@@ -26,7 +26,12 @@ class ActiveTerm:
         self._claims: dict[str, tuple[int, int | None]] = {}  # by station: its term, and when its first TAG came
 
     def named(self, t_ns: int, term: int, station: str = "") -> bool:
-        """Read the term that a command names; return whether this term is active or claimed."""
+        """Record the term that a command names; return whether this term is active or, with a key, claimed.
+
+        Return False for a term below the active one, as long as the active one is not over.
+
+        station: the manager that has sent the command.
+        """
         if term < self.number and t_ns - self._named_ns <= self.lease_ns:
             return False
         if self._has_key and term > self.number:
@@ -47,5 +52,5 @@ class ActiveTerm:
             self.number, self._named_ns = term, t_ns
 
     def is_claimed(self, term: int, station: str) -> bool:
-        """Tell whether a term is only claimed, so that some PEs possibly do not accept it yet."""
+        """Tell whether the manager at `station` claims this term, which is not active: some PEs may not accept it."""
         return term > self.number and self._claims.get(station, (0, 0))[0] == term

@@ -87,7 +87,10 @@ class BlameCheck(Oracle):
         return {element: violation.t_ns for element, violation in self._reported.items()}
 
     def unfounded(self, truth: Situation) -> list[Violation]:
-        """Return a violation for each report that `truth` does not found: see the head of this file."""
+        """Return a violation for each report of an element that is healthy in `truth`.
+
+        The report of an actuator is no violation if a sensor with which a module compares it is down.
+        """
         return [
             violation
             for element, violation in self._reported.items()

@@ -54,7 +54,11 @@ class ChannelCheck(Oracle):
         self._gap_ended: dict[tuple[str, str, int], int] = {}
 
     def copied(self, copy: Copy) -> None:
-        """Record a copy that a channel has delivered to a node, and verify how often the node took the transmission."""
+        """Record a copy that a channel has delivered to a node, and verify how often the node took the transmission.
+
+        The node must not take it more often than the better channel has delivered it. If both channels have
+        delivered it, the node must take it at least once.
+        """
         while self._order and self._order[0][0] < copy.t_ns - REMEMBERED_NS:
             del self._sendings[self._order.popleft()[1]]
         key = copy.node, id(copy.frame)
@@ -73,7 +77,10 @@ class ChannelCheck(Oracle):
         self._sign(copy.t_ns, copy.node, copy.bus, copy.channel, "in")
 
     def _equal(self, sending: _Sending, within_ns: int) -> list[_Sending]:
-        """Return the transmissions that a node may take for copies of `sending`, and `sending` itself."""
+        """Return the transmissions that a node may take for copies of `sending`; `sending` itself is one of them.
+
+        These are the transmissions of an equal frame to this node, at most `within_ns` before or after `sending`.
+        """
         known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
         return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
 

@@ -255,11 +255,16 @@ class Checks:
         return end_state(self._spec, truth, now_ns, seen)
 
     def is_well(self, t_ns: int) -> None:
-        """Record that the aircraft has converged: the oracle `planned_load` counts data frames from now on."""
+        """Let the oracle `planned_load` count data frames from now on.
+
+        To be called in the middle of the quiet time in which the aircraft converges (`Simulation.settle`).
+        """
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Return a violation for each datum that was sent more often since `is_well` than the configuration plans.
+        """Return a violation for each datum that was sent more often than planned since the call of `is_well`.
+
+        The plan is the configuration that was activated last.
 
         truth: the real situation.
         """

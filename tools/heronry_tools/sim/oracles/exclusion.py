@@ -71,11 +71,17 @@ class ExclusionCheck(Oracle):
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """Record when a manager was last heard: only T_lease later may a holder have released a thing by itself."""
+        """Record that a manager was heard at `t_ns`.
+
+        A holder may have released a thing by itself only after T_lease in which no manager was heard.
+        """
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """Record when a PE was last heard: only T_lease later may the PE have released a thing by itself."""
+        """Record when a PE was last heard: only T_lease after that may the PE have released its things by itself.
+
+        A *thing* is an exclusive output or identifier (see the head of this file).
+        """
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
@@ -83,7 +89,10 @@ class ExclusionCheck(Oracle):
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, _t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Allow other drivers, if the command is a GO or GO_ALL of the newest epoch of its term."""
+        """Count a handover when an ACTIVATE or LEASE first brings the newest epoch of its term to GO or GO_ALL.
+
+        After a handover, a former holder may drive its thing again.
+        """
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
         is_first = message.term not in self._last  # the first epoch of its term
@@ -96,7 +105,10 @@ class ExclusionCheck(Oracle):
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
-        """Verify a movement of a device, which a PE commands for a module: no other module may drive this device."""
+        """Verify a movement of a device: no other module may drive this device.
+
+        moved: the movement, with the module for which a PE has commanded it.
+        """
         for thing in self._things_of[moved.module]:
             self._follow(moved.t_ns, thing, (moved.module, moved.pe))
 
@@ -110,7 +122,10 @@ class ExclusionCheck(Oracle):
                 self._follow(driven.t_ns, thing, (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
-        """Verify that no other node sends frames with the exclusive identifier of this frame."""
+        """Verify that the sender of this frame is the only node that uses its exclusive identifier at this time.
+
+        Another node may take the identifier over; the former one may use it again only after a handover.
+        """
         thing = (sent.bus, sent.frame.can_id)
         if self._holders.get(thing) != (sent.sender, ""):
             self._follow(sent.end_ns, thing, (sent.sender, ""))
@@ -131,9 +146,9 @@ class ExclusionCheck(Oracle):
             self.violations.append(Violation(t_ns, "exclusion", story))
 
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
-        """Tell whether a holder may have released its thing by itself.
+        """Tell whether a holder may have released its thing without a handover.
 
-        The answer is yes if neither a manager nor the PE of the holder was heard for T_lease.
+        The answer is yes if, for T_lease, neither a manager nor the holder's PE was heard.
         """
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))

@@ -73,7 +73,7 @@ class FreshnessCheck(Oracle):
         self.driven(stepped)
 
     def driven(self, driven: Driven) -> None:
-        """Verify the inputs of a module that drives an output, after one of its steps."""
+        """Verify that one step of a module that drives an output had fresh inputs, sent by their producers."""
         told, since_ns = self._epochs.get(self._node_of[driven.pe], (0, driven.t_ns))
         epoch = self._commanded.epochs.get(told)
         if epoch is None or epoch is not self._commanded.current or driven.t_ns - since_ns < _UNTOLD_NS:

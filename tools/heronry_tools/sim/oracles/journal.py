@@ -113,7 +113,7 @@ class JournalCheck(Oracle):
         self._prepared = {epoch: "" if first == twin else first for epoch, first in self._prepared.items()}
 
     def manager_died(self, t_ns: int, station: str) -> None:
-        """Verify the numbers on the disk of a manager that has died."""
+        """Verify that a dead manager's journal has its highest term, and has reserved its last new epoch number."""
         said, memory = self._said.get(station), self._memory(station)
         if said is not None and memory is not None:
             self._tell(t_ns, station, _numbers(said, memory))
@@ -129,9 +129,9 @@ class JournalCheck(Oracle):
         return memory
 
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether a HOLDS agrees with the journal as it was before its last few records.
+        """Tell whether a HOLDS agrees with an earlier state of the manager's journal; False for any other message.
 
-        False for any other message.
+        Earlier states are those without the last record, without the last two, and so on, up to `_WAITED` records.
         """
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False
@@ -142,9 +142,10 @@ class JournalCheck(Oracle):
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether `message` is a HOLDS of the first phase, and the journal named no phase a moment ago.
+        """Tell whether `message` names the first phase, and may have waited since the journal still named no phase.
 
-        The first phase has no record in the journal.
+        The journal has no record of the first phase: it names no phase while no other phase was entered.
+        A frame waits for at most `_FIRST_PHASE_NS`.
         """
         is_first = isinstance(message, Control) and (message.a, message.b) == (ElementKind.PHASE, 0)
         return is_first and t_ns - self._none_entered_ns.get(manager, -_FIRST_PHASE_NS) < _FIRST_PHASE_NS
@@ -157,7 +158,15 @@ class JournalCheck(Oracle):
         return self._prepared.setdefault(epoch, manager) == manager
 
     def _shows_more(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
-        """Record a command; return True if the journal must agree with it."""
+        """Record the epoch that a command names; return True if the journal must agree with the command.
+
+        This is so for three kinds of commands:
+
+        - a PREPARE of an epoch that no other manager has prepared before, and that is not in the last recorded
+          LEASE
+        - a LEASE that shows an activated epoch, and another one than the last recorded LEASE
+        - every HOLDS and CLEAR
+        """
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) != said.leased and self._is_first(epoch, manager):
                 said.prepared = epoch

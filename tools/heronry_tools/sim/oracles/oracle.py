@@ -85,7 +85,7 @@ class Oracle:
         """Called when a PE has requested a priority of a function on the managers' bus."""
 
     def measured(self, sent: Sent) -> None:
-        """Called when a gateway has reported the bandwidth of its radio on the managers' bus."""
+        """Called when a gateway has sent, on the managers' bus, a report on the bandwidth of its radio."""
 
     # What managers send
 

@@ -83,7 +83,10 @@ class PhaseCheck(Oracle):
         self._may_forget = True
 
     def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
-        """Take into account, from now on, that two managers may be active that do not hear each other."""
+        """Take into account, from now on, that two managers may be active that do not hear each other.
+
+        No effect if `bus` is not the managers' bus.
+        """
         if bus == self._bus:
             self._may_forget = self._is_apart = True
 
@@ -92,7 +95,10 @@ class PhaseCheck(Oracle):
         self._may_forget = self._is_apart = True
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """Enter the phase that the operator has ordered; for a moment the manager may still send the former phase."""
+        """Record that an order of the operator has changed the phase.
+
+        For a moment the manager may still send the former phase.
+        """
         self._told_term = max(term, self._told_term)
         self._enter(t_ns, phase, term)
         self._ordered = phase, t_ns
@@ -139,7 +145,14 @@ class PhaseCheck(Oracle):
         return last is not None and behind < REQUEST_NUMBERS // 2
 
     def _leads_back(self, index: int, number: int) -> bool:
-        """Tell whether a request is forward only, and its phase cannot be entered from the current phase."""
+        """Tell whether a request must not be executed, because it is forward only and would not lead forward.
+
+        This is so if the request is marked as forward only, and its phase is not the current one and cannot be
+        entered from the current one.
+
+        index: index of the requested phase in the spec
+        number: number of the request, with the mark (`FORWARD_ONLY`)
+        """
         is_free = self.current is None or self.current == self._names[index] or self.current in self._from[index]
         return bool(number & FORWARD_ONLY) and not is_free
 
@@ -150,7 +163,13 @@ class PhaseCheck(Oracle):
         return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in requests)
 
     def _may_count(self, node: int, number: int) -> bool:
-        """Tell whether a request of a PE may be new to the active manager."""
+        """Tell whether the active manager may take a request of a PE for a new one.
+
+        This is so if neither this request nor a later one was acknowledged before, or if the manager of a newer
+        term may have forgotten that.
+
+        node, number: node-ID of the PE, and number of the request.
+        """
         return not self._is_known(node, number) or (self._may_forget and self._heard_term > self._known_term[node])
 
     def _tell(self, t_ns: int, term: int, phase: str) -> None:

@@ -44,7 +44,8 @@ class PlannedLoadCheck(Oracle):
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
         """Return a violation for each datum that was sent more often since `begin` than the configuration plans.
 
-        current: the epoch activated last. truth: the real situation.
+        current: the epoch activated last.
+        truth: the real situation; frames of a PE that is down, or cut off from the manager, do not count.
         """
         if self._since_ns is None or current is None or current.configuration is None:
             return []

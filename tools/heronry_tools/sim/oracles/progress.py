@@ -36,7 +36,7 @@ _STORM_NS = 2_000_000_000  # twice the time after which a manager finishes one e
 
 @dataclass(slots=True)
 class _Requests:
-    """The requests in vain of one manager since it last used an answer, and its present request."""
+    """The present request of one manager, and its requests in vain since it last used an answer."""
 
     in_vain: int = 0
     since_ns: int = 0  # time from which they are counted
@@ -45,7 +45,11 @@ class _Requests:
 
 
 class ProgressCheck(Oracle):
-    """Counts the epochs that were prepared, and the requests in vain, since the last ACTIVATE."""
+    """Counts, since the last ACTIVATE, the epochs that were prepared, and each manager's requests in vain.
+
+    A request is in vain if the manager makes another one before the answer has come, or at the moment when
+    an answer comes that differs from the running configuration.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -54,12 +58,15 @@ class ProgressCheck(Oracle):
         self._requests: dict[str, _Requests] = {}  # by station
 
     def began(self, _t_ns: int) -> None:
-        """Count from zero again, since a mastership has begun."""
+        """Count prepared epochs and requests in vain from zero again, since a mastership has begun."""
         self._epochs.clear()
         self._requests.clear()
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Count the epoch that a PREPARE opens; at an ACTIVATE count from zero again."""
+        """Count the epoch that a PREPARE opens, and record a violation if there are too many.
+
+        An ACTIVATE sets the counts of epochs and of requests in vain to 0.
+        """
         if isinstance(message, Activate):
             self._epochs.clear()
             self._requests.clear()
@@ -72,7 +79,11 @@ class ProgressCheck(Oracle):
                 self._epochs.clear()
 
     def planning(self, seen: PlanningSeen) -> None:
-        """At a new request, count the manager's last request if it was in vain; if not, count from zero again."""
+        """Count the requests of a manager that are in vain, one after the other.
+
+        At each new request, the request before is assessed: if it was in vain, it is counted, and if not,
+        counting begins at zero again. An answer is only kept until then.
+        """
         requests = self._requests.setdefault(seen.station, _Requests())
         match seen:
             case PlanGiven(request=number):
@@ -96,8 +107,10 @@ class ProgressCheck(Oracle):
 
 
 def _is_in_vain(answer: PlanGiven | None, t_ns: int) -> bool:
-    """Tell whether a request is in vain if the manager makes another request at `t_ns`.
+    """Tell whether the manager has made a request in vain, when it makes the next request at `t_ns`.
 
-    answer: the answer to the first of the two requests; None: it has not come.
+    This is so if the answer has not come, or has come at `t_ns` and differs from the running configuration.
+
+    answer: the answer to the earlier request; None: it has not come.
     """
     return answer is None or (answer.is_new and answer.t_ns == t_ns)

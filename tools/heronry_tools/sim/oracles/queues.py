@@ -23,13 +23,13 @@ class QueueCheck:
     """Compares the load and the queues of the buses from one call of `look` to the next."""
 
     def __init__(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> None:
-        """Record the present load and queues."""
+        """Record how many bits each bus has carried so far."""
         self._t_ns = t_ns
         self._bits = {name: bus.busy_bits for name, bus in buses.items()}
         self._offered = self._offered_before = dict.fromkeys(buses, 0)
 
     def look(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> list[Violation]:
-        """Return the violations that the load and the queues show since the last call."""
+        """Return the violations: buses that were not idle since the last call, and frames that were left behind."""
         passed_ns, before = t_ns - self._t_ns, self._bits
         self._t_ns, self._bits = t_ns, {name: bus.busy_bits for name, bus in buses.items()}
         before_that, self._offered_before = self._offered_before, self._offered

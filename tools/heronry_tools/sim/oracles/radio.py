@@ -2,19 +2,22 @@
 
 The oracle reads the frames on both sides of each radio.
 
-    age     a gateway sends each datum by radio at most T_lease plus one heartbeat period of the radio after it has
-            received the datum, however slow the radio is. The heartbeat period allows for the time that a frame spends
-            in the CAN controller. If all this holds, the gateway's queue has not grown
-    load    in each second, the data on a radio stay within their budget: the share of the radio's bit rate that its
-            gateway reports as usable, times the load that the spec allows for data. A quarter more is tolerated, as in
-            `load.py`
+    age     a gateway sends each datum by radio at most T_lease plus one heartbeat period of the radio after
+            it has received the datum, however slow the radio is. The heartbeat period allows for the time
+            that a frame spends in the CAN controller. If every datum keeps this limit, the gateway's queue
+            has not grown
+    load    in each second, the data on a radio stay within their budget: the share of the radio's bit rate
+            that its gateway reports as usable, times the load that the spec allows for data. A quarter more
+            is tolerated, as in `load.py`
 
-For `load`, the largest report of the last seconds counts. When the usable share falls, the manager needs this time to
-confirm the fall and to plan, and the PEs need it to take their steps. A second is not verified if the gateway reports
-its radio as gone, or reports nothing: a PE beyond the radio may still send in that second.
+For `load`, the largest report of the last seconds counts. When the usable share falls, the manager needs
+this time to confirm the fall and to plan, and the PEs need it to take their steps. A second is not verified
+if the gateway reports its radio as gone, or reports nothing: a PE beyond the radio may still send in that
+second.
 
-For `age`, a frame is recognized by its bytes. An injected error may alter data so that the CRC does not show it. Then
-the frame that a gateway sends may differ in one byte from the frame that it has received.
+For `age`, a frame is recognized by its bytes. An injected error may alter data so that the CRC
+does not show it. Then the frame that a gateway sends may differ in one byte from the frame that
+it has received.
 """
 
 from collections import defaultdict
@@ -115,9 +118,12 @@ class RadioCheck(Oracle):
         self._bits.clear()
 
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
-        """Return the largest usable share, per mille, that a gateway has reported in the last seconds.
+        """Return the largest usable share, per mille, that a gateway has lately reported for a radio.
 
-        Return None if the radio was gone in that time, or nothing was reported.
+        Lately means within the last PATIENCE_PERIODS heartbeat periods of the radio.
+
+        None: a report of this time says that the radio is gone, there is no report of this time, or the last report
+        is more than a second old.
         """
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]
         if not recent or t_ns - self._reports[bus][-1][0] > _SECOND_NS:

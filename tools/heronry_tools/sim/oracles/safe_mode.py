@@ -24,7 +24,7 @@ from heronry_wire.state_frames import PeFlags
 
 
 def is_critical(spec: Spec, function: str) -> bool:
-    """Tell whether a function is in a class A to D in any phase in which it is wanted."""
+    """Tell whether there is a phase in which a function is wanted and is in one of the classes A to D."""
     found = spec.functions[function]
     return any(found.criticality_in(p) != "E" and found.priority_in(p) for p in spec.phases or (None,))
 

@@ -191,19 +191,25 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
-        """Record that a PE runs a module: from now on a silence is no longer due to the start of the aircraft."""
+        """Record that a PE runs a module now; if none ran one for longer than T_lease before, record that time, too.
+
+        In the part of such a time that lies in a start-up window, silences of functions are not verified.
+        """
         if t_ns - self._ran_ns > self._lease_ns:
             self._idle.append((self._ran_ns, t_ns))
         self._ran_ns = t_ns
 
     def measured(self, sent: Sent) -> None:
-        """Record a gateway's report on its radio."""
+        """Record that a gateway reports only a part of its radio's bandwidth as usable; ignore other reports."""
         radio, report = self._radios.get(sent.frame.can_id), decode_link(sent.frame.data)
         if radio is not None and isinstance(report, LinkReport) and report.usable < PER_MILLE:
             self._usable.append((sent.end_ns, f"bus:{radio.bus}", report.usable))
 
     def _limits(self, t_ns: int) -> dict[str, Fraction]:
-        """Return, for each radio, the smallest usable share with which a manager may plan at this time."""
+        """Return the smallest usable share with which a manager may plan at `t_ns`, by radio (`bus:NAME`).
+
+        A radio is left out if no gateway has reported less than its full bandwidth within `_DOUBTED_NS`.
+        """
         limits: dict[str, Fraction] = {}
         for at_ns, bus, usable in self._usable:
             if t_ns - _DOUBTED_NS <= at_ns <= t_ns:
@@ -237,7 +243,14 @@ class ServiceCheck(Oracle):
         return {pe for pe, node in self._node_of.items() if epoch.has(node)}
 
     def _compare(self, t_ns: int, epoch: Epoch, phase: str | None, present: Iterable[str]) -> Iterator[Violation]:
-        """Yield a violation if an epoch serves less than the best plan for the PEs that take part in it."""
+        """Yield a violation if an epoch serves critical functions worse than the best plan for the PEs in `present`.
+
+        There may be several situations for which the epoch may have been planned. Then there is a violation only if
+        the epoch serves worse than the best plan in each of them.
+
+        phase: the phase at the activation, for which the epoch may have been planned
+        present: the PEs that take part in the epoch
+        """
         if epoch.configuration is None:
             return
         absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
@@ -252,7 +265,7 @@ class ServiceCheck(Oracle):
             yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
     def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
-        """Return a sentence if an epoch serves less than some plan for the situation `now`; None if not."""
+        """Return a sentence if an epoch serves less at level 1 than the best plan for `now`, otherwise None."""
         assert epoch.configuration is not None
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)
@@ -313,7 +326,11 @@ class ServiceCheck(Oracle):
         return None
 
     def _situation(self, begin_ns: int, over_ns: int, injected: Sequence[Injected]) -> Situation | None:
-        """Return the worst situation that is possible from `begin_ns` to `over_ns`; None if it is not known."""
+        """Return the worst situation that is possible from `begin_ns` to `over_ns`, a time in which nothing changes.
+
+        None: it is not known, because a fault of unknown effect is present, or because the time is in a start-up
+        window in which no PE runs a module.
+        """
         hit = [s for s in injected if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
         starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
         if starts or any(one.element is None for one in hit):
@@ -326,7 +343,7 @@ class ServiceCheck(Oracle):
         return Situation(frozenset(down), self._limits(over_ns), phase, self._priorities_in(begin_ns, begin_ns)[-1])
 
     def _starts(self) -> Iterator[tuple[int, int]]:
-        """Yield (from, to) of every part of a start-up window during which no PE ran a module."""
+        """Yield (from, to) in ns of each span in which a start-up window was open and no PE ran a module."""
         for began_ns in self._masterships_ns:
             for from_ns, to_ns in self._idle:
                 first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)

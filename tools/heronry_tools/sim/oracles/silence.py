@@ -62,7 +62,10 @@ class LeftOut:
         return any(None not in both and both[0] != both[1] for both in pairwise(places))
 
     def _running(self, from_ns: int, to_ns: int) -> Iterator[Epoch]:
-        """Yield the epochs that were the last activated one at any moment from `from_ns` to `to_ns`."""
+        """Yield the epochs that ran at any moment from `from_ns` to `to_ns`, the newest first.
+
+        An epoch runs from its activation until a newer epoch is activated.
+        """
         for epoch in sorted(self._epochs.values(), key=_begins_ns, reverse=True):
             if _begins_ns(epoch) <= to_ns:
                 yield epoch

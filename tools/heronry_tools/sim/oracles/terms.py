@@ -112,7 +112,7 @@ class TermCheck(Oracle):
         self._leased.pop(station, None)
 
     def _leases(self, t_ns: int, station: str, message: Lease) -> None:
-        """Verify that a LEASE does not go back to an older epoch."""
+        """Verify that a LEASE names no older epoch than the last LEASE of the same station and term."""
         term, before = self._leased.get(station, (message.term, message.epoch))
         if term == message.term and is_newer(before, message.epoch):
             self._tell(t_ns, "reign", f"{station} goes back from epoch {before} to {message.epoch} in term {term}")
@@ -131,7 +131,10 @@ class TermCheck(Oracle):
         self._tell(t_ns, "reign", story)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
-        """Verify that two stations do not use one term for too long, except while their bus is broken in the middle."""
+        """Record a violation if several stations have used one term for more than `_together_ns` at the same time.
+
+        Nothing is verified while the bus is broken in the middle.
+        """
         if self._is_split:
             return
         voices = self._voices.setdefault(term, {})

@@ -28,7 +28,10 @@ from heronry_wire.state_frames import PeState, StatePage0
 
 
 class TransitionCheck(Oracle):
-    """Verifies each epoch at its first GO or GO_ALL, from what each PE runs at that time."""
+    """Verifies, at the first GO or GO_ALL of each epoch, that its remaining steps overload no bus in any order.
+
+    The oracle starts from what each PE runs at that time, according to its state frames.
+    """
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
         """Begin with no state frame seen; the caller adds each activated epoch to `epochs`, under its number."""

@@ -40,7 +40,7 @@ class Waivers:
         return waiver
 
     def cover(self, rule: str, t_ns: int, since_ns: int | None = None) -> bool:
-        """Tell whether a rule is waived at `t_ns`, or at any moment from `since_ns` to `t_ns`."""
+        """Tell whether a rule is waived at `t_ns`, or, with `since_ns`, at any moment from there to `t_ns`."""
         first_ns = t_ns if since_ns is None else since_ns
         return any(
             rule in one.rules

@@ -21,8 +21,8 @@ from heronry_wire.pe_table import PeTable
 def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable] | None) -> str | None:
     """Return a sentence if a mastership was flown with another spec; None if it may have been flown with this one.
 
-    on_board: the tables with the contingencies. None: these are not known, so a PREPARE that names a contingency by its
-    number shows nothing.
+    on_board: the tables with the contingencies. None: these are not known, so a PREPARE that names a contingency only
+    by its number is no evidence of another spec.
     """
     called = None if on_board is None else {one.digest for table in on_board for one in table.preloaded()}
     clues = list(_clues(spec, mastership, called))
@@ -36,7 +36,9 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
 
 
 def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Iterator[tuple[Prepare, bool]]:
-    """Yield each PREPARE that shows which spec was flown, and True if that can be this spec.
+    """Check wherever possible whether a mastership was flown with `spec`.
+
+    Yields, for each check, the PREPARE that it is about, and True if the check succeeds.
 
     called: digests of the contingencies on board; None: these are not known.
     """

@@ -37,7 +37,10 @@ class Comparison:
     entries: list[Compared | Remark]
 
     def differences(self) -> int:
-        """Return the number of decisions that recording and replay do not share, plus the remarks on differences."""
+        """Return the number of differences between recording and replay.
+
+        These are the decisions that only one of them has, and the remarks that report a difference.
+        """
         return sum(e.differs if isinstance(e, Remark) else e.taken != "both" for e in self.entries)
 
     def decisions(self) -> int:

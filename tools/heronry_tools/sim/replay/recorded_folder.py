@@ -52,7 +52,10 @@ def head_of(folder: Path) -> dict[str, Any]:
 
 
 def spec_of(folder: Path, text: str | None = None) -> Spec:
-    """Load the spec in a folder, or the spec `text` if given; raises UserError if that is not the recording's spec."""
+    """Load the spec in a folder; if `text` is given, load the spec that `text` names instead.
+
+    Raises UserError if the spec that `text` names is not the one with which the recording was made.
+    """
     head = head_of(folder)
     if text is None:
         return load_spec(str(folder / head["spec_file"]))
@@ -77,7 +80,7 @@ def _short(digest: str) -> str:
 
 
 def log_of(folder: Path) -> list[LoggedFrame]:
-    """Return all frames of a folder, in the clock of its events and in order of time.
+    """Return all frames of a folder in order of time; their times are in the same clock as the folder's events.
 
     Lines that are no frames are left out.
     """

@@ -106,9 +106,10 @@ class Planners:
         return self._compiler.configuration(configuration).digest
 
     def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        """Yield every plan that could answer a request, with its name, the likeliest first.
+        """Yield every plan that could answer a request, with the name of its kind; the likeliest plan comes first.
 
-        The plans are made with and without contingencies, and with and without a solver.
+        The kinds are the contingency, the best plan and the greedy plan. The plans are made with and without
+        contingencies, and with and without a solver.
         """
         found = set()
         for policy in self._fittings:
@@ -169,7 +170,10 @@ class Rerun:
                 return
 
     def _due_ns(self, deadline_ns: int | None) -> int | None:
-        """Return when the manager can handle a deadline: when it is due, or at the end of a standstill around it."""
+        """Return when the manager can handle a deadline: when it is due, or at the end of a standstill that covers it.
+
+        None if there is no deadline.
+        """
         if deadline_ns is None:
             return None
         return next((end_ns for begin_ns, end_ns in self._standstills if begin_ns < deadline_ns < end_ns), deadline_ns)
@@ -206,7 +210,12 @@ class Rerun:
             self.events.append({"v": told["v"], "t_ns": told["t_ns"], **runs})
 
     def _find_answer(self, now_ns: int, request: RequestPlan) -> _Answer | None:
-        """Derive what the planner answered, and when; return None if it did not answer in time."""
+        """Derive from the recording what the planner answered, and when; return None if this cannot be derived.
+
+        It cannot be derived if the manager neither adopted a known configuration nor sent a PREPARE afterwards.
+        Nor can it if PREPARE names none of the plans made here, but a configuration that is unknown, or illegal
+        in the situation.
+        """
         likeliest_last = list(self._planners.plans(request))[::-1]
         known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}
         prepared = [d for d in self._mastership.decisions if d.what == "PREPARE" and d not in self.decisions]
@@ -259,7 +268,10 @@ def _answer(at_ns: int, request: RequestPlan, name: str, plan: Plan) -> _Answer:
 
 
 def _standstills(mastership: Mastership, longest_ns: int) -> list[tuple[int, int]]:
-    """Return the times in which the bus was silent for more than `longest_ns`, each until the manager's next frame."""
+    """Return the times (begin, end; ns) in which the manager may have stood still.
+
+    Each begins when the bus falls silent for more than `longest_ns`, and ends with the manager's next frame.
+    """
     own = [t_ns for t_ns, _, _ in mastership.said]
     times = sorted([*own, *(t_ns for t_ns, _ in mastership.heard)])
     silences = [(begin_ns, end_ns) for begin_ns, end_ns in pairwise(times) if end_ns - begin_ns > longest_ns]

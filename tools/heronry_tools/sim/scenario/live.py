@@ -79,7 +79,8 @@ def _is_of_a_radio(script: Script, deed: Deed) -> bool:
 def fly(script: Script, arguments: argparse.Namespace) -> Flown:
     """Fly a script with real processes and return the result.
 
-    arguments: python-can's options for the managers' bus, and `patience` (None: 1)
+    arguments: python-can's options for the managers' bus; and `patience`, a factor for the allowed times
+        (None: 1).
     """
     spec = script.spec
     with ExitStack() as stack:
@@ -174,9 +175,9 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Return an expectation whose time is multiplied by `patience`.
+        """Return an expectation with its time limit multiplied by `patience`; without a limit it stays unchanged.
 
-        If a process starts when the expectation begins, the expectation gets 3 s more.
+        If a process starts when the expectation begins, the time limit gets 3 s more.
         """
         if not one.within_ns:
             return one

@@ -37,7 +37,7 @@ class Step:
 
 
 def can_be_done(deed: Deed) -> bool:
-    """Tell whether a deed can be done to processes."""
+    """Tell whether a flight of real processes can carry out a deed."""
     if deed.fault is None:
         return deed.what in ("kill", "restore", "wait", *ORDERS)
     return deed.fault.kind in _FAULTS and not deed.fault.during

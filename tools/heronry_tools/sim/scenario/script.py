@@ -401,9 +401,10 @@ class _Reader:
             self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables, there_is='the spec has')}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
-        """Return an expectation that ends (`until_ns`) with the next deed, or with the script if no deed follows.
+        """Return a copy of an expectation with its end, `until_ns`: the next deed, or `end_ns` if no deed follows.
 
-        Raises UserError if the state need not be reached before this end.
+        end_ns: the end of the script.
+        Raises UserError if the time to reach the state (`within_ns`) lasts up to this end, or beyond it.
         """
         until_ns = next((deed.at_ns for deed in self.deeds if deed.at_ns > one.from_ns), end_ns)
         if one.from_ns + one.within_ns >= until_ns:

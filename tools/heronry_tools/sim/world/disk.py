@@ -57,7 +57,10 @@ class Disk:
             self._sync(now_ns)
 
     def torn(self, random: Random, now_ns: int) -> None:
-        """Cut the power: a random part of the records that are not synced remains, with some random bytes in it."""
+        """Cut the power: of the bytes that are not synced, a random number remains, counted from the first one.
+
+        A random piece of these remaining bytes is replaced by random bytes.
+        """
         while self._unsynced and self._unsynced[0][0] <= now_ns - SYNCED_AFTER_NS:
             self._sync(self._unsynced[0][0])
         begin, end = self._synced, random.randint(self._synced, len(self.data))

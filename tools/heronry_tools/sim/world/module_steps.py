@@ -53,7 +53,7 @@ class Processor(Protocol):
         """Pause the processor from now on."""
 
     def give(self, answer: Event) -> None:
-        """Give the core an answer to an earlier request."""
+        """Give the core of the PE the answer to a request that the core has made earlier."""
 
     def put_off(self, actions: Sequence[Action]) -> None:
         """Execute these actions when the pause of the processor ends."""
@@ -78,9 +78,11 @@ class ModuleSteps:
         """Begin with modules that run on time: no step hangs, and the processor is not slow.
 
         drive: is called with every step of a module that drives an output.
-        look: is called with some steps of the other modules.
+        look: is called with every eighth of those steps that have inputs and whose modules drive no output, so that
+            oracles see some of them.
         broken: how a module fails in its steps, by the name of the module or, for one PE, by NAME@PE.
-        broke: is called with the name of a module that has raised an error or given a value outside its type's range.
+        broke: is called with the name of a module that has raised an error, or given a value outside the range of
+            its type.
         """
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
         self._drive, self._look = drive, look
@@ -98,7 +100,10 @@ class ModuleSteps:
         self._requested_ns: dict[int, int] = {}  # by release of a step that waits: when it was requested
 
     def step(self, action: StepModule) -> ModuleEvent | None:
-        """Execute a step, with the faults of this PE; return its event, None if the event comes later or never."""
+        """Execute a step of a module, with the faults of this PE; return the event that answers the step.
+
+        Returns None if this event comes later or never.
+        """
         behind = self._behind.get(self._partitions[action.module])
         if behind is not None:
             behind.append(action)

@@ -47,7 +47,14 @@ class Node:
         witness: Callable[[Copy], None],
         wants: Container[int] | None = None,
     ) -> None:
-        """Join a bus on each of its channels; `entry` is the bus in the PE's table or in the spec."""
+        """Join a bus on each of its channels.
+
+        name: name of the node's station.
+        wires: the channels of the bus; one if it is not replicated.
+        entry: the bus as the PE's table or the spec describes it.
+        witness: gets every copy that a channel of a replicated bus has delivered.
+        wants: identifiers of the frames to receive; None: all.
+        """
         port = len(self._offers)
         joined = [(wire, wire.join(name, port, self._take, wants)) for wire in wires]
         self.stations += joined
@@ -158,4 +165,7 @@ class Node:
         """Complete the work that the pause has interrupted; called first at the end of a pause."""
 
     def _caught_up(self) -> None:
-        """Give the core the events that the pause has delayed; called after all kept frames."""
+        """Give the core the events that the pause has delayed.
+
+        Called at the end of a pause, after the core was given all frames that were kept during the pause.
+        """

@@ -79,6 +79,10 @@ class PeOutbox:
         return None if handed_ns is None else self._time.now_ns() - handed_ns
 
     def _offer_late(self, port: int, frame: Frame, latest_ns: int, withdrawn: int) -> None:
-        """Give a delayed frame to the controller, except if it was withdrawn meanwhile."""
+        """Give a frame to the controller after its delay, unless it was withdrawn during the delay.
+
+        latest_ns: the time until which the frame may be sent
+        withdrawn: how often the identifier of the frame had been withdrawn when the delay began
+        """
         if self._withdrawn[frame.can_id] == withdrawn:
             self._offers[port](frame, latest_ns)

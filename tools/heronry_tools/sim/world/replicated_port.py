@@ -55,7 +55,15 @@ class ReplicatedPort:
         told: Callable[[frozenset[int]], None],
         witness: Callable[[Copy], None],
     ) -> None:
-        """Join the stations to one port, and replace their listeners."""
+        """Join the stations of two channels to one port, which takes the place of their own listeners.
+
+        wires: for channel 0 and channel 1, the bus and the station on it.
+        heartbeat_ns: heartbeat period of the bus.
+        misses: heartbeat periods without a sign of life after which a channel is lost.
+        listener: gets each frame once.
+        told: gets the lost channels, numbered from 1, whenever they change.
+        witness: gets every copy that a channel has delivered.
+        """
         self.listener = listener
         self.left: Callable[[Frame], None] | None = None
         self._clock, self._wires, self._told, self._witness = clock, tuple(wires), told, witness

@@ -169,7 +169,10 @@ class SimulatedManager(Node):
                 self.stop()
 
     def _left(self, frame: Frame) -> None:
-        """Report to the core that its ALIVE was sent; no effect for other frames, or while the processor is paused."""
+        """Report to the core that a frame has left the controller, if the frame is an ALIVE of this manager.
+
+        No effect while the processor is paused.
+        """
         if frame.can_id == self.core.alive_id and self.is_awake:
             self._hand_over(AliveLeft(frame))
 
@@ -177,7 +180,10 @@ class SimulatedManager(Node):
         self._told(ChannelsLost(lost))
 
     def _told(self, ready: ManagerEvent | FromPlanner) -> None:
-        """Give the core or the planning policy an event of the planner; later, if the processor is paused."""
+        """Give the planning policy an answer of a planner (`FromPlanner`), or the core any other event.
+
+        If the processor is paused, the event is given when the pause ends.
+        """
         if not self.is_awake:
             self._ready.append(ready)
         elif isinstance(ready, FromPlanner):

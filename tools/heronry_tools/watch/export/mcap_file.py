@@ -33,7 +33,10 @@ _LOG = {
 
 
 def write_mcap(recording: Recording, reconfigurations: tuple[Reconfiguration, ...], file: Path) -> None:
-    """Write the file; the caller gives the reconfigurations of the whole recording."""
+    """Write a recorded flight to an MCAP file.
+
+    reconfigurations: all reconfigurations of the recording.
+    """
     from mcap.writer import Writer  # noqa: PLC0415 - an extra
 
     with file.open("wb") as stream:

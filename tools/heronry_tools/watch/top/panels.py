@@ -52,7 +52,10 @@ def seconds(ns: int | None, digits: int = 1) -> str:
 
 
 def head(view: Snapshot) -> list[Text]:
-    """Give the head: phase, epoch, term, stage and the manager, and what is wrong with the whole system."""
+    """Give the head of the view: a line about the system, and lines about what is wrong with it as a whole.
+
+    The first line has spec, phase, epoch, term, manager and stage (for example PLANNING or RUNNING).
+    """
     manager = view.manager
     state = _MANAGER.get(manager.state, manager.state)
     line = Text.assemble((view.spec, "bold"), f"  phase {view.phase or '-'}  ")
@@ -161,7 +164,7 @@ def _function(view: Snapshot, name: str, one: Function) -> Text:
 
 
 def plants(view: Snapshot, look: Look) -> list[Text]:
-    """Give one line for each plant: whether the control loop through it is closed, and why not."""
+    """Give one line for each plant: whether the control loop through the plant is closed, and if it is open, why."""
     shown = [(name, one) for name, one in view.plants.items() if _matches(look, name, one.why)]
     return [Text("  loop through", "bold"), *(_plant(name, one) for name, one in shown)] if shown else []
 

@@ -82,7 +82,7 @@ class RecordedSource:
         self.move_to(self.at_ns + by_ns)
 
     def move_to(self, at_ns: int) -> None:
-        """Move the cursor to a time in the recording."""
+        """Move the cursor to a time, or to the nearer end of the recording if the time is outside of it."""
         self.at_ns = min(max(at_ns, self.timeline.begins_ns), self.timeline.ends_ns)
 
     def to_reconfiguration(self, *, is_next: bool) -> None:

@@ -68,7 +68,10 @@ def _leaving(uninvited: Sequence[Stranger | Forger | Denier]) -> End:
 
 
 def _alter(uses: frozenset[Use], share: float) -> Inject:
-    """Return an injection that alters a share of all received frames with one of these uses (data or commands)."""
+    """Return an injection that alters one byte in a share of the frames that are received on the bus of the fault.
+
+    uses: only frames of these uses (data or commands) are altered. share: from 0 to 1.
+    """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End:
         wires = simulation.wiring.wires[fault.name]

@@ -1,4 +1,4 @@
-"""Faults of buses and their channels: noise, broken wires, slow bits, links of gateways that break."""
+"""Faults of buses and their channels: noise, broken wires, a lower bit rate, broken links of gateways."""
 
 from dataclasses import replace
 from random import Random

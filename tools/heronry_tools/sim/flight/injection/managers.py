@@ -91,7 +91,10 @@ def _clock_jump(simulation: Simulation, seat: int, fault: Fault, _random: Random
 
 
 def _wire(direction: str) -> Inject:
-    """Return an injection that breaks the wires of a manager, in one direction or in both."""
+    """Return an injection that breaks the wires of a manager.
+
+    direction: `transmit_failed` or `receive_failed` for one direction, `cut_off` for both.
+    """
 
     def do(manager: SimulatedManager, _fault: Fault, _random: Random) -> End:
         manager.wire(**{direction: True})

@@ -1,4 +1,7 @@
-"""The topic object dictionary: constants, changing values, long texts, and objects that must not be written."""
+"""The topic of the inspection that reads and writes the object dictionary.
+
+It covers constants, changing values, long texts, and objects that must not be written.
+"""
 
 from collections.abc import Callable, Mapping
 
@@ -40,7 +43,11 @@ class Objects(Topic):
     """Reads and writes objects of the PE's object dictionary, and verifies the answers."""
 
     def __init__(self, clock: Clock, table: PeTable, heard: Heard, running: Callable[[], Mapping[str, str]]) -> None:
-        """Prepare the topic; `running` returns the modules that are planned on the PE, with their modes."""
+        """Prepare the inspection of the object dictionary of one PE.
+
+        heard: the frames of the PE and of its manager that were heard so far
+        running: returns the modules that are planned on the PE, with their modes
+        """
         super().__init__(clock, table, heard)
         self._running = running
 
