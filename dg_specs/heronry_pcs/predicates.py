@@ -83,7 +83,7 @@ def is_nested(graph: Graph) -> bool:
 
 
 def is_disjoint(graph: Graph) -> bool:
-    """Tell whether each vertex of the graph is in exactly one member."""
+    """Tell whether each vertex of the graph is in exactly one of its members, which are leaves and composites."""
     return all(len(graph.holders.get(vertex, ())) == 1 for vertex in graph.vertices)
 
 

@@ -41,7 +41,7 @@ class Turn:
         self._actions: list[ManagerAction] = []
 
     def ask(self, *actions: ManagerAction) -> None:
-        """Add actions to those that the driver gets from this call; frames are dropped if this manager is `silent`."""
+        """Add actions to those that the driver gets after this turn; drop frames if this manager is `silent`."""
         self._actions += [action for action in actions if not (self.silent and isinstance(action, Send))]
 
     def send(self, command: Command, message: Encodable) -> None:

@@ -2,8 +2,8 @@
 
 With the command WELCOME a manager answers the nonce of a PE; a TAG proves the command before it (`authenticity`). A
 gateway verifies only commands for itself, so it forwards these two frames unverified. A TAG names the kind of its
-command, but not the node. So if a TAG of a WELCOME is not for this gateway, it is taken as the TAG of the oldest
-forwarded WELCOME that still lacks one. If this TAG does not come within T_lease, the gateway stops waiting for it.
+command, but not the node. So a TAG of a WELCOME that follows no WELCOME for this gateway is taken as the TAG of the
+oldest forwarded WELCOME that still lacks one. The gateway waits for the TAG of a forwarded WELCOME for T_lease at most.
 """
 
 from collections import deque

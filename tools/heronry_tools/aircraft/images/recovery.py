@@ -1,11 +1,11 @@
 """The two events that end a flight: the logic of the parachute, and that of the balloon's line.
 
-The logic of the parachute has two inputs, the release command and the altitude. One of them is enough to keep the
+The logic of the parachute has two inputs, the release command and the altitude. Either of them alone can keep the
 parachute shut (section 3.1 of the paper by Rawashdeh et al.). The parachute opens in one of three cases:
 
 - the release command is given;
-- the command has been missing for 3 s, and the aircraft has been above 3 000 m and is now below the opening altitude,
-  since a command would come too late further down;
+- the command has been missing for 3 s, and the aircraft, which has been above 3 000 m, is now below the opening
+  altitude: further down a command would come too late;
 - *by default*: both inputs have been missing for 3 s. This is longer than a reconfiguration takes, and longer than the
   inputs need to come after a start.
 

@@ -36,7 +36,7 @@ _STORM_NS = 2_000_000_000  # twice the time after which a manager finishes one e
 
 @dataclass(slots=True)
 class _Requests:
-    """The present request of one manager, and its requests in vain since it last used an answer."""
+    """The newest plan request of one manager, and its requests *in vain* since it last used an answer."""
 
     in_vain: int = 0
     since_ns: int = 0  # time from which they are counted

@@ -41,7 +41,7 @@ def head_of(folder: Path) -> dict[str, Any]:
         version = head["v"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(
-            f"{folder / HEAD} cannot be read ({error}): name a log of the folder, and its spec, instead of the folder"
+            f"{folder / HEAD} cannot be read ({error}): name a log file in the folder, and the spec of that log"
         ) from None
     if version != FORMAT:
         raise UserError(
