@@ -69,7 +69,7 @@ class BusHealth:
             self._tell(_BAD[report.state], now_ns)
 
     def stuck(self, now_ns: int) -> None:
-        """Make an event which says that no frame of this node has left for `link.STUCK_NS`."""
+        """Make an event which says that this node has sent no frame during the last `link.STUCK_NS`."""
         self._tell(_STUCK, now_ns)
 
     def overrun(self, frames: int, now_ns: int) -> None:

@@ -52,7 +52,7 @@ class Type(Enum):
 
 
 class Access(Enum):
-    """Access right by SDO."""
+    """How an SDO client may access an object: read it, write it, or both."""
 
     CONST = "const"
     READ = "ro"

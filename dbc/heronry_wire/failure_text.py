@@ -17,7 +17,7 @@ _CUT = "..."
 
 
 def plain_reason(text: str) -> str:
-    """Give a reason in one line of printable ASCII, with its end cut off if it is too long."""
+    """Give a reason in one line of printable ASCII; a line longer than REASON_BYTES loses its end."""
     plain = _plain(text)
     return plain if len(plain) <= REASON_BYTES else plain[: REASON_BYTES - len(_CUT)] + _CUT
 

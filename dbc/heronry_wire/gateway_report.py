@@ -26,7 +26,7 @@ PER_MILLE = 1000
 
 
 class LinkState(IntEnum):
-    """Whether frames come from beyond the radio."""
+    """Whether the gateway hears frames from beyond its radio."""
 
     UP = 0
     GONE = 1  # no frame came from beyond the radio for as many periods as its bus allows to be missed

@@ -50,8 +50,9 @@ class Interrupted(KeyboardInterrupt):
 class _State:
     """What is known of the signals of this process.
 
-    came: the signal that came; 0: none has come.
-    takes_time: whether the command needs more time for its clean-up.
+    came: number of the signal that has come; 0: none has come.
+    takes_time: whether the clean-up after a signal may take as long as it needs. If not, the process is ended
+        `_PATIENCE_S` after the signal.
     """
 
     came = 0

@@ -314,7 +314,12 @@ class Link:
         return departed
 
     def _is_echo(self, frame: Frame, now_ns: int, age_ns: int) -> bool:
-        """Tell whether a frame is an echo; the echo of the frame in flight makes room for the next frame."""
+        """Tell whether a received frame is the echo of a frame that this link has handed to the controller.
+
+        If it is the echo of the frame in flight, the next frame is handed to the controller.
+
+        age_ns: how long before `now_ns` the received frame arrived, in ns.
+        """
         if frame == self._in_flight:
             self._left(frame, now_ns, max(1, now_ns - age_ns - self._handed_ns))
             self._in_flight = self._deadline_ns = self._waiting_since_ns = None

@@ -6,9 +6,8 @@ Senders
     (`command_tags`). A PE sends STATE every heartbeat period (`state_frames`), and EMCY for a fault or a request. A
     gateway also sends LINK (`gateway_report`). There are no other commands or reports.
 
-Reconfiguration: stage, then activate
-    PREPARE names a new epoch and the digest of its configuration; if this is a contingency, also its number. Then each
-    PE stages its slice:
+Reconfiguration: stage, then activate PREPARE names a new epoch and the digest of its configuration; if this is a
+    contingency, also its number. Then each PE stages its slice:
 
     - A PE that has the contingency on board takes its slice from there.
     - For each other PE, SLICE with index 0 gives the length and the digest of its slice. If the PE already runs a slice
@@ -96,7 +95,7 @@ class ElementKind(IntEnum):
 
 
 class FaultCode(IntEnum):
-    """CANopen emergency error codes used here (CiA 301: FF00h to FFFFh are device specific)."""
+    """The CANopen emergency error codes that heronry uses (CiA 301: FF00h to FFFFh are device specific)."""
 
     RESET = 0x0000
     MODULE_EXCEPTION = 0xFF01
@@ -262,7 +261,7 @@ class Activate:
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """Commands one PE, or all PEs with node 0, to send pages 0 and 1 of its state immediately."""
+    """Commands a PE to send pages 0 and 1 of its state immediately; with `node` 0, commands all PEs."""
 
     term: int
     node: int

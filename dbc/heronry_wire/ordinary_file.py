@@ -17,7 +17,7 @@ _NOT_ORDINARY = "this is not an ordinary file"
 def read_ordinary(file: Path, most_bytes: int | None = None) -> bytes:
     """Read a file, or its first `most_bytes` bytes.
 
-    Raises OSError, which is FileNotFoundError where there is no file.
+    Raises FileNotFoundError if there is no file, and another OSError if it cannot be read or is not ordinary.
     """
     with os.fdopen(_opened(file, os.O_RDONLY), "rb") as stream:
         return stream.read(most_bytes)
@@ -52,7 +52,7 @@ def replace_ordinary(file: Path, data: bytes) -> None:
 def move_ordinary(draft: Path, file: Path) -> None:
     """Move the finished file `draft` to the path `file`; when the function returns, the move is on the disk.
 
-    Raises OSError where the path holds something else than an ordinary file.
+    Raises OSError where `file` exists and is not an ordinary file.
     """
     if file.exists() and not file.is_file():
         raise OSError(errno.EINVAL, _NOT_ORDINARY, str(file))
@@ -65,7 +65,7 @@ def move_ordinary(draft: Path, file: Path) -> None:
 
 
 def _opened(file: Path, flags: int) -> int:
-    """Open a file; raises OSError for a pipe, and does not wait for the other end of the pipe."""
+    """Open a file without waiting; raises OSError if it is no ordinary file, for example a pipe."""
     descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)

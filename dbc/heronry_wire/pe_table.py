@@ -42,7 +42,7 @@ class TableError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """One bus of this PE."""
+    """One bus of a PE, as the table of this PE describes it."""
 
     bus: str
     bitrate: int  # bit/s
@@ -196,7 +196,10 @@ def _check(table: PeTable) -> None:
 
 
 def _faults(table: PeTable) -> Iterator[str]:
-    """Yield a sentence for each contradiction between the fields of a table; the types of all fields are right."""
+    """Yield a sentence for each contradiction between the fields of a table.
+
+    The caller has checked that all fields have the right types.
+    """
     if table.node_id not in PE_NODES:
         yield f"node_id {table.node_id} is not a PE's; PEs have {PE_NODES[0]} to {PE_NODES[-1]}"
     if not 0 <= table.uplink < len(table.ports):

@@ -123,7 +123,10 @@ class ReplicatedLink:
             link.withdraw(identifiers)
 
     def stand_back(self, until_ns: int) -> None:
-        """Until `until_ns`, keep data frames, and frames with a lower priority than data, in both queues."""
+        """Until `until_ns`, send on neither channel any data frame or any frame with a lower priority than data.
+
+        Such frames stay in the queues of both channels.
+        """
         for link in self.links:
             link.stand_back(until_ns)
 

@@ -102,7 +102,7 @@ def expedited_length(command: int) -> int:
 
 
 def segment_data(message: bytes) -> bytes:
-    """Give the data bytes of a segment, 1 to 7."""
+    """Give the data that a segment carries, 1 to 7 bytes."""
     return message[1 : MESSAGE_BYTES - (message[0] >> 1 & 7)]
 
 

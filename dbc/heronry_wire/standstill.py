@@ -57,7 +57,7 @@ class Standstills:
 
 
 class LatenessMeter:
-    """Measures how late a driver's loop wakes; the loop passes in all times."""
+    """Measures how late a driver's loop wakes; it has no clock, and gets all times from the loop."""
 
     def __init__(self, period_ns: int, now_ns: int, used_ns: int) -> None:
         """period_ns: heartbeat period of the uplink. used_ns: processor time of this thread so far."""

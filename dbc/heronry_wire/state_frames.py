@@ -27,7 +27,7 @@ from heronry_wire.layout import Field, Layout
 
 
 class PeState(IntEnum):
-    """Progress of a PE in the epoch that its state names."""
+    """How far a PE has taken the steps of the epoch that its state frame names."""
 
     UNCONFIGURED = 0  # no step has been taken since the start
     BROKEN = 1  # the step BREAK is taken

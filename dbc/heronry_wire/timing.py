@@ -82,7 +82,10 @@ def exact_bits(frame: Frame) -> int:
 
 @lru_cache(maxsize=4096)
 def _head(header: int, header_bits: int) -> tuple[int, int, int]:
-    """Begin a frame with its header; give its length without data, its CRC so far, and the state of the stuffing."""
+    """Give for a frame's header: length of the frame in bits, CRC and state of the stuffing after the header.
+
+    The length leaves out the data, and the stuff bits after the header.
+    """
     crc = 0
     for bit in f"{header:0{header_bits}b}":
         crc = crc << 1 ^ (_CRC_POLYNOMIAL if (crc >> 14) ^ int(bit) else 0)
@@ -155,7 +158,10 @@ class Response(NamedTuple):
 
 
 class _Stream(NamedTuple):
-    """A message, with its times as integers (`_on_one_denominator`); `cost` is the length of its frame."""
+    """A message, with its times as integers (`_on_one_denominator`).
+
+    cost: the transmission time of its longest frame, as such an integer, too.
+    """
 
     cost: int
     period: int
@@ -180,7 +186,9 @@ class _Window:
         self.due = due
 
     def admit(self, cost: int, period: int, jitter: int) -> None:
-        """Add a stream, with all of its releases that count; the first release, at -jitter, counts in any case.
+        """Add a stream, and lengthen the window by its releases.
+
+        Those releases count that lie before the end of the time `ahead`, and in any case the first one, at -jitter.
 
         cost: length of the frame. period: time between two releases. All times are integers, as in the class.
         """
@@ -315,9 +323,9 @@ def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_S
 
 
 def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
-    """Give the longest response time of a message in a busy period, and how many of its instances this period has.
+    """Give the longest response time of a message in its busy period, and how many instances this period has.
 
-    busy: length of the busy period. queue: the window of its first instance.
+    busy: length of the busy period. queue: the window of the first instance of the message.
     """
     instances = -(-(busy + stream.jitter) // stream.period)
     worst = delay = queue.length

@@ -61,7 +61,7 @@ class ScheduledMessage:
 
 @dataclass(frozen=True, slots=True)
 class BusSchedule:
-    """The messages on one bus, and its load as fractions of the bit rate."""
+    """The messages on one bus, and the shares of the bit rate that data and management take."""
 
     bus: Bus
     is_up: bool

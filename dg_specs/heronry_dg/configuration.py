@@ -29,7 +29,7 @@ class Running:
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """All running modules by name."""
+    """The running modules, by name, each with its PE, its mode and its wires."""
 
     modules: Mapping[str, Running] = field(default_factory=dict)
 

@@ -32,10 +32,10 @@ _Datum = tuple[str, int]  # variable, version
 
 
 def check_demux_paths(draft: Draft, spec: Spec, findings: Findings) -> None:
-    """Check that the `to` of each DEMUX names one end for each branch, and find each DEMUX that lacks `to`.
+    """Check the key `to` of each DEMUX, and find each DEMUX that should have this key and does not.
 
-    A DEMUX lacks `to` if it has none, is the output of a function, and has a branch that drives no actuator but
-    leads on to modules that drive one.
+    The key must name one end for each branch. A DEMUX should have the key if it is the output of a function, and
+    one of its branches drives no actuator, but leads on to modules that drive one.
     """
     outputs = {function.output for function in spec.functions.values()}
     asked = [demux for demux in spec.demuxes.values() if demux.to or (demux.name in outputs and _bare(spec, demux))]
@@ -172,7 +172,7 @@ class DemuxPaths:
 
 
 class _Remains:
-    """The modes that can still run, and for each datum how many modules still give it."""
+    """The modes that can still run, and for each datum the number of these modes that give it."""
 
     def __init__(self, modes: Collection[tuple[str, str]], givers: Counter[_Datum]) -> None:
         self.modes = set(modes)

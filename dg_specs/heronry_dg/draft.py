@@ -193,7 +193,11 @@ class _DraftReader:
             yield from self._named(entry.node, f"'{section}'")
 
     def _named(self, node: Node, subject: str) -> Iterator[tuple[str, yaml_source.Entry]]:
-        """Give the entries of a map of names; a name that is not valid gives a finding."""
+        """Give the entries of a map whose keys are names.
+
+        A node that is not a map gives a finding and no entries. A name that is not valid gives a finding, and its
+        entry is given, too.
+        """
         if yaml_source.is_nothing(node):
             return
         if not isinstance(node, yaml_source.Mapping):
@@ -257,10 +261,10 @@ class _DraftReader:
         *,
         misspelt: Collection[str] = (),
     ) -> F_co | None:
-        """Read the fields of an element; gives None, and adds findings, where a field has a mistake.
+        """Read the fields of an element; if a field has a mistake, gives None and adds findings.
 
-        known: names of fields to suggest for an unknown field; by default those of `form`. misspelt: fields that the
-        file has under a wrong name, so that they are not reported as missing.
+        known: names of fields to suggest for an unknown field; empty: those of `form`.
+        misspelt: fields that the file has under a wrong name, so that they are not reported as missing.
         """
         fields = {} if yaml_source.is_nothing(node) else yaml_source.plain(node)
         try:

@@ -42,7 +42,10 @@ _OPERATORS: Final = ("and", "or", "xor")
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """An expression without mistakes, with the facts about it that the gates around it need."""
+    """An expression without mistakes, with facts about it that are used when the gates around it are read.
+
+    The facts are: places and DEMUXes of its leaves, whether it holds with nothing wired, and its depth.
+    """
 
     expression: Expression
     places: tuple[Place, ...]  # of the leaves, in the order of `gates.leaves`
@@ -373,6 +376,10 @@ def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> 
 
     If the input accepts only one version, and is below neither an OR nor a XOR, the points are 0. Otherwise a better
     version gets more points than a worse one.
+
+    best, worst: the best and the worst version that the input accepts.
+    versions: how many versions the variable has.
+    below_choice: whether the input is below an OR or a XOR.
     """
     if not below_choice and best == worst:
         return (0,)

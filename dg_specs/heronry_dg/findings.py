@@ -111,13 +111,13 @@ class Findings:
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
-        """Remove, at a place, the finding that stops the spec from being loaded, so that a better one can be added."""
+        """Remove the finding at `place` that stops the spec from being loaded, so that a better one can follow."""
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:
-        """Give the known name that the author may have meant, ignoring case.
+        """Give the known name that the author may have meant; upper and lower case count as equal.
 
-        None: no known name is similar, or there are too many names to compare.
+        None: no known name is similar, `name` is too long, or there are too many names to compare.
         """
         if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
             return None

@@ -104,7 +104,7 @@ def bounds(gate: Gate) -> tuple[int, int]:
 
 
 def words(gate: Gate) -> Words:
-    """Give the texts about a kind of gate."""
+    """Give the texts by which messages and pictures describe a gate of this kind."""
     match gate:
         case And():
             return Words("3.and", "all must", "and", "AND", "and")

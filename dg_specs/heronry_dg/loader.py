@@ -54,7 +54,10 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A spec, with the draft and the gates from which it was built; draft and gates have the places in the file."""
+    """A spec, with the draft and the gates from which it was built.
+
+    The draft and the gates also hold the place of each part in the file.
+    """
 
     draft: Draft
     gates: Gates

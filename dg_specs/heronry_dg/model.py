@@ -205,7 +205,11 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """The rule of a phase: the phase begins once `variable` has been above `above`, or below `below`, for `hold_ns`."""
+    """The rule by which a phase is entered automatically.
+
+    The phase begins when `variable` has been above `above` for `hold_ns` without a break; if the rule has `below`
+    instead, when it has been below `below` for that time.
+    """
 
     variable: str
     above: Fraction | None
@@ -266,9 +270,9 @@ class Spec:
     plants: Mapping[str, Plant] = field(default_factory=dict)
 
     def exclusive_things(self) -> dict[str, tuple[str, ...]]:
-        """Give for each module that is a branch or an end of a DEMUX the names of its groups in `Demux.exclusives`.
+        """Give the names of the groups in `Demux.exclusives` to which a module belongs, by name of the module.
 
-        At most one module of a group may run.
+        At most one module of a group may run. A module that is neither a branch nor an end of a DEMUX is left out.
         """
         things: dict[str, tuple[str, ...]] = {}
         for demux in self.demuxes.values():

@@ -87,7 +87,11 @@ def _number(text: str) -> int | Decimal | str | Surprise:
 
 
 def _odd_number(text: str) -> str | Surprise:
-    """Refuse text that other programs read as a number or a date; any other text is given back, such as `64KiB`."""
+    """Return a text such as `64KiB` unchanged, or a `Surprise` if the text looks like a number or a date.
+
+    A text looks like one of these if some other program would read it so, or if it is a number in a form that
+    specs do not allow.
+    """
     shown = text if len(text) <= _LONGEST_NUMBER else text[:_LONGEST_NUMBER] + "..."
     if _OTHER_BASE.fullmatch(text):
         return Surprise(file.NOT_DECIMAL, f"'{shown}' is not a decimal number", _decimal_hint(text))

@@ -66,7 +66,7 @@ class LevelReport:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A configuration with its situation, its objective, the proof that it is optimal, and a report."""
+    """A configuration with its situation, objective and report, and with what was proven of each level."""
 
     spec: str  # digest of the spec's file: SHA-256, hexadecimal
     now: Situation
@@ -210,7 +210,10 @@ def _running_json(running: Running) -> Json:
 
 
 def _percent(share: Fraction) -> str:
-    """Write a share as an exact percentage; every limit that a user can write is a finite decimal."""
+    """Write a share as an exact percentage.
+
+    The digits end, because every limit that a user can write is a finite decimal.
+    """
     percent = Decimal(share.numerator * 100) / share.denominator
     return f"{percent.normalize():f}%"
 

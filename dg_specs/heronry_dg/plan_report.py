@@ -49,14 +49,18 @@ class Report:
     def __init__(
         self, spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str] | None = None
     ) -> None:
-        """reasons: by function, why it is not served; for functions of which the planner knows more than `why_not`.
+        """Begin a report; every name in the configuration must exist in the spec.
 
-        Every name in the configuration must exist in the spec.
+        reasons: by function, why it is not served, if the planner knows this better than `why_not`. For any other
+            function that is not served, the report finds the reason itself.
         """
         self._spec, self._now, self._configuration, self._reasons = spec, now, configuration, reasons or {}
 
     def with_reasons(self, reasons: Mapping[str, str]) -> "Report":
-        """Give a copy of the report with other reasons, by function, why a function is not served."""
+        """Give a copy of the report with other reasons why functions are not served.
+
+        reasons: by function, the reason why it is not served.
+        """
         return Report(self._spec, self._now, self._configuration, reasons)
 
     def work_out(self) -> None:

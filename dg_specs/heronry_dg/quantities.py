@@ -77,7 +77,7 @@ def span_ns(value: object) -> int:
 
 
 def period_ns(value: object) -> int:
-    """Convert as `span_ns` does, but refuse 0."""
+    """Convert milliseconds to nanoseconds; raises UnfitError for 0, and for all that `span_ns` refuses."""
     return _positive(span_ns(value), value)
 
 

@@ -180,7 +180,11 @@ class _ReferenceRules:
                 self._phase_keys(function, field, by_phase)
 
     def phases(self) -> None:
-        """Check that each phase rule compares one number with one threshold, and that the phases to plan for exist."""
+        """Check the names and rules of the phases, and the phases for which contingencies are to be made.
+
+        The name that stands for all other phases in maps by phase is refused. A phase rule must compare one number with
+        one threshold. Each phase that the section of contingencies names must exist.
+        """
         for phase, form in _whole(self._draft.phases):
             if phase.name == DEFAULT_PHASE:
                 sentence = f"a phase cannot be named '{phase.name}'"
@@ -308,7 +312,7 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
 
 
 def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:
-    """Give the elements that have no mistake in a field, each with its fields."""
+    """Give the elements whose fields have no mistake, each with its fields."""
     return ((element, element.form) for element in elements.values() if element.form is not None)
 
 

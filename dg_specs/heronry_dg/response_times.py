@@ -91,9 +91,9 @@ class ResponseTimes:
         return by_bus
 
     def _delays_ns(self, by_bus: Mapping[str, list[Hop]]) -> dict[tuple[str, str, str], Fraction | None]:
-        """Compute the exact delay of each hop in ns, by (module, variable, bus): from its source to its end.
+        """Compute the exact delay of each hop in ns, by (module, variable, bus).
 
-        None: the delay is unbounded.
+        The delay counts from when the datum is due at its source until the hop has ended. None: it is unbounded.
 
         by_bus: the hops on each bus, in order of priority.
         """
@@ -187,7 +187,10 @@ def _key(hop: Hop) -> tuple[str, str, str]:
 
 
 def _management(spec: Spec, bus: Bus) -> list[Message]:
-    """The frames that go before all data: the state of each PE and the manager's frames, once in a heartbeat period."""
+    """Give the management frames of a bus, which are more urgent than all data.
+
+    These are the state of each PE and the frames of the manager, each once in a heartbeat period.
+    """
     period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
     senders = sum(bus.name in pe.buses for pe in spec.pes.values()) + MANAGER_FRAMES
     return [Message("management", WORST_BLOCKING_BITS, period, 0, period)] * senders

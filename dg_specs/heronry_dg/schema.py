@@ -260,7 +260,7 @@ class ModuleForm(Fallible):
 
 
 class ModuleOfOneModeForm(ModuleForm, ModeForm):
-    """A module with a single mode, named `only`, whose fields stand on the module itself."""
+    """A module with a single mode, named `only`; the fields of this mode are written at the module itself."""
 
 
 class ModuleOfModesForm(ModuleForm):

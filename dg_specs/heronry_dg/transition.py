@@ -164,7 +164,7 @@ class Transitions:
     ) -> frozenset[str]:
         """Give the PEs whose BREAK the manager must await before it commands GO of the configuration `after`.
 
-        may_run: for each available PE, the configurations of which the PE may still run any one.
+        may_run: for each available PE, the configurations that are possible: the PE may still run any one of them.
         exclusive: PEs to wait for in any case; the result includes these PEs.
         """
         left = survivors(self._spec, now)
@@ -191,7 +191,7 @@ class Transitions:
         }
 
     def _floods(self, runs: Placement) -> Iterator[tuple[Source, str]]:
-        """Assume that every PE reads every source: give each source with each PE."""
+        """Give each source of the modules that run, with each PE, as if every PE read every source."""
         for module, (mode, _) in runs.items():
             for variable in self._spec.modules[module].modes[mode].gives:
                 yield from (((module, variable), pe) for pe in self._spec.pes)
@@ -272,7 +272,7 @@ class _Mixtures:
     def limits(self, *, known: bool) -> dict[str, int]:
         """Limit of each bus, in thousandths of a bit/s: what its budget allows, or its present load if that is higher.
 
-        known: whether the wires of the running configuration are known. If not, the present load has no influence.
+        known: whether the wires of the running configuration are known. If not, only the budget gives the limit.
         """
         carried = self._peaks(self._old) if known else {}
         return {bus: max(room, carried.get(bus, 0)) for bus, room in self._left.bus_mbit_per_s.items()}
@@ -352,7 +352,10 @@ class _Mixtures:
 
 
 def _links(configuration: Configuration, runs: Placement) -> Iterator[tuple[Source, str]]:
-    """Give every wired source with the PE of its consumer."""
+    """Give, for each wire, its source and the PE of its consumer.
+
+    A wire is left out if its producer or its consumer is not in `runs`.
+    """
     for consumer, _, wire in configuration.wires():
         if wire.producer in runs and consumer in runs:
             yield (wire.producer, wire.variable), runs[consumer][1]

@@ -88,7 +88,10 @@ def verify(spec: Spec, now: Situation, configuration: Configuration) -> list[Vio
 
 
 def _known(spec: Spec, configuration: Configuration) -> Configuration:
-    """Keep the modules whose name and mode the spec has, with all their inputs, in the spec's order."""
+    """Give a configuration without the modules whose name or mode the spec does not have.
+
+    All inputs of the other modules are kept. Modules and inputs are in the spec's order.
+    """
     kept = {}
     for name, module in spec.modules.items():
         running = configuration.modules.get(name)
@@ -100,7 +103,7 @@ def _known(spec: Spec, configuration: Configuration) -> Configuration:
 
 
 def _sound(spec: Spec, known: Configuration) -> Configuration:
-    """Give the configuration `known` without the wires that break a part of semantics rule 2."""
+    """Return `known` without the wires that break any part of semantics rule 2, or belong to no input of the mode."""
     kept = {}
     for name, running in known.modules.items():
         accepted = dict(known.mode(spec, name).leaves())

@@ -69,9 +69,10 @@ class _Way:
 
 @dataclass(frozen=True, slots=True)
 class _Traffic:
-    """The buses on which each PE publishes each source, and the buses onto which each gateway forwards the source.
+    """Tells on which buses each PE publishes each source, and onto which buses each gateway forwards each source.
 
-    publish: (PE, module, variable) -> buses. forward: (gateway, PE of the module, module, variable) -> buses.
+    publish: (producer's PE, producing module, variable) -> buses.
+    forward: (gateway, producer's PE, producing module, variable) -> buses.
     """
 
     publish: Mapping[tuple[str, str, str], frozenset[str]]
@@ -138,7 +139,7 @@ def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
-    """Give, for each step, the states in which each PE may be from the command of this step to the next command."""
+    """Give, for each activation step, the states in which each PE may be while no later step has been commanded."""
     behind: dict[str, tuple[str, ...]] = dict.fromkeys(left.pe_cpu_millis, (BEFORE,))
     for step in way.steps:
         state = {Step.BREAK: BROKEN, Step.GO: HELD}.get(step, AFTER)

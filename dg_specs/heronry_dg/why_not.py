@@ -27,7 +27,10 @@ _NAMED_ALTERNATIVES = 2
 
 @dataclass(frozen=True, slots=True)
 class Feasible:
-    """The modes that could run with unlimited resources, and the round in which each other mode was removed."""
+    """Tells which modes of the spec's modules could run in one situation if resources were unlimited.
+
+    For each of the other modes it has the round of the computation in which the mode was removed as impossible.
+    """
 
     spec: Spec
     now: Situation
@@ -99,7 +102,7 @@ class Feasibility:
         return found
 
     def _reading(self, fallen: list[tuple[Module, Mode]]) -> Iterator[tuple[Module, Mode]]:
-        """Give the modes that read a variable which one of the modes `fallen` gives."""
+        """Give each mode that reads a variable which some mode in `fallen` gives."""
         for variable in {variable for _, mode in fallen for variable in mode.gives}:
             yield from self._readers[variable]
 
@@ -152,7 +155,8 @@ def _every_branch(found: Feasible, outputs: list[Module]) -> str:
 def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
     """Say why a module can run in none of `modes`, as a verb phrase.
 
-    branched: True if a list of alternatives is being written already; then only the first alternative is named here.
+    branched: True if this phrase is a part of a list of alternatives; then the phrase names only the first
+        alternative of its own.
     """
     if module.name in found.left.failed_modules:
         return "has failed"

@@ -49,7 +49,12 @@ class Excess:
 
 
 class _Size(NamedTuple):
-    """What one module adds to a PE: at most `slice_bytes` bytes of slice, and at least the stated CPU and RAM."""
+    """What one module adds to a PE.
+
+    slice_bytes: the most bytes that it adds to the slice.
+    cpu_millis: the least CPU that it needs, in thousandths of a reference core.
+    ram: the least RAM that it needs, in bytes.
+    """
 
     slice_bytes: int
     cpu_millis: int

@@ -56,7 +56,7 @@ class Scalar:
 
 @dataclass(slots=True)
 class Sequence:
-    """A list."""
+    """A list in the file."""
 
     place: Place
     items: list["Node"]
@@ -106,7 +106,7 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
 
 
 def plain(node: Node) -> object:
-    """Convert a tree to dicts, lists and values, without places."""
+    """Convert a tree of nodes to dicts, lists and values, without the positions in the file."""
     match node:
         case Scalar():
             return node.value
@@ -171,7 +171,7 @@ def _is_number(node: Node | None) -> bool:
 
 
 def key_place(node: Node, key: str) -> Place:
-    """Place of a key of a map, or of the map itself if it lacks the key."""
+    """Give where in the file a key of a map is written; if the map lacks the key, where the map is written."""
     if isinstance(node, Mapping) and key in node.entries:
         return node.entries[key].place
     return node.place
@@ -186,7 +186,7 @@ class _LimitError(Exception):
 
 
 class _Builder:
-    """Builds the tree from the parser's events."""
+    """Builds the tree of nodes of one YAML file from the events of the YAML parser."""
 
     def __init__(self, next_event: Callable[[], Any], findings: Findings) -> None:
         self._next = next_event
@@ -194,7 +194,7 @@ class _Builder:
         self._nodes = self._repeated_keys = 0
 
     def document(self) -> Node | None:
-        """Read all events of the parser, which must be those of one document."""
+        """Build the tree of the file's only document from all events of the parser; None if the file is empty."""
         self._next()  # the stream's start
         start = self._next()
         if isinstance(start, yaml.StreamEndEvent):
@@ -265,9 +265,10 @@ class _Builder:
         return entries
 
     def _key(self, key: Node, event: yaml.Event) -> str | None:
-        """Text of a key; None where the key is not text.
+        """Give the text of a key; None if the key is a list or a map.
 
-        A key that is refused gives its text all the same, so that it is not reported as missing.
+        A key that is not text has a finding. A number as a key gives its text all the same, so that the key is not
+        reported as missing as well.
         """
         if isinstance(key, Scalar) and isinstance(event, yaml.ScalarEvent):
             if not isinstance(key.value, str):

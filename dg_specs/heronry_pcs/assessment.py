@@ -23,15 +23,15 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """What holds of a graph; `document` is its JSON form."""
+    """The result of assessing a graph: what holds of the graph, in JSON form (`document`)."""
 
     document: Json
 
     def holds(self, predicate: str, plants: Collection[str] | None = None) -> bool:
         """Tell whether a predicate is known to hold.
 
-        plants: for `on_path` only, the plants that must each be on a path; None: all plants that are members. Plants
-        that are not members of the view are ignored.
+        plants: used only for `on_path`: the plants that must each be on a path. None: all plants that are members of
+            the view. Plants that are not members of the view are ignored.
         """
         if predicate != "on_path":
             return self.document.get(predicate) is True

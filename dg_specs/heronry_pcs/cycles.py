@@ -63,7 +63,10 @@ class Cycles:
 
 
 def cycles(graph: Graph, search: Search = bounds_alone) -> Cycles:
-    """Assess the component-cycles of a graph."""
+    """Find how long the longest component-cycle of a graph is, and whether it makes the graph cycle-bound.
+
+    search: how to search a block of the graph.
+    """
     touching = neighbors(graph)
     rings = [block for block in blocks(touching) if len(block) >= LEAST_CYCLE]
     found = [_searched(touching, ring, frozenset(), search) for ring in rings]
@@ -95,12 +98,18 @@ def _searched(touching: Touching, ring: set[str], through: frozenset[str], searc
 
 
 def blocks(touching: Touching) -> list[set[str]]:
-    """Blocks of a graph of neighbors (Hopcroft and Tarjan 1973); a member without neighbors is in no block."""
+    """Give the blocks of a graph of neighbors (Hopcroft and Tarjan 1973), each as the set of its members.
+
+    A member without neighbors is in no block.
+    """
     return _Blocks(touching).found()
 
 
 class _Blocks:
-    """One run of Hopcroft's and Tarjan's algorithm without recursion; `path` in `_walk` replaces the stack of calls."""
+    """One search for the blocks of a graph, by the algorithm of Hopcroft and Tarjan without recursion.
+
+    `path` in `_walk` replaces the stack of calls.
+    """
 
     def __init__(self, touching: Touching) -> None:
         self._touching = touching
@@ -141,9 +150,9 @@ class _Blocks:
         return None
 
     def _leave(self, above: str, name: str) -> None:
-        """Return from the member `name`, which is left, to `above`, the member from which it was entered.
+        """Go back from the member `name` to `above`, the member from which `name` was entered.
 
-        If neither `name` nor a member entered after it leads back to one entered before `above`, a block is
+        If neither `name` nor a member entered after `name` leads back to a member entered before `above`, a block is
         complete: `above`, `name`, and the open members that were entered after `name`.
         """
         self._low[above] = min(self._low[above], self._low[name])

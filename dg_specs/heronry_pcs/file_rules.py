@@ -1,4 +1,4 @@
-"""PCS001: what is wrong with the file of a component graph."""
+"""The rule PCS001: a file is no component graph, since its text, a field, a value or a name is not allowed."""
 
 from typing import Final
 

@@ -97,14 +97,14 @@ class Leaf:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Vertices, edges and names of components: (V, E, C)."""
+    """A part of a component graph: its vertices, its edges and the names of its components, (V, E, C)."""
 
     vertices: frozenset[str] = frozenset()
     edges: frozenset[Edge] = frozenset()
     components: frozenset[str] = frozenset()
 
     def has_subgraph(self, other: "Part") -> bool:
-        """Tell whether `other` is a subgraph of this part: its V, E and C are subsets."""
+        """Tell whether this part has all vertices, edges and components of the part `other`."""
         return other.vertices <= self.vertices and other.edges <= self.edges and other.components <= self.components
 
 
@@ -134,7 +134,7 @@ class Graph:
 
     @cached_property
     def members(self) -> Mapping[str, Part]:
-        """The members C of the graph, by name, in the order of names."""
+        """The members of the graph (the set C), by name, in the order of names."""
         return {name: self.part(name) for name in sorted(self.own.components)}
 
     @cached_property

@@ -88,7 +88,7 @@ def _part(part: Part) -> Json:
 class _Found(Findings):
     """Collects the findings about a graph file under the one code PCS001.
 
-    The YAML reader is the one for specs and names rules of specs; `add` replaces each of them by PCS001.
+    The YAML reader is made for specs, so its findings name rules of specs; `add` replaces each such rule by PCS001.
     """
 
     def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:

@@ -85,7 +85,10 @@ def _place(data: bytes, mistakes: Sequence[tuple[_Path, str, str]], findings: Fi
 
 
 class _Reader:
-    """Reads one document; each of its `mistakes` is a path into the document, a sentence and a hint."""
+    """Reads one JSON document as a component graph, and collects the mistakes in it.
+
+    mistakes: each one is a path into the document, a sentence and a hint.
+    """
 
     def __init__(self) -> None:
         self.mistakes: list[tuple[_Path, str, str]] = []

@@ -34,14 +34,15 @@ class Loops:
     def through(self, vertices: frozenset[str]) -> bool:
         """Tell whether some loop leads through these vertices and also outside.
 
-        It does if one of its homes (members or leaves) lies completely within these vertices, and another does not.
+        A loop does so if at least one of its members (or leaves) lies completely within these vertices, and at least
+        one does not.
         """
         return any(count < len(self.found[loop]) for loop, count in self._within(vertices).items())
 
     def control(self, vertices: frozenset[str]) -> bool:
-        """Tell whether some loop leads through a plant and through a home that is no plant.
+        """Tell whether some loop has a home (a member or a leaf) within a plant, and another home that is no plant.
 
-        vertices: the vertices of the plant; the loop must have a home within them.
+        vertices: the vertices of the plant.
         """
         return not self._controlling.isdisjoint(self._within(vertices))
 
@@ -56,23 +57,28 @@ class Loops:
         return bool(joined)
 
     def _within(self, vertices: frozenset[str]) -> Counter[int]:
-        """Give by loop how many of its homes lie within these vertices; a loop without such a home is left out."""
+        """Give, by number of a loop, how many homes of the loop (head of this file) lie within these vertices.
+
+        A loop without such a home is left out.
+        """
         near = {home for vertex in vertices for home in self._homes_at.get(vertex, ())}
         return Counter(loop for loop, home in near if home <= vertices)
 
 
 def is_plant(graph: Graph, name: str) -> bool:
-    """Tell whether a member consists of plants only.
+    """Tell whether a leaf or composite consists of plants only.
 
-    This is so if the member has vertices, and each vertex belongs to a leaf that is a part of the physical
-    world.
+    This is so if it has vertices, and each vertex belongs to a leaf that is a part of the physical world.
     """
     leaves = {parent(vertex) for vertex in graph.part(name).vertices}
     return bool(leaves) and all(graph.leaves[leaf].plant for leaf in leaves)
 
 
 def home(graph: Graph, vertex: str) -> str:
-    """Give the name of the smallest member that holds a vertex, or of the vertex's leaf where no member does."""
+    """Give the smallest member of the graph (a leaf or composite) that holds a vertex, by name.
+
+    If no member holds the vertex, give the name of the leaf to which the vertex belongs.
+    """
     holders = graph.holders.get(vertex)
     if holders is None:
         return parent(vertex)
@@ -85,7 +91,7 @@ def _size(graph: Graph, name: str) -> tuple[int, int]:
 
 
 def loops(graph: Graph) -> Loops:
-    """Find the largest loops of a graph."""
+    """Find the largest loops of a graph: every loop lies in one of them, and none of them lies in another loop."""
     leads: dict[str, dict[str, None]] = {}
     homes: dict[str, str] = {}
     for edge in sorted(graph.edges):

@@ -21,7 +21,10 @@ Condition = Literal["excluded", "possible"]
 
 
 def neighbors(graph: Graph) -> Mapping[str, set[str]]:
-    """Neighbors of each member, in the order of names."""
+    """Give for each member the members that are its neighbors (head of this file).
+
+    The keys are in the order of names.
+    """
     found: dict[str, set[str]] = {name: set() for name in graph.members}
     for origins, targets in _crossings(graph):
         for one in origins:
@@ -69,7 +72,7 @@ def _subsumed_by(graph: Graph, name: str) -> set[str]:
 
 
 def _below(graph: Graph, name: str) -> set[str]:
-    """Give all members of the graph that lie below a member: among its components, their components, and so on."""
+    """Give all members of the graph that are inside the component `name`, at any depth."""
     seen: set[str] = set()
     waiting = [name]
     while waiting:

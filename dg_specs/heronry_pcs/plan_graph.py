@@ -169,6 +169,9 @@ def _composite(names: list[str], leaves: Mapping[str, Leaf], edges: frozenset[Ed
 
 
 def level_view(graph: Graph, level: str) -> frozenset[str]:
-    """Give the view of a plan's graph by `pe` or by `side`: the composites of this level, and the plants."""
+    """Give a view of a plan's graph: its plants, and its composites of one level.
+
+    level: `pe` for the composites `pe:P`, `side` for the composites `side:P`.
+    """
     plants = {name for name, leaf in graph.leaves.items() if leaf.plant}
     return frozenset(plants | {name for name in graph.composites if name.startswith(f"{level}:")})

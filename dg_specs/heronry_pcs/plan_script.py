@@ -61,8 +61,8 @@ def apply_to_plan(
 ) -> PlanOutcome:
     """Apply a script to a configuration; choose a PE for each module that the script creates without naming a PE.
 
-    The PEs are chosen for the situation `now`. If there are more than `most_placements` combinations of PEs,
-    each of these modules gets its first possible PE in the order of the spec.
+    The PEs are chosen for the situation `now`. If there are more than `most_placements` combinations of PEs, each
+    module that the script creates without naming a PE gets its first possible PE in the order of the spec.
     """
     space = _Space(spec, text)
     outcome = interpret(text, module_graph(spec, configuration), space.pick, _target)
@@ -75,7 +75,7 @@ def apply_to_plan(
 
 
 def _target(leaf: Leaf, port: str) -> str:
-    """Complete the name of the port at the end of an edge: a variable `V` becomes its input `V:PATH`.
+    """Complete the name of the port of `leaf` at which an edge ends: a variable `V` becomes the input `V:PATH`.
 
     If the leaf has no input of this variable, or several, the result is `port` as written.
     """
@@ -84,7 +84,7 @@ def _target(leaf: Leaf, port: str) -> str:
 
 
 class _Space:
-    """The leaves of a spec that a script may create."""
+    """The leaves that a script may create for the modules of one spec."""
 
     def __init__(self, spec: Spec, text: str) -> None:
         self._spec = spec
@@ -139,7 +139,7 @@ class _Space:
 
 
 def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Configuration, tuple[Edge, ...]]:
-    """Convert a graph of modules to a configuration; gives also the edges that could not become wires of it.
+    """Convert a graph of modules to a configuration; gives it with the edges that could not become wires.
 
     places: mode and PE of each module.
     """

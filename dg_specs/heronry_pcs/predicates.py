@@ -29,7 +29,10 @@ from heronry_pcs.neighborhood import neighbors
 
 
 def broken(graph: Graph) -> dict[str, list[str]]:
-    """Give for each member that is no component the constraints of `component_graph` (see above) that it breaks."""
+    """Give, by member, the constraints of `component_graph` (head of this file) that the member breaks.
+
+    A member that breaks none is left out.
+    """
     found = {name: list(_broken_by(graph, name, member)) for name, member in graph.members.items()}
     return {name: constraints for name, constraints in found.items() if constraints}
 
@@ -62,7 +65,7 @@ def is_edge_contained(graph: Graph) -> bool:
 
 
 def is_whole(graph: Graph) -> bool:
-    """Tell whether the graph, and also each member, has either all ports or no port of every leaf."""
+    """Tell whether the graph has, of every leaf, either all ports or none; the same must hold for each member."""
     ports = {name: len(leaf.ports) for name, leaf in graph.leaves.items()}
     return all(_has_whole_leaves(part.vertices, ports) for part in (graph.own, *graph.members.values()))
 
@@ -88,7 +91,7 @@ def is_disjoint(graph: Graph) -> bool:
 
 
 def is_pruned(graph: Graph) -> bool:
-    """Tell whether each edge leads from one member to another, with no edge inside a member."""
+    """Tell whether each edge of a graph leads from one member to another, and no member holds both ends of it."""
     return all(_leads_between(graph, start, end) for start, end in graph.edges)
 
 

@@ -41,9 +41,10 @@ class Outcome:
 
 
 def interpret(text: str, graph: Graph, pick: Pick | None = None, target: Target = lambda _leaf, port: port) -> Outcome:
-    """Apply a script to a graph.
+    """Apply a script to a graph; if the script has an error, the graph in the result is the given one.
 
-    pick: gives the leaf to create for a name and an image; by default a leaf of the graph's space.
+    pick: gives the leaf that the script creates by a name and an image. By default this is the leaf in
+        `graph.leaves` that has this name and image.
     target: gives the port that a name at the end of an edge means; by default the port that has this name.
     """
     statements, errors = read_script(text)

@@ -110,9 +110,13 @@ def _joined_by(part: Part, name: str, made: Part) -> Part:
 
 
 def expand(model: Graph, view: Collection[str], name: str) -> tuple[Graph, View]:
-    """Replace a member of a view by the largest components in it; gives the model and the new view.
+    """Replace the member `name` of a view by the largest of its components; gives the model and the new view.
 
-    Raises PcsError, in this order: as `check_view` does; then `unknown:K`, `leaf`, `uncovered`.
+    Raises PcsError. First, `check_view` raises its errors. Then follow, in this order:
+
+        unknown:NAME   the view has no such member
+        leaf           the member has no components
+        uncovered      its largest components do not have all of its vertices
     """
     check_view(model, view)
     if name not in view:

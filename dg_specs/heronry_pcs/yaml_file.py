@@ -110,7 +110,10 @@ class _Reader:
         return True
 
     def _component(self, name: str, entry: Entry, *, in_library: bool) -> list[str]:
-        """Read a leaf or a composite; gives the names below it."""
+        """Read a leaf or a composite; gives the names of all components inside the composite, at any depth.
+
+        A leaf gives no names.
+        """
         subject = f"component {shown(name)}"
         if not isinstance(entry.node, MapNode):
             self._refuse(entry.node.place, f"{subject} must be a map, not {_shown(entry.node)}", "write {ports: [a]}")

@@ -77,4 +77,4 @@ class DeviceDriver(Protocol):
         """
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Take the value to which another PE has commanded an actuator that `follows` named."""
+        """Take the commanded value of an actuator on another PE; `follows` has named this actuator."""

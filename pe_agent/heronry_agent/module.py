@@ -155,7 +155,10 @@ class Context(Protocol):
         """
 
     def request_phase(self, phase: str) -> None:
-        """Request a mission phase of the spec from the manager; a repetition in the next step has no effect."""
+        """Request a mission phase of the spec from the manager.
+
+        If the module requests the same phase again in the next step, this has no effect.
+        """
 
     def request_priority(self, function: str, priority: int | None) -> None:
         """Request another priority of a function from the manager; None: the priority of the spec.

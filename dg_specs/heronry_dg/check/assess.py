@@ -56,10 +56,11 @@ class Assessed:
 def assess(
     data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
 ) -> Assessed:
-    """Check the content of a file.
+    """Check the content of a file, and return the findings about it.
 
-    checks: the check of each family, by the prefix of its codes. rules: all rules by code; a comment with another code
-    gives a finding.
+    checks: the check of each family of rules, by the prefix of the family's codes.
+    rules: all rules, by code. A `# dg:` comment that names another code gives a finding.
+    choice: the codes to report; a finding that stops the spec from being loaded is always reported.
     """
     with loader.collector_at_rest():
         return _assess(data, file, checks, rules, choice)

@@ -1,11 +1,9 @@
 """Instructions to `heronry check` in the comments of a spec: ignore a finding on a line, or make a warning an error.
 
-    altitude: {type: FLOAT}  # dg: ignore[DG240] read by the ground station
-        DG240 is ignored on this line; the text after the bracket is the reason
-    # dg: ignore[DG240, DG241] read by the ground station
-        on a line of its own: both codes are ignored on the next line that is neither empty nor a comment
-    # dg: error[DG401]
-        above the first line of the spec: the warning DG401 counts as an error in the whole spec
+altitude: {type: FLOAT}  # dg: ignore[DG240] read by the ground station DG240 is ignored on this line; the text after
+    the bracket is the reason # dg: ignore[DG240, DG241] read by the ground station on a line of its own: both codes are
+    ignored on the next line that is neither empty nor a comment # dg: error[DG401] above the first line of the spec:
+    the warning DG401 counts as an error in the whole spec
 
 An instruction begins at the first `# dg:` of a line, even inside a quoted text. Two kinds of findings cannot be
 ignored: those that stop a spec from being loaded, and those about the instructions themselves.
@@ -29,7 +27,7 @@ _HINT: Final = "write # dg: ignore[DG240] reason, or # dg: error[DG240] above th
 
 @dataclass(frozen=True, slots=True)
 class Ignore:
-    """An instruction to ignore one code on one line."""
+    """A part of a comment in a spec: ignore the findings with the rule code `code` on line `line`."""
 
     place: Place  # of the comment
     code: str

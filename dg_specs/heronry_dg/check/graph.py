@@ -50,7 +50,7 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 class _Wiring:
-    """Which modules could give and read each variable, in any of their modes."""
+    """Tells which modules could give each variable, and which could read it, in any of their modes."""
 
     def __init__(self, spec: Spec) -> None:
         self.demux_of = {name: things[0] for name, things in spec.exclusive_things().items()}
@@ -292,11 +292,11 @@ class _Possible:
         return most
 
     def _sources(self, leaf: Leaf) -> frozenset[str] | None:
-        """Give the names of the modules and DEMUXes that could be wired to a leaf while this module runs.
+        """Give the names of the modules and DEMUXes that could be wired to a leaf while `module` runs.
 
-        A DEMUX is named in place of its branches and ends, since only one of these modules runs at a time. This
-        module may itself be a branch or an end of a DEMUX. Then no other branch or end of that DEMUX runs. So the
-        result names that DEMUX only if this module itself gives what the leaf accepts.
+        A DEMUX is named in place of its branches and ends, since only one of these modules runs at a time. If `module`
+        itself is a branch or an end of a DEMUX, no other branch or end of that DEMUX runs. So the result names that
+        DEMUX only if `module` itself gives what the leaf accepts.
 
         Returns None if no module gives what the leaf accepts.
         """

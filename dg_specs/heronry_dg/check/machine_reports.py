@@ -158,7 +158,10 @@ def _attribute(text: str) -> str:
 
 
 def _xml(text: str) -> str:
-    """Replace characters that are not printable by U+FFFD, except tab and newline; XML 1.0 forbids most of them."""
+    """Replace by U+FFFD each character that is not printable, except tab and newline.
+
+    XML 1.0 forbids most of these characters.
+    """
     return "".join(c if c.isprintable() or c in "\t\n" else "\ufffd" for c in text)
 
 

@@ -14,7 +14,7 @@ from heronry_dg.model import Spec
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A spec that loads, with the places of its parts in the file."""
+    """A spec that loads, and where in the file each of its parts is written."""
 
     file: str
     loaded: Loaded
@@ -25,7 +25,7 @@ class Subject:
         return self.loaded.spec
 
     def leaf_places(self, module: str, mode: str) -> tuple[Place, ...]:
-        """Give the places in the file of the inputs of a mode, in the order of `Mode.leaves`."""
+        """Give where in the file each input of a mode is written, in the order of `Mode.leaves`."""
         return self.loaded.gates.places[module, mode]
 
     def place(self, *path: str | int) -> Place:

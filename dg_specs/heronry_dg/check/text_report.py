@@ -51,7 +51,7 @@ def by_code(files: Sequence[Assessed], rules: Mapping[str, Rule], *, colour: boo
 
 
 def full(files: Sequence[Assessed], *, colour: bool = False) -> str:
-    """Give each finding with its source line, a caret and its hint."""
+    """Write every finding of these files with its source line, a caret and its hint."""
     paint = _painted if colour else _plain
     return "".join(f"{_one(assessed, finding, paint)}\n" for assessed in files for finding in assessed.findings)
 

@@ -60,7 +60,7 @@ _SHOWN_IN_THE_WAY: Final = 3
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Check a spec against every rule of this file, and add a finding for each mistake."""
+    """Check a spec against the rules DG5xx (head of this file), and add a finding for each mistake."""
     _bit_rates(subject, findings)
     _standard_identifiers(subject, findings)
     _limits(subject, findings)
@@ -199,7 +199,10 @@ def _starved(subject: Subject, findings: Findings, response: Response, level: st
 
 
 def _possible_hops(spec: Spec) -> dict[str, list[Hop]]:
-    """Give for each wired bus every source that a configuration may send there, at its module's fastest rate."""
+    """Give for each wired bus every source that is sent there in at least one configuration.
+
+    For each source, the mode is the one in which its module gives the variable at the fastest rate.
+    """
     left = survivors(spec, Situation())
     hosts = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}
     readers = _readers(spec)

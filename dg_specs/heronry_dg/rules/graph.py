@@ -31,7 +31,10 @@ def _display(needs: str) -> str:
 
 
 def _voter(needs: str) -> str:
-    """Write a spec as `_display` does, but with two versions of `speed`, each given by a driver of its own."""
+    """Write sections of a spec: two drivers, each of which gives its own version of `speed`, and a display.
+
+    needs: the field `needs` of the display.
+    """
     return f"{_TWO_DRIVERS}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 

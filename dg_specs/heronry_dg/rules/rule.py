@@ -95,7 +95,7 @@ class Family:
     rules: dict[str, Rule] = field(default_factory=dict)
 
     def stop(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
-        """Add an error that stops a spec from being loaded, and so cannot be ignored."""
+        """Add a rule whose findings are errors that stop a spec from being loaded, and so cannot be ignored."""
         return self._add(Rule(code, name, Severity.ERROR, stops=True, **words))
 
     def error(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
@@ -103,7 +103,7 @@ class Family:
         return self._add(Rule(code, name, Severity.ERROR, **words))
 
     def warning(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
-        """Add a warning."""
+        """Add a rule whose findings are warnings; gives the rule."""
         return self._add(Rule(code, name, Severity.WARNING, **words))
 
     def echo(self, code: str, name: str, **words: Unpack[Words]) -> Rule:

@@ -17,9 +17,12 @@ Planner = Callable[[Situation, Placement | None], Configuration]
 
 
 def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
-    """Yield a case for each single fault in a phase and for the return of each PE, by fault class, then in spec order.
+    """Yield a case for each single fault in a phase, and for the return of each PE.
 
-    `plan` makes the configuration after each fault.
+    First come the faults that make PEs silent: of PEs, each followed by the return of the PE, then of buses. Then come
+    the faults that a PE reports: of devices, then of modules. Elements of one kind come in spec order.
+
+    plan: makes the configuration without faults, and the one after each fault or return.
     """
     healthy = Situation(phase=phase)
     runs = plan(healthy, None)
@@ -38,9 +41,10 @@ def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
 
 
 def count_plans(spec: Spec) -> int:
-    """Give the number of plans that `fault_cases` requests for a phase in which every device and module is in use.
+    """Give how many plans `fault_cases` requests for one phase, if that phase uses every device and module.
 
-    A gateway takes one plan more, since its loss is also a case of the class BUS_LOST; that plan is not counted.
+    The result is too small by one for each gateway: the loss of a gateway is also a case of the class BUS_LOST,
+    with a plan of its own.
     """
     return 1 + 2 * len(spec.pes) + len(spec.buses) + len(spec.devices) + len(spec.modules)
 

@@ -36,7 +36,10 @@ _LEASE_NEWS = 2  # LEASE and ALIVE that a gateway forwards immediately, since th
 
 @dataclass(frozen=True, slots=True)
 class Burst:
-    """The management frames that a reconfiguration adds to the regular ones: how many of each kind, each sent once."""
+    """The management frames that a reconfiguration adds to the regular ones: how many frames of each kind.
+
+    Each of these frames is sent once.
+    """
 
     heads: int = 0  # SLICE frames on the manager's bus that are not paced
     paced: int = 0  # SLICE frames on the manager's bus that are paced

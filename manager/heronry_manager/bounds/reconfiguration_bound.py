@@ -202,10 +202,12 @@ class Bounds:
         return {bus: found for bus, found in times.items() if found is not None}
 
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
-        """Give the frames on the buses while slices go out.
+        """Give the frames that may be on the buses while the slices of a case go out.
 
         If several PEs are lost or return, three epochs may cause frames in this time: the running epoch, an abandoned
         epoch, and the new epoch.
+
+        reached: the PEs whose SLICE frames count.
         """
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))

@@ -66,7 +66,7 @@ class Activation:
         return True
 
     def _must_break(self, epoch: Reconfiguration, current: Reconfiguration | None) -> set[str]:
-        """Give the PEs that must report BROKEN before the manager commands GO."""
+        """Give the PEs that must report BROKEN before the manager commands the next step, GO or GO_ALL."""
         available = self._health.available()
         may_run = {pe: self._may_run(pe, current) for pe in available}
         strangers = {pe for pe, known in may_run.items() if known is None and pe in self._epochs.wired}

@@ -186,10 +186,10 @@ class Authenticity:
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
-        """Give what the status shows of a PE: whether this manager believes it, and three counts.
+        """Give what the status shows of a PE: whether this manager believes the states of the PE, and three counts.
 
         The counts: states in the name of the PE that were not believed, commands that the PE has refused, and EMCYs in
-        its name that were never proven.
+        the name of the PE that were never proven.
         """
         peer = self._peers[pe]
         return {
@@ -334,7 +334,11 @@ class Authenticity:
         return found
 
     def _was_mine(self, manager: int) -> bool:
-        """Tell whether the command proven last is a replay: this manager itself has sent it in this term."""
+        """Tell whether the command proven last may be a replay of one of this manager's own commands.
+
+        This is so if the command has this manager's node-ID, and its term and number are not above those of the last
+        command that this manager has tagged.
+        """
         mine = Place(self._signer.term, self._signer.number)
         return manager == self._turn.node and self._managers.places[manager] <= mine
 
@@ -365,7 +369,9 @@ class Authenticity:
         """Find the values with which the tag of a page 0 is right; None: the tag is wrong.
 
         Returns the session, the number of the page in the session, the digest of the configuration that runs,
-        and the EMCY that the tag covers.
+        and the EMCY that the tag covers (`NO_EMERGENCY` if the page reports no pending fault).
+
+        said: the content of the page that the tag covers.
         """
         emergencies = [*peer.held] if PeFlags.FAULT_PENDING in page.flags else [NO_EMERGENCY]
         covered = [(digest, emergency) for digest in self._digests(peer, page.epoch) for emergency in emergencies]

@@ -20,7 +20,7 @@ class Beacon:
     """Builds the manager's regular frames, and numbers them."""
 
     def __init__(self, node: int, period_ns: int, first_ns: int) -> None:
-        """Make the first beat at `first_ns`, and one beat in each `period_ns` (nanoseconds)."""
+        """Set the first beat to be due at `first_ns`, and then one beat in each `period_ns` (nanoseconds)."""
         self.next_ns = first_ns
         self._node, self._period_ns = node, period_ns
         self._canopen_ns = first_ns

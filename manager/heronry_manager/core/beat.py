@@ -80,9 +80,9 @@ class Beat:
         self._has_to_leave_out = True
 
     def leave_out(self) -> None:
-        """Send an ALIVE now if the last one has named a PE that is not available any more.
+        """Send an ALIVE now if a PE that the last ALIVE named is no longer available.
 
-        T_lease of that PE begins then.
+        T_lease of this PE begins when the new ALIVE is on the bus.
         """
         if self._has_to_leave_out:
             self._turn.ask(self.beacon.alive(self._turn.term, self._named()))

@@ -101,9 +101,11 @@ class Deployment:
         return self.current.plan if self.current is not None else None
 
     def unknown_epoch(self, leased: int) -> int | None:
-        """Give the newest epoch that PEs run, or that a LEASE of another manager names (`leased`).
+        """Give the newest epoch that PEs run or another manager's LEASE names, if this manager has no current epoch.
 
-        None if there is none, or if this manager has a current epoch, whose configuration it knows.
+        None: there is no such epoch, or this manager has a current epoch, whose configuration it knows.
+
+        leased: the epoch that the LEASE of another manager names.
         """
         if self.current is not None:
             return None

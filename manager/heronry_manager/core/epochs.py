@@ -144,7 +144,7 @@ class Epochs:
         return self._known.get(number)
 
     def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
-        """Yield for each epoch newer than this one: by PE, the tokens that the epoch places there."""
+        """Yield the tokens that each remembered epoch newer than `epoch` places, by PE."""
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:

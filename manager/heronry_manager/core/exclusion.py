@@ -138,25 +138,33 @@ class Exclusion:
         self._slept_ns[pe] = 0
 
     def slept(self, unknown_ns: int) -> None:
-        """Do not count `unknown_ns` nanoseconds, in which this manager did not run or its clock jumped."""
+        """Let `unknown_ns` nanoseconds count neither for the silence of a PE nor for T_lease.
+
+        In this time this manager did not run, or its clock jumped.
+        """
         self._slept_ns = {pe: slept_ns + unknown_ns for pe, slept_ns in self._slept_ns.items()}
         self._last_named_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._last_named_ns.items()}
         self._unsent_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._unsent_ns.items()}
 
     def activated(self, placed: Mapping[str, set[str]]) -> None:
-        """Add these tokens to those of each PE: the first ACTIVATE of their configuration is about to go out."""
+        """Give each PE the tokens of a configuration, in addition to those that the PE holds.
+
+        To be called when the first ACTIVATE of this configuration is about to go out.
+
+        placed: the tokens of the configuration, by PE.
+        """
         for pe, tokens in placed.items():
             self._holds[pe] |= tokens
 
     def reported(self, pe: str, *placed: Mapping[str, set[str]]) -> None:
-        """Let a PE hold exactly the tokens that `placed` gives to it.
+        """Record that a PE holds exactly the tokens that `placed` gives to it.
 
         placed: tokens by PE, for the epoch that the PE reports and for each newer epoch that the PE may take up.
         """
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:
-        """Take all tokens from an available PE that is a new incarnation, or runs nothing any more."""
+        """Record that an available PE holds no token, since it is a new incarnation, or runs nothing any more."""
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
@@ -168,7 +176,7 @@ class Exclusion:
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
-        """Add every token that could be placed on a PE; the PE may run a configuration of another manager."""
+        """Let a PE hold every token that can be placed on it, since it may run a configuration of another manager."""
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:

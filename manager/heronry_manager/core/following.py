@@ -106,7 +106,10 @@ class Following:
         self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE named them
 
     def heard(self, node: int, message: ManagementMessage) -> Changes:
-        """Take over what another manager's command says; gives the changes of the situation that follow."""
+        """Learn from another manager's command; gives the changes of the situation that the command announces.
+
+        Only a LEASE is taken from any manager; any other command counts only from the manager that is followed.
+        """
         if isinstance(message, Lease):
             self._lease(node, message)
         if node != self.node:
@@ -125,7 +128,10 @@ class Following:
         return ()
 
     def is_beat(self, node: int, message: ManagementMessage) -> bool:
-        """Tell whether this is an ALIVE of the manager that is followed: with it a beat of that manager is complete."""
+        """Tell whether a message is an ALIVE of the followed manager in its term.
+
+        That manager sends ALIVE after LEASE, so a beat of the manager is then complete.
+        """
         return node == self.node and isinstance(message, Alive) and message.term == self.term
 
     def _lease(self, node: int, lease: Lease) -> None:
@@ -149,9 +155,10 @@ class Following:
 
     @property
     def runs(self) -> Runs | None:
-        """The configuration that runs: the last one whose activation was overheard, or the remembered one.
+        """The configuration that runs, as far as this manager knows; None: it knows none.
 
-        None: not known.
+        This is the last configuration that the manager has overheard completely, with its activation. Until it has
+        overheard one, it is the configuration in its memory.
         """
         return self._overheard.runs
 
@@ -184,7 +191,15 @@ class Following:
             self._orphaned_ns = min(self._orphaned_ns, self._in_flight_ns)
 
     def is_orphaned(self) -> bool:
-        """Tell whether this manager may take over: most PEs hear no LEASE, or some PE refuses the other manager."""
+        """Tell whether this manager may take over.
+
+        This is so in two cases, which the head of this file calls orphaned and behind:
+
+        - No LEASE came within T_lease (before the first LEASE: within the start-up window or, in flight, three times
+          T_lease), and more than half of the PEs report that they hear no LEASE either.
+        - The term of the followed manager has been too low for `LEARNS_LEASES` times T_lease, and some PE reports that
+          it hears no LEASE.
+        """
         now_ns = self._turn.now_ns
         if self._behind_ns is not None and now_ns - self._behind_ns >= LEARNS_LEASES * self._lease_ns:
             return False in self._heard().values()
@@ -213,9 +228,9 @@ class Following:
         return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
-        """Give each PE that was heard within T_lease, and whether it reports that it hears a LEASE.
+        """Give each PE whose state was heard within T_lease, and whether the PE reports that it hears a LEASE.
 
-        The unproven states of a PE count only if it has proven none in that time.
+        An unproven state counts only if the PE has proven no state within T_lease.
         """
         return self._recently(self._unproven) | self._recently(self._said)
 

@@ -201,9 +201,9 @@ class Health:
         return now_ns >= max(silent_ns, default=NEVER_NS)
 
     def discount_losses(self) -> list[str]:
-        """Discount the losses of PEs that were counted after this manager last heard a PE.
+        """Discount the last loss of each PE that was lost after this manager last heard any PE.
 
-        The reason: the manager itself heard nothing. Gives the PEs whose losses were discounted.
+        Such a loss does not show a fault of the PE, since the manager itself heard nothing. Gives these PEs.
         """
         last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
         discounted = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
@@ -300,7 +300,7 @@ class Health:
         ]
 
     def spoke(self, pe: str, incarnation: int, now_ns: int) -> None:
-        """Note a state of a PE that is not proven; the standing of the PE does not change."""
+        """Note that an unproven state of a PE has come, with its boot count; the standing of the PE does not change."""
         record = self._records[pe]
         record.spoke_ns = now_ns
         record.says(incarnation, now_ns)
@@ -321,7 +321,7 @@ class Health:
     def forgive(self, pe: str) -> bool:
         """Let a PE become available again after the shortest hold-down.
 
-        Tells whether the PE was barred or in quarantine until now.
+        Tells whether the PE was kept unavailable until now, by a latched fault (`bar`) or by quarantine.
         """
         record = self._records[pe]
         kept_out = record.barred or self.is_quarantined(pe)
@@ -339,7 +339,7 @@ class Health:
         self._close_window_if_all_heard()
 
     def is_quarantined(self, pe: str) -> bool:
-        """Tell whether a PE is held down for longer than after a single loss."""
+        """Tell whether a PE is not available, and has a longer hold-down than after a single loss."""
         return not self.is_available(pe) and self._records[pe].losses > 1
 
     def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:

@@ -41,8 +41,8 @@ class HeldOutputs:
     def reported(self, pe: str, page: StatePage0) -> None:
         """Note from page 0 whether a PE holds outputs back.
 
-        An event reports that the PE has held outputs back for longer than T_lease; another event, that they are free
-        again.
+        When the PE has held outputs back for longer than T_lease, an event reports it. When the outputs of this PE are
+        free again after that, another event reports it.
         """
         now_ns, held = self._turn.now_ns, self._held.get(pe)
         if PeFlags.OUTPUT_HELD not in page.flags:
@@ -56,7 +56,10 @@ class HeldOutputs:
             self._turn.emit("outputs_held", pe=pe, modules=self._modules(pe), cause=held.cause)
 
     def status(self, pe: str) -> dict[str, Any] | None:
-        """Give which modules of a PE are held back for longer than T_lease, why, and how long; None: no module is."""
+        """Give the modules whose outputs a PE holds back, the cause, and the time since then in ns.
+
+        None: this PE has not reported for longer than T_lease that it holds outputs back.
+        """
         held = self._held.get(pe)
         if held is None or not held.is_told:
             return None

@@ -48,7 +48,7 @@ _WORSE = "it is worse at level 1 than the plan for this situation"
 
 
 class HeldScript:
-    """Keeps the configurations that the operator's scripts order to run and to stay, within one mastership."""
+    """Keeps, for one mastership, the configurations that the operator's scripts order to run and to stay."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn
@@ -71,7 +71,7 @@ class HeldScript:
         return {"state": state, "why": why or None}
 
     def ask(self, target: Configuration) -> None:
-        """Note that the operator orders this configuration, which is legal now."""
+        """Note that the operator orders `target`, the configuration of a script, which is legal now."""
         self._asked = target
 
     def refuse(self, reason: str) -> None:
@@ -117,9 +117,10 @@ class HeldScript:
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
         """Choose what to deploy: the configuration of a script, or `known`, the plan for this situation.
 
-        First the configuration that was asked for is compared with `known`, and then the held one. A configuration that
-        is worse than `known` at level 1 is refused, or no longer held. Returns a plan of the first configuration that
-        is not worse. Returns None if there is none; then `known` is to be deployed.
+        The configuration that the operator has just ordered is compared with `known` first, then that of the held
+        script. If a configuration is worse than `known` at level 1, the order is refused, or the held script ends.
+        Returns a plan of the first configuration that is not worse. Returns None if there is none; then the caller
+        has to deploy `known`.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

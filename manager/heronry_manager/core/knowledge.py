@@ -84,7 +84,11 @@ class Knowledge:
             require(opened is None, "a manager that is not active has an epoch: {}", self._turn.recent)
 
     def _validate_memory(self) -> None:
-        """Check that the memory agrees with what is known now, so that a restart restores the same knowledge."""
+        """Check that the memory has what a restart must restore, as this manager knows it now.
+
+        This is the phase, the latched faults, the losses of each PE in quarantine, and the current epoch with its
+        digest. Raises InvariantError if one of them differs.
+        """
         memory, situation, recent = self._turn.memory, self.situation, self._turn.recent
         current, runs = self.deployment.current, memory.runs
         require(memory.phase in (None, situation.phase), "the phase is not remembered: {}", recent)

@@ -78,9 +78,9 @@ class LimitChanged:
 
 @dataclass(frozen=True, slots=True)
 class ModuleReleased:
-    """A fault of a module was cleared, and only a new epoch starts the module again.
+    """A fault of a module was cleared; the module starts again only with a new epoch.
 
-    pe: the fault was cleared on this PE alone; None: on all PEs.
+    pe: the only PE on which the fault was cleared; None: it was cleared on all PEs.
     """
 
     module: str
@@ -96,7 +96,7 @@ class PeAsked:
 
 @dataclass(frozen=True, slots=True)
 class TargetAsked:
-    """The operator orders this configuration by a script; it is legal."""
+    """The operator has ordered, by a script, that the legal configuration `target` be flown."""
 
     target: Configuration
 
@@ -176,7 +176,10 @@ class KnownSituation:
         return changes
 
     def _remember(self) -> None:
-        """Restore the situation that is remembered over a restart."""
+        """Restore from the memory what this manager knew before its restart.
+
+        This is the phase, the executed phase requests, the latched faults, and the losses of PEs in quarantine.
+        """
         memory, now_ns = self._turn.memory, self._turn.now_ns
         self._mission.current = memory.phase or self._mission.current
         self._mission.remember({pe: (one.incarnation, one.number) for pe, one in memory.phase_requests.items()})
@@ -244,10 +247,10 @@ class KnownSituation:
         return () if cause is None else (PlanNeeded(cause),)
 
     def _request_answered(self, pe: str, kind: int, number: int) -> None:
-        """Note that another manager has acknowledged a PE's request, if this shows that it has executed the request.
+        """Note that another manager has acknowledged a request of a PE, if the acknowledgement means "executed".
 
-        It shows that if the manager has announced the phase, or the priority of the function, immediately
-        before. No effect if the PE may have restarted since the request.
+        It means this if that manager has announced the requested phase, or the priority of the function,
+        immediately before. No effect if the PE may have restarted since the request.
 
         kind: PHASE or PRIORITY.
         number: number of the request; for a priority, with the index of the function, as in CONTROL.
@@ -360,7 +363,10 @@ class KnownSituation:
         return changes
 
     def enter(self, phase: str, by: str) -> Changes:
-        """Enter another mission phase; gives the changes that follow."""
+        """Enter the mission phase `phase`, and return the resulting change: a plan is needed.
+
+        by: who has requested the phase, for events and causes.
+        """
         before, self._mission.current = self._mission.current, phase
         self._turn.keep(PhaseEntered(phase))
         self._turn.emit("phase_changed", phase=phase, before=before, by=by)

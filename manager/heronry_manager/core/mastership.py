@@ -167,9 +167,10 @@ class Claim:
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:
-        """Tell whether this manager has listened for long enough and may begin a term now.
+        """Tell whether this manager has listened for long enough, and may now begin a term.
 
-        If manager 126 must have the chance to begin first, the answer is False, and this manager stands by from now on.
+        If it has listened for long enough, but manager 126 is to have the first chance to begin a term, the answer is
+        False, and this manager stands by from now on.
         """
         until_ns = self.listens_until_ns
         if self.state is not Mastership.LISTENING or until_ns is None or self._turn.now_ns < until_ns:
@@ -222,17 +223,17 @@ class Claim:
     # Giving way
 
     def fall_silent(self) -> None:
-        """Stop sending, and listen again: T_lease of listening begins with the next frame of a PE.
+        """Stop sending, and listen again; the listening ends T_lease after the next frame of a PE.
 
-        From now on this manager no longer lets manager 126 begin first.
+        After that, this manager begins a term without waiting for manager 126 to begin first.
         """
         self._move(MastershipEvent.FALLS_SILENT)
         self.listens_until_ns, self._goes_first = None, True
 
     def gives_way_to(self, node: int, lease: Lease) -> bool:
-        """Decide on a LEASE of another manager; tells whether this manager gives way and stands by from now on.
+        """Decide on a LEASE of another manager; returns True if this manager gives way and stands by from now on.
 
-        Without `standby` this manager ends instead, and the answer is False.
+        Where the setting `standby` is off, this manager does not stand by, but ends; then the answer is False.
         """
         is_listening, term = self.state is Mastership.LISTENING, self._turn.term
         is_double = node == self._settings.node and lease.term == term  # a manager does not receive its own frames

@@ -36,7 +36,7 @@ class TermBegun:
 
 @dataclass(frozen=True, slots=True)
 class Reserved:
-    """Numbers of this kind up to `last` may be used from now on; after a restart none of them is used again."""
+    """The manager may use numbers of `kind` up to `last`; after a restart it uses none of them again."""
 
     kind: str
     last: int

@@ -51,7 +51,7 @@ class ModuleNotices:
                 self._over(module, pe)
 
     def all(self) -> list[tuple[str, str, int]]:
-        """List module, PE and detail of each notice that is not over."""
+        """List (module, PE, detail of the last report) for each notice that is not over."""
         return [(module, pe, detail) for (module, pe), (_, detail) in sorted(self._told.items())]
 
     def _begun(self, module: str, by: str, detail: int) -> None:
@@ -79,7 +79,7 @@ class UnknownReports(ModuleNotices):
 
 
 class UnknownOutputs(ModuleNotices):
-    """Keeps which modules give an output whose name is misspelt."""
+    """Remembers the modules that give an output whose name is misspelt."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:  # noqa: ARG002 - it is always 0
         self._turn.emit("unknown_output", module=module, by=by)

@@ -24,7 +24,7 @@ class NonceAnswers:
     """Decides which nonces of one PE the manager answers."""
 
     def __init__(self, period_ns: int) -> None:
-        """`period_ns`: heartbeat period of the PE's uplink."""
+        """Begin with no nonce heard; `period_ns` is the heartbeat period of the PE's uplink."""
         self._period_ns = period_ns
         self._first_ns: dict[int, int] = {}  # when each nonce was first heard, oldest first
         self._answered_ns: dict[int, int] = {}

@@ -33,14 +33,14 @@ class Observed:
 
 
 class Observations:
-    """Keeps what each PE reports that it runs, whether the PE is available or not."""
+    """Keeps what each PE last reported about its epoch, whether the PE is available or not."""
 
     def __init__(self, pes: Iterable[str]) -> None:
         self.of = {pe: Observed() for pe in pes}
         self._newest_lost = NO_EPOCH  # newest epoch that some PE ran when it was lost
 
     def begin_term(self) -> None:
-        """Begin a new term, of which no PE has heard yet."""
+        """Note that a term begins: no PE has reported yet that it hears a LEASE of this term."""
         for seen in self.of.values():
             seen.hears = False
 
@@ -59,7 +59,7 @@ class Observations:
         self.of[pe].configured = False
 
     def lost(self, pe: str) -> None:
-        """Forget what a PE that is no longer available has reported, except for its epoch."""
+        """Forget what a PE that is no longer available has reported; only its epoch is kept for `newest_epoch`."""
         self._newest_lost = newest_epoch((self._newest_lost, self.of[pe].epoch))
         self.of[pe] = Observed()
 

@@ -77,7 +77,7 @@ def on_board(spec: Spec, made: Contingencies) -> list[OnBoard]:
 
 
 def loaded(table: PeTable, one: OnBoard) -> PeTable:
-    """Give a table with these contingencies added to it."""
+    """Return a PE's table with the contingencies `one`, which replace those that the table had."""
     return replace(table, contingencies=b64encode(one.block).decode())
 
 

@@ -113,7 +113,10 @@ class Overheard:
         return called if called is not None and self._compiler.configuration(called).digest == digest else None
 
     def _put_together(self) -> Configuration | None:
-        """Give the configuration that the slices make; None: a slice is not known, or does not fit this spec."""
+        """Give the configuration that the slices of the overheard epoch make together.
+
+        None: a slice is not known, or the slices do not fit this spec.
+        """
         if any(head.digest not in self._known for head in self._heads.values()):
             return None
         try:

@@ -11,10 +11,7 @@ from heronry_manager.core.turn import Turn
 
 
 class Parts:
-    """The acting objects of a manager's core, which the code that processes frames calls.
-
-    This code is in `pe_reports`, `succession` and `inbound`.
-    """
+    """The objects of a manager's core that `pe_reports`, `succession` and `inbound` call to process frames."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn) -> None:
         self.settings, self.turn = settings, turn

@@ -71,12 +71,18 @@ class PeDetails:
         self._position = cache(self._position_in_table)
 
     def stood_still(self, event: StoodStill) -> None:
-        """Count a standstill of this manager's computer; a long one is reported as an event."""
+        """Count a standstill of this manager's computer, and report it as an event if it is long.
+
+        After such an event, another one within TELL_AGAIN_NS reports only a longer standstill.
+        """
         if self.own.count(event, self._turn.now_ns):
             self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
-        """Read from a PE why a module has failed, and report the reason once, although the PE repeats its EMCY."""
+        """Read from a PE why a module has failed, and report the reason in an event.
+
+        The PE repeats its EMCY; a repetition of the same EMCY has no effect.
+        """
         heard_ns = self._turn.now_ns
         before, at_ns = self._heard.get((pe, element), (None, 0))
         self._heard[pe, element] = emergency, heard_ns

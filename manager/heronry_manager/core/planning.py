@@ -38,7 +38,10 @@ _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
 
 class Planning:
-    """Keeps the present request for a plan, and the causes for which it was made."""
+    """Keeps the present request for a plan, and the causes of the reconfiguration that is not done yet.
+
+    It also keeps the causes that only the next request will take into account.
+    """
 
     def __init__(self, turn: Turn) -> None:
         self._turn = turn
@@ -107,7 +110,7 @@ class Planning:
         return True
 
     def awaits(self, answer: PlanReady) -> bool:
-        """Tell whether this is the answer to the present request, and the first one."""
+        """Tell whether `answer` is the first answer to the present request."""
         return answer.request == self._request and self.waiting
 
     def takes(self, answer: PlanReady) -> None:
@@ -134,19 +137,27 @@ class Planning:
         self.ask(now, running, in_background=True)
 
     def ask_for(self, target: Configuration, now: Situation, running: Placement) -> None:
-        """Request the best plan for this situation; it is compared with `target`, the configuration of a script."""
+        """Request the best plan for this situation, to compare it with the configuration of a script.
+
+        target: the configuration of the script.
+        running: what runs now.
+        """
         self.causes = [Cause(_SCRIPT, self._turn.now_ns, self._turn.now_ns)]
         self.ask(now, running, in_background=True, target=target)
 
     def target_taken(self) -> None:
         """Note that the configuration of a script is deployed.
 
-        The request for it no longer counts as one in the background, so the optimal plan may be requested later.
+        The request made for the script no longer counts as a background request.
+        So the optimal plan may be requested later.
         """
         self.in_background = False
 
     def target_refused(self) -> None:
-        """Note that the script is refused: the plan is now treated like a plan that was requested in the background."""
+        """Note that the script is refused.
+
+        The plan that was requested for comparison with the script now counts as requested in the background.
+        """
         self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
     def forget(self) -> None:
@@ -156,7 +167,7 @@ class Planning:
         self.gathered.clear()
 
     def done(self, causes: tuple[Cause, ...]) -> None:
-        """Drop these causes, since the configuration that runs now was planned for them."""
+        """Drop these causes of a new plan, since the configuration that runs now was planned for them."""
         self.causes = [cause for cause in self.causes if cause not in causes]
 
 

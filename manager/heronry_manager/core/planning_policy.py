@@ -113,7 +113,7 @@ class PrePlannerAnswered:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Instruction to the driver: give this answer to the core."""
+    """Instruction to the driver: give the core this answer to its request for a plan."""
 
     answer: PlanReady | PlanFailed
     source: Source
@@ -132,9 +132,9 @@ class AskPlanner:
 
 @dataclass(frozen=True, slots=True)
 class PrePlan:
-    """Instruction to the driver: send this question to the pre-planner's process, which is idle.
+    """Instructs the driver to send `question` to the process of the pre-planner, which is idle.
 
-    `PrePlannerAnswered` repeats the `number`.
+    The event `PrePlannerAnswered` that brings the answer repeats the `number` of this instruction.
     """
 
     number: int
@@ -242,7 +242,10 @@ class PlanningPolicy:
     # Questions ahead
 
     def _look_ahead(self, now: Situation, running: Placement) -> None:
-        """List the questions to pre-plan now, and forget the plans for all other questions."""
+        """List the questions that are left to pre-plan, and forget the pre-planned plans that are no longer needed.
+
+        A plan is no longer needed if its question does not follow from the situation `now` and from what runs.
+        """
         if not self._has_planner:
             return
         ahead = [Question(next_one, running) for next_one in self._next_situations(now)]
@@ -250,7 +253,10 @@ class PlanningPolicy:
         self._ahead = deque(one for one in ahead if one not in self._pre_planned and not self._is_answered_ahead(one))
 
     def _next_situations(self, now: Situation) -> Iterable[Situation]:
-        """Give the situations to plan ahead for: the loss of each PE, the return of each PE, and the next phase."""
+        """Yield the situations to plan ahead for.
+
+        These are the loss of each PE that is up, the return of each PE that is down, and the next phase.
+        """
         for pe in self._spec.pes:
             if f"pe:{pe}" not in now.down:
                 yield replace(now, down=now.down | {f"pe:{pe}"})
@@ -271,7 +277,10 @@ class PlanningPolicy:
         return self._contingencies.find(one.now.down, one.now.phase, one.running) is not None
 
     def _pre_plan(self) -> list[Instruction]:
-        """Give the next question to the pre-planner if it is idle."""
+        """Return the instruction that gives the next question to the pre-planner.
+
+        The list is empty if the pre-planner is not idle, or no question is left.
+        """
         if self._in_pre_planning is not None or not self._ahead:
             return []
         self._number += 1

@@ -98,7 +98,7 @@ class RadioLinks:
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
 
     def restarted(self, gateway: str) -> None:
-        """Note that a gateway was lost: after a restart it numbers its reports from the beginning."""
+        """Forget the last reports of a lost gateway, since after a restart it numbers its reports anew."""
         for record in self.records.values():
             if record.radio.gateway == gateway:
                 record.report = None
@@ -173,8 +173,8 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Give the step for a usable share in per mille: the largest step that is not above the share.
+    """Give the share of bandwidth from `STEPS` that plans may use, for the share that a gateway reports, in per mille.
 
-    From a share of 900 on, the step is 1000, the whole bandwidth.
+    It is the largest one that is not above the reported share; from a reported share of 900 on, it is 1000.
     """
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

@@ -134,11 +134,17 @@ class _Progress:
     asked_times: int = 0
 
     def again_ns(self) -> int:
-        """Give when to repeat the command, in ns: the waits are 1, 2, 4, and then always 8 heartbeat periods."""
+        """Give the time (ns) at which to repeat the command.
+
+        The waits between the repetitions are 1, 2, 4, and then always 8 heartbeat periods.
+        """
         return self.asked_ns + self.participant.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:
-        """Note that the manager waits for an answer of this PE from now on."""
+        """Note that the manager waits for an answer of this PE from now on.
+
+        The times until the command is repeated, and until the PE is overdue, begin anew.
+        """
         self.since_ns, self.asked_ns, self.asked_times = now_ns, now_ns, 0
 
     def is_overdue(self, now_ns: int) -> bool:
@@ -212,14 +218,17 @@ class Reconfiguration:
             self._ask(progress, now_ns)
 
     def not_on_board(self, pe: str, now_ns: int) -> None:
-        """Note from page 1 that a PE does not hold this contingency: send the slice, unless that was done before."""
+        """Note from page 1 that a PE does not hold the contingency that PREPARE names, and send it its slice.
+
+        This has no effect if the PE has staged the slice, or is to get it already.
+        """
         progress = self._progress.get(pe)
         if progress is not None and not progress.staged and not progress.needs_slice:
             progress.needs_slice = True
             self._ask(progress, now_ns)
 
     def reported(self, pe: str, state: PeState, now_ns: int) -> None:
-        """Note from page 0 of a PE in this epoch which step the PE has taken."""
+        """Note which activation step a PE has taken: its page 0 has reported `state` for this epoch."""
         progress = self._progress.get(pe)
         if progress is None or state is PeState.UNCONFIGURED:
             return
@@ -230,7 +239,11 @@ class Reconfiguration:
             progress.owes(now_ns)
 
     def admit(self, participant: Participant, now_ns: int) -> None:
-        """Add a PE that has become available late: it gets its slice, and takes the steps that LEASE repeats."""
+        """Let a PE that has become available late take part in this epoch.
+
+        The PE gets PREPARE and its slice, and then takes the activation step that every LEASE names. No effect
+        if the PE takes part already and has not taken the last step.
+        """
         before = self._progress.get(participant.pe)
         if before is not None and before.step is not Step.GO_ALL:
             return  # it is a participant already
@@ -250,7 +263,7 @@ class Reconfiguration:
         return all(p.staged for p in self._progress.values() if p.participant.awaited)
 
     def all_broken(self) -> bool:
-        """Tell whether every PE that must break has reported BROKEN, PARTIAL or ACTIVE."""
+        """Tell whether every PE that must take the step BREAK has reported BROKEN, PARTIAL or ACTIVE."""
         return all(self._progress[pe].step >= Step.BREAK for pe in self.must_break)
 
     def all_active(self) -> bool:
@@ -270,7 +283,7 @@ class Reconfiguration:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
-        """Command GO_ALL, or GO if some DEMUX has to wait until a silent PE has certainly stopped.
+        """Command GO_ALL, or GO while a silent PE may still drive a DEMUX that this epoch gives to another PE.
 
         The caller has made sure that everything else that is exclusive is free.
         """
@@ -287,7 +300,10 @@ class Reconfiguration:
         self._progress.clear()
 
     def tick(self, now_ns: int) -> list[str]:
-        """Repeat the commands that PEs have not answered in time; gives the PEs that are overdue."""
+        """Repeat the commands that PEs have not answered in time.
+
+        Gives the PEs that have not answered within the patience; their silence causes no repetition any more.
+        """
         self._pace(now_ns)
         waiting = self._waiting_for()
         overdue = [pe for pe, progress in waiting.items() if progress.is_overdue(now_ns)]
@@ -305,7 +321,10 @@ class Reconfiguration:
         return overdue
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) at which to call `tick`; None: nothing is to be repeated."""
+        """Give the time (ns) at which to call `tick`.
+
+        None: nothing is to be sent or repeated, and no time is awaited at which unavailable PEs have stopped.
+        """
         wanted = self.step
         deadlines = [p.again_ns() for p in self._progress.values() if not p.staged or p.step < wanted]
         if self._paced:
@@ -340,7 +359,10 @@ class Reconfiguration:
         )
 
     def _ask(self, progress: _Progress, now_ns: int) -> None:
-        """Send a PE the head of its slice, and the body if the PE wants it; nothing if PREPARE is enough for the PE."""
+        """Send a PE the head of its slice, and also the body if the PE wants the body.
+
+        If the PE needs no slice, since PREPARE names a contingency on board, nothing is sent here.
+        """
         participant = progress.participant
         if not progress.needs_slice:
             progress.asked_ns = now_ns

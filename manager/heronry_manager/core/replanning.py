@@ -95,7 +95,10 @@ class Replanning:
             self.planning.gathered.append(cause)
 
     def limit(self, change: LimitChanged) -> None:
-        """Request a plan because of a changed limit of a radio, unless the running plan is still the best one."""
+        """React to a changed limit of a radio.
+
+        Request a plan, unless nothing is under way and the running plan is still the best one.
+        """
         plan = self._known.deployment.plan
         if plan is not None and self.planning.idle and self._known.situation.spares(plan):
             self._settle()
@@ -103,7 +106,11 @@ class Replanning:
             self.need(PlanNeeded(change.cause))
 
     def need_higher_epoch(self, pe: str) -> None:
-        """Open a newer epoch if a PE runs an epoch newer than this manager's; see *overtaken* in `deployment`."""
+        """Request a plan, and so a newer epoch, if a PE runs an epoch newer than this manager's.
+
+        Do nothing while an answer of the planner is awaited, or a failed request will be repeated. See *overtaken* in
+        `deployment`.
+        """
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
@@ -117,9 +124,9 @@ class Replanning:
     # Scripts of the operator
 
     def fly(self, target: Configuration) -> None:
-        """Request the best plan in the background, because of a script whose configuration is `target`.
+        """Request the best plan in the background, to compare it with `target`, which a script orders.
 
-        When the plan has come, `ready` compares the two: `target` is deployed unless it is worse at level 1.
+        When the plan has come, `ready` compares them: `target` is deployed unless it is worse than the plan at level 1.
         """
         running = self._known.deployment.running
         assert running is not None, "a script is refused while nothing runs"
@@ -248,7 +255,7 @@ class Replanning:
             self._weigh()
 
     def _weigh(self) -> None:
-        """Decide whether an adopted configuration may stay; if not, request a plan now."""
+        """Keep the adopted configuration if it may stay and no plan is awaited; else request a plan now."""
         if self._may_stay() and not self.planning.waiting:
             self.planning.causes.clear()
             self._settle()

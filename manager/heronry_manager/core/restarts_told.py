@@ -26,7 +26,10 @@ class RestartsTold:
         self._heard: dict[tuple[str, str], tuple[int, int]] = {}  # by PE and element: the count, and when it came
 
     def reported(self, pe: str, element: str, times: int) -> None:
-        """Note a PE's EMCY which says that it has restarted a module `times` times."""
+        """Process an EMCY in which a PE says how often (`times`) it has restarted the module `element`.
+
+        Emit an event unless the EMCY only repeats the last one.
+        """
         now_ns = self._turn.now_ns
         lease_ns = t_lease_ns(self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns)
         said, at_ns = self._heard.get((pe, element), (0, 0))

@@ -37,18 +37,18 @@ class Storms:
         self._restarts, self._since_ns = 0, 0
 
     def ended_one(self) -> None:
-        """Note that a change has ended an epoch that was being prepared, or has replaced a request for a plan."""
+        """Count a change that has ended an epoch in preparation, or has replaced a request for a plan."""
         if not self._restarts:
             self._since_ns = self._turn.now_ns
         self._restarts += 1
 
     def over(self) -> None:
-        """Note that an epoch was activated, or that everything runs as planned: a storm ends."""
+        """Count from zero again, since an epoch was activated or everything runs as planned: a storm is over."""
         self._restarts = 0
 
     @property
     def rages(self) -> bool:
-        """Tell whether there is a storm.
+        """Tell whether there is a storm: changes have ended too many epochs or requests for plans in succession.
 
         In a storm changes are gathered until the epoch or the request for a plan that is under way is finished.
         """

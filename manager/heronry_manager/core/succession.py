@@ -7,9 +7,9 @@
                      and follow that manager
     follow           as a standby or advising manager, take in the commands of the active manager (`following`)
     take over        the PEs report that no manager is active any more. Begin a term with what was learnt from the
-                     manager that was active last. A PE that was available to that manager, and still runs its
-                     configuration, is not held down. This manager waits for each PE that has proven no state to it
-                     yet (`health`)
+                     manager that was active last. A PE is not held down if it was available to that manager, and its
+                     last state is ACTIVE. This manager waits for each PE that has proven no state to it yet
+                     (`health`)
     fall silent      no PE is heard, or most PEs refuse this manager. Forget all but the memory, send nothing, and
                      listen for a PE
 
@@ -84,7 +84,10 @@ class Succession:
             self._beat.begin()
 
     def take_over(self) -> None:
-        """Begin a term as successor of the manager that was followed, since no manager is active any more."""
+        """Begin a term as successor of the manager that this manager has followed.
+
+        To be called when no manager is active any more.
+        """
         known, followed, now_ns = self._known, self._known.following, self._turn.now_ns
         active = filter(known.deployment.is_active, followed.available())
         inherited = known.health.inherited(active, now_ns)

@@ -63,6 +63,6 @@ class Turn:
         self.ask(Emit(make_event(kind, self.now_ns, **data)))
 
     def end(self) -> list[ManagerAction]:
-        """End the call; gives all actions that were requested in it, in order."""
+        """End the present call of the core; gives all actions that were requested in this call, in order."""
         actions, self._actions = self._actions, []
         return actions if self.seal is None else self.seal(actions)

@@ -121,7 +121,7 @@ def _possible(placeable: dict[str, Candidate]) -> dict[str, Candidate]:
 
 
 def _given(modules: Mapping[str, Candidate]) -> dict[str, set[int]]:
-    """Return the versions of each variable that some possible mode gives."""
+    """Return, for each variable, the versions in which possible modes give the variable."""
     given: dict[str, set[int]] = {}
     for candidate in modules.values():
         for mode in candidate.modes():

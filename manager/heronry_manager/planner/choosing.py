@@ -49,9 +49,11 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Give an upper bound of the sum into which the group's levels are merged; rule out choices with less.
+        """Give an upper bound of the sum into which the group's levels are merged.
 
-        None: the given effort was used up before the best sum was proven.
+        From then on, choices with a smaller sum are ruled out.
+
+        None: the effort was used up before the best sum was proven; no choice is ruled out then.
         """
         self._model.maximize(self._worth)
         solver = self._solved()
@@ -62,9 +64,9 @@ class Choosing(Choice):
         return bound
 
     def cheapest(self) -> Chosen | None:
-        """Find the choice that takes the least CPU, among those that `bound` has kept; call `bound` first.
+        """Find the choice that takes the least CPU among those that `bound` has not ruled out.
 
-        None: the effort was used up before a choice was found.
+        Call `bound` first. None: the effort was used up before a choice was proven to be the cheapest one.
         """
         modules = self.possible.spec.modules
         cpu = [(literal, modules[name].modes[mode].cpu_millis) for (name, mode), literal in self.on.items()]

@@ -154,7 +154,7 @@ class PlannerClient:
                 return answer.plan
 
     def close(self) -> None:
-        """End the process."""
+        """End the planner's process, and close the file with the spec."""
         self._stop(kill=False)
         self._selector.close()
         self._file.close()
@@ -185,7 +185,11 @@ class PlannerClient:
         self._process.send(request_line(self._inside))
 
     def _ended(self, reason: str) -> list[Planned | Failed]:
-        """Note that the process has ended: return its request as failed; the next request starts another process."""
+        """Kill the process if it still runs, and return the request that it had as failed.
+
+        It is called when the process has ended, or has written a line that is no answer. The next request starts
+        another process.
+        """
         request = self._inside
         code = self._stop(kill=True)
         self._send_next()

@@ -78,7 +78,10 @@ class _Moment:
     demand: Demand
 
     def room(self) -> _Room:
-        """Return the condition under which the message can leave at this moment: all more urgent bits are sent."""
+        """Return the condition under which the message can leave at this moment.
+
+        The condition holds if all more urgent bits have been sent by then.
+        """
         return _Room(self.demand, self.end - self.always)
 
 
@@ -87,7 +90,7 @@ Way = tuple[_Room, ...]
 
 
 class Deadlines:
-    """Adds to a model the deadlines that its solutions have missed."""
+    """Adds to the solver's model the deadlines that solutions of the model have missed."""
 
     def __init__(self, model: CpModel, publishing: Publishing, times: ResponseTimes) -> None:
         self._model, self._publishing, self._times = model, publishing, times
@@ -139,7 +142,10 @@ class Deadlines:
         return literal
 
     def _ways(self, hop: Hop) -> list[Way] | None:
-        """Return the ways in which a message can be in time, each a list of conditions; None: too many moments."""
+        """Return the ways in which a message can be in time, each a list of conditions.
+
+        None: there are too many moments at which the message could leave its bus in time (`_moments`).
+        """
         moments = self._moments(hop, self._least_jitter(hop))
         if moments is None:
             return None
@@ -154,7 +160,7 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition, in ns, that the time which a message takes on two buses fits its deadline.
+        """Return the condition under which a message that takes two buses meets its deadline; times in ns.
 
         The demand of the condition is the time for which more urgent messages keep the two buses busy.
 
@@ -170,7 +176,9 @@ class Deadlines:
         return _Room(demand, floor(left_ns))
 
     def _moments(self, hop: Hop, jitter: Fraction) -> list[_Moment] | None:
-        """List the moments at which a message could leave in time, the earliest first; None: there are too many.
+        """List the moments at which a message could start to leave and still meet its deadline, the earliest first.
+
+        None: there may be more than MOST_MOMENTS of them.
 
         jitter: how late after its release the message may come to this bus, in bit times of this bus.
         """
@@ -219,9 +227,10 @@ class Deadlines:
 
 
 def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[frozenset[Hop]]:
-    """Return small sets of published hops, each of which makes a message late.
+    """Return small sets of published hops; the hops of each set together make a message late.
 
-    The list is empty if all deadlines are met. A late message adds no set if its causes contain an earlier set.
+    The list is empty if all deadlines are met. A late message adds no set if all hops of an earlier set are among the
+    hops on which the late message depends (`Late.causes`).
     """
     conflicts: list[frozenset[Hop]] = []
     for late in times.late(published):

@@ -145,7 +145,7 @@ class Search:
                     self._fix(level)
 
     def serve(self) -> None:
-        """Search for levels 1 and 2 alone."""
+        """Improve only the values of levels 1 and 2; the levels after them are not searched."""
         self.run(sum(group[0].kind is Kind.SERVING for group in self._groups))
 
     def bounds(self) -> tuple[int, ...]:

@@ -20,9 +20,9 @@ _EFFORT = 5.0  # deterministic seconds for each function
 
 
 def explained(spec: Spec, plan: Plan) -> Plan:
-    """Return the plan with better reasons for functions that are not served.
+    """Return the plan with better reasons for the functions that it does not serve.
 
-    Each function that is not served although it could run takes a search.
+    A search is needed for each wanted function that is not served although a module for it can run.
     """
     found = feasible(spec, plan.now)
     reasons = {name: report.why_not for name, report in plan.functions.items() if report.why_not is not None}

@@ -116,7 +116,10 @@ def _weights(group: list[Level]) -> list[int]:
 
 
 def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
-    """Divide a group of levels, in order, into smaller groups; the merged sum of each fits into 62 bits."""
+    """Divide a group of levels, in order, into smaller groups.
+
+    The weighted sum into which the levels of a smaller group are merged (`merged`) fits into 62 bits.
+    """
     part: list[Level] = []
     for level in group:
         if part and sum(abs(weight) for _, weight in merged([*part, level])) >= _SAFE:
@@ -130,7 +133,8 @@ def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
 def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int = 0) -> Level:
     """Make a level from lists of alternative terms; in each list, at most one term can be true.
 
-    position: place of the level in `Objective.key()`. offset: what is added to the sum of the terms there.
+    position: place of the level in `Objective.key()`.
+    offset: the number at this place of the key is the sum of the terms plus `offset`.
     """
     groups = [group for group in alternatives if group]
     return Level(

@@ -49,7 +49,10 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The best configuration found, its objective, and the upper bounds that are proven for it."""
+    """The best configuration found, its objective, and the proven upper bounds.
+
+    bounds: one for each integer of the objective's key.
+    """
 
     number: int
     configuration: Configuration
@@ -69,7 +72,7 @@ Answer = Ready | Solution | Refusal
 
 
 def request_line(request: Request) -> bytes:
-    """Encode a request."""
+    """Encode a request as one line for the planner's process."""
     return _line(
         {
             "request": request.number,

@@ -30,7 +30,10 @@ def weighted(terms: Iterable[tuple[IntVar, int]]) -> LinearExpr:
 
 
 class Choice:
-    """Variables of a model that say which modules run in which mode; subclasses create the variables."""
+    """A part of a solver's model: variables that say which modules run, and in which mode.
+
+    Subclasses create the variables.
+    """
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
         """Begin without variables and constraints."""
@@ -72,7 +75,7 @@ class Choice:
 
 
 class Placing(Choice):
-    """Variables of a model that say which modules run in which mode on which PE."""
+    """The variables of the solver's model that say which modules run, each in which mode and on which PE."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
         """Add to the model which module runs in which mode on which PE, as variables and their constraints."""

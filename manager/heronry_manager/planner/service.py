@@ -33,7 +33,7 @@ from heronry_manager.planner.messages import (
 
 
 def main() -> None:
-    """Answer requests until standard input closes."""
+    """Answer requests for plans until standard input closes."""
     answers = _own_standard_output()
     spec = load(f"/dev/fd/{int(sys.argv[1])}")
     lines: SimpleQueue[bytes] = SimpleQueue()
@@ -65,7 +65,10 @@ def _planned(planner: Planner, request: Request) -> Answer:
 
 
 def _own_standard_output() -> BinaryIO:
-    """Return standard output for answers alone; anything else that is printed goes to standard error from now on."""
+    """Return a stream to standard output that only answers use.
+
+    From now on, everything else that this process prints goes to standard error.
+    """
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     return answers

@@ -77,9 +77,9 @@ def light_solver(effort: float) -> CpSolver:
 
 
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
-    """Yield two searches; the second may succeed where the first fails.
+    """Yield two searches with different settings; the second may find a solution where the first finds none.
 
-    In both, the hint fixes the modules that run, and their modes.
+    In both searches the hint fixes which modules run, and in which modes.
     effort: the limit of each search, in deterministic time.
     """
     quick = light_solver(effort)

@@ -38,7 +38,7 @@ FaultSet = frozenset[str]
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases.
+    """The fault sets of a sweep: all sets of up to `faults` of the elements in `elements`, in each phase of `phases`.
 
     places: the sweep also plans for the failure of each place that a phase's fault-free plan uses, as a single fault.
         No effect if `faults` is 0.
@@ -145,7 +145,7 @@ class Sweep:
         return found
 
     def running(self, phase: Phase) -> Placement | None:
-        """Give the placement of a phase's fault-free plan; None: that is not known yet."""
+        """Give the placement of the plan for a phase without faults; None: this plan is not known yet."""
         healthy = self.outcomes.get((phase, frozenset()))
         return None if healthy is None else placement(healthy.configuration)
 

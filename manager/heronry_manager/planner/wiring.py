@@ -33,7 +33,7 @@ Link = tuple[str, str, str]  # consumer, producer, variable
 
 
 class Wiring:
-    """Variables of a model that say which producer feeds each input."""
+    """The variables of the solver's model that say which producer feeds each input."""
 
     def __init__(self, model: CpModel, possible: Candidates, choice: Choice) -> None:
         """Add to the model the variables of the wires, and the constraints of semantics rules 2, 3 and 5.
@@ -102,7 +102,7 @@ class Wiring:
         self._model.add(LinearExpr.sum(self._new_wires(leaf, where, sources)) == above)
 
     def _offer_leaf(self, leaf: Leaf, where: tuple[str, str, str], above: IntVar) -> list[IntVar]:
-        """Add constraints: while `above` is true, a leaf is wired to at most one source.
+        """Add constraints: a leaf is wired to at most one source while `above` is true, and to none otherwise.
 
         Return one literal for each source.
         """

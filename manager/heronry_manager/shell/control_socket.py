@@ -142,9 +142,10 @@ class ControlSocket:
         return self._listener.accept()[0]
 
     def _has_room(self) -> bool:
-        """Tell whether there is room for one more caller.
+        """Tell whether one more caller can be accepted; if not, try to make room first.
 
-        If there is none, first drop the caller that has been idle for longest.
+        To make room, the caller that has been idle for longest is dropped. A caller that waits for an answer is never
+        dropped; if all do, the answer is False.
         """
         if len(self._callers) < MOST_CALLERS and self._reserve is not None:
             return True

@@ -18,14 +18,17 @@ HELD_NS = 200_000_000
 
 
 class OrderedTelling:
-    """Holds events, and passes each of them on when it has been held long enough."""
+    """Holds each event until it is HELD_NS old, and then passes it on; earlier events go first."""
 
     def __init__(self, tell: Tell) -> None:
         self._tell = tell
         self._held: list[Mapping[str, Any]] = []
 
     def take(self, event: Mapping[str, Any]) -> None:
-        """Hold an event until it is passed on; `heard_ns`, if the event has it, becomes the event's time."""
+        """Hold an event until `tell_until` passes it on.
+
+        If the event has the time `heard_ns`, this time replaces the event's own time `t_ns`.
+        """
         self._held.append({**event, "t_ns": event["heard_ns"]} if "heard_ns" in event else event)
 
     def tell_until(self, until_ns: int | None = None) -> None:
@@ -35,5 +38,5 @@ class OrderedTelling:
             self._tell(self._held.pop(0))
 
     def due_ns(self) -> int | None:
-        """Give the time at which the first held event has been held long enough; None: no event is held."""
+        """Give the time (ns) at which the earliest held event is HELD_NS old; None: no event is held."""
         return min(one["t_ns"] for one in self._held) + HELD_NS if self._held else None

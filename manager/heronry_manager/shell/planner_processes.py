@@ -60,9 +60,10 @@ class PlannerProcesses:
     def __init__(
         self, policy: PlanningPolicy, planner: PlannerLink | None, start_pre_planner: Callable[[], PlannerLink]
     ) -> None:
-        """Begin with the planner's process; `start_pre_planner` starts that of the pre-planner when it is first needed.
+        """Begin with the planner's process, and without a process of the pre-planner.
 
         planner: None if there is no solver. Then the policy must have been made with `has_planner` false.
+        start_pre_planner: starts the process of the pre-planner; called when the pre-planner is first needed.
         """
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
         self._pre_planner: PlannerLink | None = None

@@ -27,7 +27,7 @@ class ScriptSaid:
     order: FlyScript
 
     def target(self, spec: Spec, core: ManagerCore) -> OperatorSaid:
-        """Give the order for the core: the configuration that the script makes takes the place of the script."""
+        """Give the order for the core: it contains the configuration that the script makes, instead of the script."""
         return OperatorSaid(self.number, target_of(self.order.text, spec, core))
 
 
@@ -42,7 +42,11 @@ def target_of(text: str, spec: Spec, core: ManagerCore) -> FlyTarget:
 
 
 def target_in(text: str, spec: Spec, now: Situation, running: Configuration) -> FlyTarget:
-    """Apply a script to a configuration in a situation, as `target_of` does."""
+    """Apply a script to the configuration `running` in the situation `now`, and return the resulting configuration.
+
+    If the script cannot be applied, or if one of its edges can be no wire, the result gives the reason as its
+    `problem`.
+    """
     outcome = apply_to_plan(text, spec, now, running, MOST_PLACEMENTS)
     if outcome.errors:
         first, more = outcome.errors[0], len(outcome.errors) - 1

@@ -144,9 +144,10 @@ class Authenticity:
     # Commands
 
     def guarded(self, handlers: Iterable[tuple[int, Handler]]) -> Iterator[tuple[int, Handler]]:
-        """Yield each identifier with a handler that holds the command, and calls the given handler once it is verified.
+        """Yield each identifier of a command with a handler that holds the command until its TAG comes.
 
-        Also yields the identifiers of the TAGs, each with the handler that verifies the commands.
+        Once the command is verified, it goes to the handler that was given for its identifier. Also yields the
+        identifiers of the TAGs, each with the handler that verifies the held commands.
         """
         for identifier, handler in handlers:
             _, manager, command = classify(identifier)
@@ -212,9 +213,10 @@ class Authenticity:
         return is_recent and self._states.session is not None
 
     def _succeeds(self, manager: int, tag: bytes) -> bool:
-        """Tell whether a held command proves that `manager` has a higher term than the active manager.
+        """Tell whether the command that `tag` proves gives `manager` a higher term than that of the active manager.
 
-        If the command proves that an epoch was activated, `saw_epoch` is called with this epoch.
+        Only a LEASE or ACTIVATE can do so. If this command says that an epoch was activated, `saw_epoch` is called with
+        the epoch.
         """
         seen = self._verifier.recognized(manager, tag)
         order = None if seen is None else decode_command(seen.command, seen.event.frame.data)
@@ -252,9 +254,9 @@ class Authenticity:
         turn.out.append(self._say(StatePage2(facts.state, facts.flags, self._nonces.to_say(turn.now_ns))))
 
     def seal(self, beat: int | None, said: bytes, digest: int) -> int:
-        """Return the tag of a page on the uplink; 0 without a session.
+        """Return the tag of a page 0 or page 1 for the uplink; 0 without a session.
 
-        beat: number of a page 0; None for a page 1. said: the bytes of the page before the digest.
+        beat: number of the page 0; None for a page 1. said: those bytes of the page that come before the digest.
         """
         return self._states.tag(beat, said, digest)
 

@@ -62,7 +62,7 @@ _BROADCAST = 0
 
 @dataclass
 class CommandAcceptance:
-    """Decides which commands of managers are accepted, and has the other parts execute these."""
+    """Decides which commands of managers are accepted, and calls the parts of the agent that execute them."""
 
     turn: Turn
     index: TableIndex

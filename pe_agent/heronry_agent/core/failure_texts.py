@@ -15,7 +15,7 @@ _NONE = Failure("")
 
 
 class FailureTexts:
-    """The failures of the modules of one PE."""
+    """Keeps the last failure of each module of one PE: its reason and its traceback."""
 
     def __init__(self) -> None:
         self._last: dict[int, Failure] = {}  # by index of the module
@@ -27,5 +27,5 @@ class FailureTexts:
         return plain.reason
 
     def last(self, module: int) -> Failure:
-        """Return the last failure of a module; its texts are empty if the module has not failed."""
+        """Return the last failure of a module; a Failure with empty texts if the module has not failed."""
         return self._last.get(module, _NONE)

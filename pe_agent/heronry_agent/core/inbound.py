@@ -140,7 +140,11 @@ class Inbound:
         self._turn.out += self._gateway.up(event.port, event.frame)
 
     def _state(self, event: Received) -> None:
-        """Note that another PE is heard, and compare its epoch with that of this PE, which may be overtaken."""
+        """Process a state of another PE.
+
+        A page 0 on the uplink shows that another node is heard. The epoch in a page 0 is compared with the epoch of
+        this PE, since this PE may be overtaken. A state from a far bus is forwarded.
+        """
         data = event.frame.data
         if len(data) != STATE_BYTES:
             self._turn.count("malformed state", event.frame.can_id)

@@ -52,7 +52,11 @@ _NUMBERED = frozenset((Use.STATE, Use.STANDARD_DATA, Use.ALLOCATED_DATA, Use.ACT
 
 @dataclass(slots=True)
 class _Period:
-    """What was counted in one heartbeat period."""
+    """What was counted in one heartbeat period.
+
+    Counted are bits and time while this node had a frame in the controller, and the frames from beyond the radio: those
+    that were due, and those that came.
+    """
 
     bits: int = 0  # carried while a frame of this node was in the controller
     busy_ns: int = 0  # total time of such frames in the controller

@@ -27,7 +27,7 @@ NO_TERM = 0
 
 
 class Mastership:
-    """The highest term heard, its manager, and when its last LEASE came."""
+    """The highest term heard, the manager that named it, and the time at which the last accepted LEASE came."""
 
     def __init__(self, lease_ns: int) -> None:
         """Begin without a manager; `lease_ns` is the time in ns for which one LEASE is valid."""

@@ -108,7 +108,7 @@ class NetworkManagement:
         return NmtOutcome.RESET
 
     def admits_heartbeat(self, time_ms: int) -> bool:
-        """Tell whether `time_ms` is allowed as the heartbeat period; 0 switches the heartbeat off."""
+        """Tell whether the heartbeat period may be set to `time_ms`; 0 is allowed, and switches the heartbeat off."""
         return time_ms == 0 or SHORTEST_HEARTBEAT_MS <= time_ms <= 0xFFFF
 
     def set_heartbeat(self, time_ms: int, now_ns: int) -> None:
@@ -118,7 +118,10 @@ class NetworkManagement:
             self.next_ns = now_ns + time_ms * _NS_PER_MS if time_ms else NEVER_NS
 
     def tick(self, now_ns: int, *, configured: bool, managed: bool) -> list[Send]:
-        """Return the frames that are due, one for each port: heartbeats; after the start or a reset, boot-up frames."""
+        """Return the frames that are due, one for each port, or none.
+
+        These are boot-up frames at first and after a reset, and heartbeats after that.
+        """
         if now_ns < self.next_ns:
             return []
         state = self.state(configured=configured, managed=managed) if self.booted else NmtState.INITIALISING

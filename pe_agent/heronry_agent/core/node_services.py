@@ -42,7 +42,7 @@ class NodeServices:
     """Answers the node services of one PE."""
 
     def __init__(self, node: int, period_ns: int, network: NetworkManagement) -> None:
-        """Begin without a time stamp; `period_ns` is the heartbeat period of the uplink."""
+        """Begin before the first time stamp (NSS) has come; `period_ns` is the heartbeat period of the uplink."""
         self._node, self._period_ns = node, period_ns
         self._network = network
         self._identification = IdentificationService(node)

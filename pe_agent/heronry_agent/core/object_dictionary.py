@@ -143,7 +143,11 @@ class Locked:
 
 
 def _needed() -> Iterator[Place | int]:
-    """Yield everything for which the constructor needs a function: places of variables, and indices of arrays."""
+    """Yield the objects for whose values the constructor needs a function.
+
+    A variable is given by its index and sub-index. An array whose number of elements changes at run time is
+    given by its index.
+    """
     for entry in OBJECTS:
         if _is_alive(entry):
             yield entry.index

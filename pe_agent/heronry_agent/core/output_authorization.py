@@ -173,7 +173,7 @@ class OutputAuthorization:
         self._overtake()
 
     def confirmed(self) -> None:
-        """Note that this PE is not overtaken: it takes GO_ALL, or LEASE names its configuration at GO_ALL."""
+        """Note that this PE is not overtaken: it takes GO_ALL, or a LEASE names its configuration at GO_ALL."""
         self._overtaken = False
 
     def _overtake(self) -> None:

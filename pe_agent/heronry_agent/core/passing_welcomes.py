@@ -23,7 +23,7 @@ class PassingWelcomes:
         self._nodes: deque[tuple[int, int]] = deque(maxlen=_MOST)  # node, time of the WELCOME
 
     def hand_on(self, node: int, welcome: Frame) -> None:
-        """Forward a WELCOME toward its node."""
+        """Forward a WELCOME toward `node`, the node for which it is, and remember that its TAG must follow."""
         self._nodes.append((node, self._turn.arrived_ns))
         self._turn.out += self._gateway.toward(node, welcome)
 

@@ -47,7 +47,7 @@ _LONGEST_BREAK_PERIODS = 3
 
 @dataclass(slots=True)
 class _Watch:
-    """One rule, applied to the values that one module gives."""
+    """One phase rule, applied to the values of its variable that one module gives."""
 
     phase: int
     rule: PhaseEntry
@@ -72,7 +72,7 @@ class _Watch:
         return not self.armed
 
     def holds(self, now_ns: int) -> bool:
-        """Tell whether the rule has fired and is not armed again, and its variable still gets values."""
+        """Tell whether the rule has fired and is not armed again, while the variable of the rule still gets values."""
         return not self.armed and now_ns - self.seen_ns <= self.longest_break_ns
 
     def _is_beyond(self, value: float) -> bool:
@@ -111,7 +111,10 @@ class PhaseRequests:
             self._withdraw()
 
     def gave(self, module: int, variable: str, value: Value, now_ns: int) -> list[Frame]:
-        """Apply the rules to a value that a module has given; returns the frames of a request, if a rule fires."""
+        """Apply a module's phase rules to a value that the module has given.
+
+        Returns the frames of a phase request, if a rule fires.
+        """
         watches = self._watches[module].get(variable)
         if not watches or not isinstance(value, int | float):
             return []

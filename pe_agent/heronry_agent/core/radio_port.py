@@ -27,7 +27,7 @@ _PATIENCE_PERIODS = 5
 
 
 class RadioPort:
-    """One port of a gateway that leads to a radio, on the side away from the manager."""
+    """A port of a gateway, on the side that is farther from the manager, that leads to a radio."""
 
     def __init__(self, port: int, index: TableIndex, now_ns: int) -> None:
         """Begin to measure the bandwidth of the radio, and to report it to the manager.
@@ -51,7 +51,8 @@ class RadioPort:
     def send(self, frame: Frame, until_ns: int | None, since_ns: int) -> None:
         """Queue a frame for the radio.
 
-        until_ns: when to drop the frame; None: T_lease (for some commands five periods) after `since_ns`.
+        until_ns: when to drop the frame; None: T_lease after `since_ns`. A command that has the same effect when it
+            comes late (`is_patient`) is dropped five heartbeat periods of the radio after `since_ns` instead.
         since_ns: when the frame was made here, or arrived here to be forwarded.
         """
         patience_ns = _PATIENCE_PERIODS * self._entry.heartbeat_ns if is_patient(frame) else self._lease_ns
@@ -111,8 +112,7 @@ class RadioPort:
     def _report(self, now_ns: int) -> list[Send]:
         """Return the report to the manager, and set the pace of the queue to 1.1 times the usable bandwidth.
 
-        The pace is at most the bit rate of the radio, and at least a twentieth of it, even if no bandwidth is
-        usable.
+        The pace is at most the bit rate of the radio, and at least a twentieth of it, even if no bandwidth is usable.
         """
         usable = 0 if self._meter.gone else self._meter.usable()
         pace = max(_LEAST_PACE, min(PER_MILLE, usable * _HEADROOM_PERCENT // 100))

@@ -76,7 +76,7 @@ class Reconfiguration:
 
     @property
     def state(self) -> PeState:
-        """State that the state frame reports."""
+        """The state of this PE, as its state frames report it."""
         if self.running.epoch == NO_EPOCH:
             return PeState.UNCONFIGURED
         if self.step is Step.BREAK:

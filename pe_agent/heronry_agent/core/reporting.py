@@ -71,7 +71,10 @@ class Reporting:
         return sends
 
     def immediate(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
-        """Return the requested pages with the content `facts`, a frame of each page for each port."""
+        """Return state frames with the content `facts` for every port.
+
+        page_0, page_1: whether each port gets this page.
+        """
         sends = []
         for port in self._ports:
             if page_0:

@@ -294,7 +294,7 @@ class RunningModules:
     def new_mastership(self) -> None:
         """Send requests and uncleared faults again, because the manager of a new term may have missed them.
 
-        A module that has failed starts again if its fault was cleared.
+        Also start again each failed module whose fault has been cleared.
         """
         now_ns = self._turn.now_ns
         self._tell(self.phase_requests.new_mastership(now_ns))
@@ -353,9 +353,9 @@ class RunningModules:
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """Restart the modules of a partition that has ended.
+        """Restart all modules of a partition that has ended; a module that fails too often is given up instead.
 
-        The module `culprit` (None: every module) counts as failed, and is given up after too many failures.
+        culprit: index of the module that counts as failed; None: every module of the partition does.
         """
         for module in self._lived(partition):
             if culprit in (None, module):
@@ -402,9 +402,9 @@ class RunningModules:
         self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
 
     def _give(self, running: _Running, variable: str, value: Value) -> None:
-        """Publish an output of a module, and apply the phase rules of its variable.
+        """Publish the value of an output of a module, and apply the phase rules of this variable.
 
-        Raises WireError for a value that no frame can carry. An output that is not in the mode is ignored and counted.
+        Raises WireError for a value that no frame can carry. An output that is not in the mode is only counted.
         """
         if variable not in running.gives:
             self._turn.count("output that the mode does not give", running.entry.index)
@@ -435,9 +435,9 @@ class RunningModules:
         self._turn.out.append(Send(self._index.uplink, frame))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
-        """Report to the manager an event that is not a fault, unless it was reported within the last second.
+        """Report an event of a module that is not a fault to the manager; returns whether the report was sent.
 
-        Tells whether the report was sent.
+        It is not sent if the same code was reported for this module within the last second.
         """
         now_ns, index = self._turn.now_ns, running.entry.index
         if now_ns - self._noticed_ns.get((index, code), -FAULT_QUIET_NS) < FAULT_QUIET_NS:

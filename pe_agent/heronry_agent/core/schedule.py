@@ -95,9 +95,9 @@ class Schedule:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which the next step can begin, or the next unanswered step is to be measured.
+        """Time in ns of what comes first: a step can begin, or an unanswered step is to be measured.
 
-        NEVER_NS if there is neither. A module is left out while its partition computes a step.
+        NEVER_NS if there is neither. A module cannot begin a step while its partition computes one.
         """
         if self._next_ns is None:
             self._next_ns = self._find_next()
@@ -163,7 +163,12 @@ class Schedule:
         return self._releases
 
     def end(self, module: int, release: int, spent_ns: int) -> bool:
-        """Note the answer to a step; returns False if no such step has begun, or its module has been stopped since."""
+        """Note that a step has been answered.
+
+        Returns False if the module has begun no step with the number `release`, or has been stopped since.
+
+        spent_ns: the duration of the step without the time in which it waited for a processor.
+        """
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -174,9 +179,11 @@ class Schedule:
         return True
 
     def again(self, module: int, release: int, now_ns: int) -> bool:
-        """Make a module due now, because its step was not computed.
+        """Note that a step was not computed, and make its module due again now.
 
-        Returns False if no such step has begun, or its module has been stopped since.
+        Returns False, without an effect, if no such step has begun, or its module has been stopped since.
+
+        release: number of the step, as `begin` has returned it.
         """
         grid = self._awaiting(module, release)
         if grid is None:
@@ -192,7 +199,11 @@ class Schedule:
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
 
     def overdue(self, now_ns: int) -> list[tuple[int, int]]:
-        """Return (module, release) of each unanswered step whose duration is to be measured now."""
+        """Return (module, release) of each unanswered step whose duration the caller must have measured now.
+
+        A step is measured first when the time that it may spend (`hung_ns`) has passed since it began, then at the
+        time that `hangs` sets. If `hangs` is not called, the step is measured again after the time `hung_ns`.
+        """
         found = [step for steps in self._steps.values() for step in steps.values() if step.look_ns <= now_ns]
         for step in found:
             step.look_ns = now_ns + self._grids[step.module].hung_ns
@@ -237,12 +248,15 @@ class Schedule:
             del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """Time in ns at which a module is stepped, unless the modules for which it waits have answered earlier."""
+        """Give the time in ns until which a module waits for its step.
+
+        This is its due time. While the module waits for another one whose outputs it reads, its patience is added.
+        """
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 
     def _waits(self, grid: _Grid, producers: frozenset[int]) -> bool:
-        """Tell whether a module waits for one of the modules whose outputs it reads."""
+        """Tell whether a module still waits for at least one of `producers`, the modules whose outputs it reads."""
         earliest_ns = grid.due_ns - grid.patience_ns
         for module in producers:
             producer = self._grids.get(module)

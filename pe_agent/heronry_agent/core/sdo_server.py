@@ -113,7 +113,7 @@ class Objects(Protocol):
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
         """Return how many bytes may be written to an object, or the reason why it cannot be written.
 
-        length: the length that the client has announced, or None.
+        length: the number of bytes that the client has announced; None: the client has announced no number.
         """
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
@@ -152,7 +152,7 @@ class _Upload:
 
 @dataclass(slots=True)
 class _BlockDownload:
-    """A block download under way; `sequence` is the number of the last segment of this block that came in order."""
+    """A block download under way; `sequence`: number of the last segment of the present block that came in order."""
 
     index: int
     sub_index: int
@@ -188,7 +188,10 @@ class SdoServer:
     """The SDO server of one node; `next_ns` is the latest time at which to call `tick`."""
 
     def __init__(self, objects: Objects, segment_ns: int) -> None:
-        """Begin without a transfer; a block upload sends a segment every `segment_ns`, which may be changed later."""
+        """Begin without a transfer.
+
+        segment_ns: the time from one segment of a block upload to the next; the attribute may be changed later.
+        """
         self._objects = objects
         self.segment_ns = segment_ns
         self._transfer: _Transfer | None = None

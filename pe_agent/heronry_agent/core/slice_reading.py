@@ -73,7 +73,10 @@ class SliceReader:
         return 0 < mask < 1 << len(self._index.ports)
 
     def _is_wired(self, module: ModuleSlice, supplied: set[int]) -> bool:
-        """Tell whether every wired leaf reads its own variable from a source that is supplied."""
+        """Tell whether every wired leaf of a module reads the leaf's own variable from a source in `supplied`.
+
+        supplied: the sources that modules of the slice give on this PE, and those that come from other PEs.
+        """
         variables = self._index.leaf_variables(module.module, module.mode)
         for variable, source in zip(variables, module.sources, strict=True):
             if source is None:

@@ -120,7 +120,10 @@ class Staging:
         return command.contingency != 0 and self._take_from_board(command)
 
     def _take_from_board(self, command: Prepare) -> bool:
-        """Stage the slice of the contingency that a PREPARE names, or report NOT_ON_BOARD."""
+        """Stage the slice of the contingency that a PREPARE names, or refuse the PREPARE with a reason.
+
+        The reason is NOT_ON_BOARD if the slice is not on board. Tells whether page 1 is to be sent now.
+        """
         collection, found = self._collection, self.reader.on_board(command.contingency, command.digest)
         assert collection is not None
         if found is None:
@@ -149,7 +152,7 @@ class Staging:
         return self._check(now_ns)
 
     def body(self, command: SliceBody, now_ns: int) -> bool:
-        """Take one frame of the body of this PE's slice."""
+        """Take one frame of the body of this PE's slice; returns True if page 1 is to be sent now."""
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
             return False
@@ -159,7 +162,7 @@ class Staging:
         return collection.head is not None and self._check(now_ns)
 
     def tick(self, now_ns: int) -> bool:
-        """Report INCOMPLETE in page 1 if the frames of a body have stopped coming.
+        """Report INCOMPLETE in page 1 if frames of the body of this PE's slice are missing and have stopped coming.
 
         Returns True if page 1 is to be sent now.
         """
@@ -175,7 +178,11 @@ class Staging:
 
     @property
     def told(self) -> tuple[int, int]:
-        """Epoch and digest for page 1; the digest is 0 while the slice of this epoch is being collected."""
+        """The epoch and the digest that page 1 shows.
+
+        While a slice is being collected, these are the epoch of that slice and 0.
+        Otherwise they are the epoch and the digest of the staged configuration.
+        """
         if self._collection is not None:
             return self._collection.prepare.epoch, 0
         return self.staged.epoch, self.staged.digest

@@ -40,7 +40,10 @@ class StateSeal:
         return session if session is not None and session.term == self._mastership.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
-        """Begin a session, unless this manager has one in this term; `counter` is the number of the WELCOME."""
+        """Begin a session with a manager, unless there is one with this manager in this term.
+
+        counter: number of the WELCOME.
+        """
         session = self._sessions.get(manager)
         if session is not None and session.term == term:
             return

@@ -48,7 +48,10 @@ class WithoutManager:
         self._move(self._reconfiguration.rest())
 
     def named(self) -> None:
-        """Start the stopped modules again; call this when a LEASE names the configuration that runs here."""
+        """Start the expendable modules that `tick` has stopped.
+
+        The caller has heard a LEASE that names the configuration of this PE.
+        """
         if self._reconfiguration.resting:
             self._move(self._reconfiguration.resume())
 

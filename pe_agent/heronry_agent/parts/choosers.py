@@ -21,7 +21,10 @@ _BLAMING = 3  # versions that must be present for a report
 
 
 class FailOver(Module):
-    """Gives the first of several sources that is present; a subclass sets the attributes."""
+    """Gives the value of the first of several variables that is present.
+
+    A subclass sets `sources` (the variables, the best first) and `output`, and may set `patience_ns`.
+    """
 
     sources: ClassVar[tuple[str, ...]]  # variables, the best first
     output: ClassVar[str]
@@ -47,7 +50,7 @@ class FailOver(Module):
 class NVersion(Module):
     """Gives the value of one variable, chosen among its versions: the best version that the others do not outvote.
 
-    A subclass sets the attributes.
+    A subclass sets `variable`, `authors`, `output` and `tolerance`, and may set `patience_ns`.
     """
 
     variable: ClassVar[str]

@@ -27,7 +27,7 @@ _MOST_DETAIL = 0xFFFF
 
 
 class Comparator(Module):
-    """Base class of the three comparators, not to be used directly."""
+    """Base class of the three comparators in this file; not to be used directly."""
 
     variable: ClassVar[str]
     output: ClassVar[str]
@@ -41,9 +41,9 @@ class Comparator(Module):
         self.disagree = False
 
     def goes_on(self, better: float, worse: float) -> float | None:
-        """Return the output while the versions disagree; None: no output.
+        """Return the output while the two versions disagree; None: no output.
 
-        better, worse: values of the two versions; version 1 is the best.
+        better, worse: the value of the better version, and the value of the other version.
         """
         raise NotImplementedError
 
@@ -68,7 +68,7 @@ class Comparator(Module):
 
 
 class ComparatorBetter(Comparator):
-    """Gives the better version, also while the two versions disagree.
+    """Gives the better of the two best versions of a variable, also while the two disagree.
 
     A subclass sets `variable`, `output` and `limit`.
     """
@@ -79,17 +79,23 @@ class ComparatorBetter(Comparator):
 
 
 class ComparatorSafer(Comparator):
-    """Gives the value nearer to `safe` while the two versions disagree; a subclass sets the attributes."""
+    """Gives, while the two versions disagree, the value that is nearer to `safe`.
+
+    A subclass sets `variable`, `output` and `limit`, and `safe` if it is not 0.
+    """
 
     safe: ClassVar[float] = 0.0
 
     def goes_on(self, better: float, worse: float) -> float:
-        """Return the value that is nearer to `safe`."""
+        """Return the one of the two values that is nearer to `safe`."""
         return min(better, worse, key=lambda value: abs(value - self.safe))
 
 
 class ComparatorNone(Comparator):
-    """Gives no value while the two versions disagree; a subclass sets the attributes."""
+    """Gives the better of two versions, but no value while they disagree.
+
+    A subclass sets `variable`, `output` and `limit`.
+    """
 
     def goes_on(self, better: float, worse: float) -> None:
         """Return None: while the versions disagree there is no output."""

@@ -12,7 +12,11 @@ class Lasting:
     """Tells when a condition has held for `patience_ns` without a break."""
 
     def __init__(self, patience_ns: int, period_ns: int) -> None:
-        """Begin to count; `period_ns` is the time between two calls of `is_due`, which is the period of the module."""
+        """Begin with a condition that has not held yet.
+
+        patience_ns: how long the condition has to hold without a break.
+        period_ns: time between two calls of `is_due`, which is the period of the module.
+        """
         self._enough = steps_of(patience_ns, period_ns)
         self._held = 0
 

@@ -14,7 +14,10 @@ _NS_PER_S = 1_000_000_000
 
 
 class RateLimiter(Module):
-    """Limits the rate of one variable; a subclass sets the attributes."""
+    """Limits how fast a variable changes.
+
+    A subclass sets `source` (the input), `output`, and `most_per_s`, the largest change in one second.
+    """
 
     source: ClassVar[str]
     output: ClassVar[str]

@@ -35,7 +35,7 @@ class Monitor(Module):
         self._health = 0
 
     def is_wrong(self, inputs: Inputs) -> bool:
-        """Tell whether the inputs of this step show a fault of the element."""
+        """Tell whether the inputs of this step show a fault of `element`; each subclass implements this."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
@@ -50,7 +50,10 @@ class Monitor(Module):
 
 
 class StuckSensorMonitor(Monitor):
-    """Reports a sensor whose value does not change; a subclass sets the attributes."""
+    """Reports a sensor whose value does not change.
+
+    A subclass sets the attributes `element`, `output` and `source`, and may set `patience_ns`.
+    """
 
     source: ClassVar[str]
     _last: float | None = None
@@ -72,7 +75,10 @@ class ActuatorMonitor(Monitor):
     _expected: float | None = None
 
     def is_wrong(self, inputs: Inputs) -> bool:
-        """Tell whether the position differs from that of a healthy actuator by more than `tolerance`."""
+        """Tell whether the position differs by more than `tolerance` from the one computed for a healthy actuator.
+
+        False if the command or the position is missing.
+        """
         command, position = number(inputs, self.command), number(inputs, self.position)
         if command is None or position is None:
             self._expected = None

@@ -24,7 +24,7 @@ _BLAMING = 3  # channels that must be present for a report
 
 
 class Voter(Module):
-    """Base class of the two voters, not to be used directly."""
+    """Base class of the voters in this file; not to be used directly."""
 
     channels: ClassVar[Mapping[str, str]]  # variable -> the element to report for it
     output: ClassVar[str]
@@ -41,7 +41,10 @@ class Voter(Module):
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Vote, and return the output; no value if no channel is present, or the channels do not agree."""
+        """Vote, and return the output.
+
+        There is no output if no input channel has a value, or if the values of the channels do not agree.
+        """
         heard = {channel: value for channel in self.channels if (value := number(inputs, channel)) is not None}
         chosen = self.choose(list(heard.values())) if heard else None
         for channel, odd in self._odd.items():
@@ -53,7 +56,10 @@ class Voter(Module):
 
 
 class MedianVoter(Voter):
-    """Gives the median of its input channels; a subclass sets the attributes."""
+    """Gives the median of its input channels.
+
+    A subclass sets `channels`, `output` and `tolerance`, and may set `patience_ns`.
+    """
 
     def choose(self, heard: list[float]) -> float:
         """Return the median of the values that are present.
@@ -67,7 +73,10 @@ class MedianVoter(Voter):
 
 
 class MajorityVoter(Voter):
-    """Gives the value on which more than half of its input channels agree; a subclass sets the attributes."""
+    """Gives the value on which more than half of its input channels agree.
+
+    A subclass sets the attributes `channels`, `output` and `tolerance`, and may set `patience_ns`.
+    """
 
     def choose(self, heard: list[float]) -> float | None:
         """Return the mean of the largest group of values that agree within `tolerance`.

@@ -142,7 +142,7 @@ class Devices:
             _make_safe(device, now_ns)
 
     def heard(self, echo: Heard, now_ns: int) -> None:
-        """Hand the value in another PE's output echo to every driver."""
+        """Hand the value in another PE's output echo to every device driver; an exception in a driver has no effect."""
         for driver in self._every_driver:
             with suppress(Exception):  # foreign code; the next echo repeats the value
                 driver.heard(echo.device, echo.value, now_ns)

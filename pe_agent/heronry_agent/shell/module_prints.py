@@ -24,7 +24,7 @@ class ModulePrints(TextIOBase):
         self._name = ""
 
     def of(self, name: str) -> None:
-        """Set the name for the lines that follow; an unfinished line of another module is ended first."""
+        """Set the name of the module that prints from now on; an unfinished line of another module is ended first."""
         if name != self._name:
             self._end_line()
             self._name = name
@@ -39,7 +39,7 @@ class ModulePrints(TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream below; an unfinished line is still kept."""
+        """Flush the stream to which lines are written; an unfinished line is still kept."""
         self._under.flush()
 
     def writable(self) -> bool:
@@ -47,7 +47,7 @@ class ModulePrints(TextIOBase):
         return True
 
     def fileno(self) -> int:
-        """Return the file descriptor of the stream below."""
+        """Return the file descriptor of the stream `under`, to which the lines are written."""
         return self._under.fileno()
 
     def _end_line(self) -> None:

@@ -6,7 +6,8 @@ no other process, and turns an exception of a module into a `Failure`. A module 
     built    by `start`, from its image. If the module was kept, `start` first calls its `mode_changed`. If this returns
              True, the module is not built, but continues with its present object
     stepped  by `step`. Its outputs, writes, reports and requests are returned as one Result; only their form is checked
-    kept     by `stop(keep=True)`. It is not stepped until `start` continues the module; `stop` drops it
+    kept     by `stop(keep=True)`. A kept module is not stepped until `start` continues it
+    dropped  by `stop`, whether the module runs or is kept
 
 A second `start` of a module that runs builds it anew.
 
@@ -210,9 +211,10 @@ def failure_of(error: Exception, file: str | None = None) -> Failure:
 
 
 def _place(error: BaseException, file: str | None) -> str | None:
-    """Return "FILE:LINE" of the innermost frame in `file`.
+    """Return "FILE:LINE" of the innermost stack frame of an exception that belongs to `file`.
 
-    If no frame is in `file`, the innermost frame outside heronry counts; None if there is no such frame either.
+    If no stack frame belongs to `file`, the innermost one outside heronry counts. Returns None if there is none
+    outside heronry.
     """
     if isinstance(error, UnknownImageError) and error.__cause__ is not None:
         error = error.__cause__

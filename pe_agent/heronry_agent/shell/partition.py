@@ -54,7 +54,7 @@ _DESCRIPTORS = 65_536
 
 
 class Partition:
-    """Executes the orders of the agent in this process."""
+    """Executes, in the process of a partition, the orders that the agent sends."""
 
     def __init__(self, runner: ModuleRunner, computes: Callable[[str], None] = lambda _: None) -> None:
         """Begin without modules; `computes` is called with the name of each module before it is built or stepped."""

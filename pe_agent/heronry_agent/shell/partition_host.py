@@ -70,7 +70,7 @@ _REAP_NS = 2_000_000
 
 
 class PartitionHost:
-    """Runs the partitions of one PE, and has its devices read and commanded."""
+    """Runs the partitions of one PE, and carries out the core's orders to modules and to devices."""
 
     def __init__(self, table: PeTable, devices: Devices, groups: PartitionGroups | None = None) -> None:
         """Begin without partitions.

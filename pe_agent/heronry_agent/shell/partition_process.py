@@ -168,7 +168,7 @@ class PartitionProcess:
         return first.module, self.spent_ns(first.module, first.release, now_ns)
 
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
-        """Time in ns that this step has spent so far; 0 if the step is not being computed now."""
+        """Give the time in ns that a step of a module has spent so far; 0 if this step is not being computed now."""
         if (
             self.loading
             or not self._pending
@@ -202,7 +202,10 @@ class PartitionProcess:
         return True
 
     def receive(self) -> bytes | None:
-        """Read the next packet; None if there is none, or if the process has ended, which sets `broken`."""
+        """Read the next packet; None if no packet has come, or if the process has ended.
+
+        If the process has ended, `broken` is set.
+        """
         try:
             packet = self._socket.recv(ANSWER_BYTES + 1)
         except BlockingIOError:

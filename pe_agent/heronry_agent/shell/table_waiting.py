@@ -156,7 +156,10 @@ class Waiting:
     """Runs a WaitingCore on one bus."""
 
     def __init__(self, core: WaitingCore, link: AnyLink, tell: Callable[[Note], None]) -> None:
-        """Take the core and its bus; `tell` is called with every line for the log."""
+        """Prepare to run `core` on the bus `link`, from which only the frames that the core needs are received.
+
+        tell: is called with each note for the log.
+        """
         self._core, self._link, self._tell = core, link, tell
         link.accept(core.identifiers)
         self._stopping = False

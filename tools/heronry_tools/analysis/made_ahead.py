@@ -115,7 +115,7 @@ def questions(spec: "Spec") -> int:
 
 
 def found_so_far(spec: "Spec") -> int:
-    """Give the number of plans in the journal of a run that is not complete, or was killed; 0 without a journal."""
+    """Give the number of plans in the journal of a sweep that has not been completed; 0 without a journal."""
     from heronry_tools.analysis.campaign.sweeping import partial_of  # noqa: PLC0415
 
     with suppress(OSError):

@@ -241,7 +241,10 @@ def _required(arguments: argparse.Namespace, subject: "Subject") -> Sequence[str
 
 
 def run_edit(arguments: argparse.Namespace) -> int:
-    """Apply an operation and write the result; returns the exit code."""
+    """Apply the operation of the command line to a component graph, and report the new graph with its assessment.
+
+    The graph is also written to a file if the command line names one. Returns the exit code.
+    """
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
     from heronry_pcs.graph_files import document  # noqa: PLC0415
     from heronry_tools.reports.control import assessment_text, graph_text  # noqa: PLC0415

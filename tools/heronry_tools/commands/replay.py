@@ -144,7 +144,10 @@ def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Na
 
 
 def _stretched(own: "Spec", flown: "Spec") -> str | None:
-    """Give a sentence for a flight with a longer heartbeat period than its spec has; None for any other flight."""
+    """Give a sentence for the user if a flight had a longer heartbeat period than its spec states; else None.
+
+    own: the spec. flown: the spec with the heartbeat period of the flight; the same object if the periods are equal.
+    """
     from heronry_tools.sim.replay.flown_heartbeat import period_ns  # noqa: PLC0415
 
     if flown is own:

@@ -248,7 +248,10 @@ def _lines_of(file: Path) -> list[str]:
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
-    """Tell whether an oracle was violated; a given fault that was not injected is no violation."""
+    """Tell whether a flight has violated an oracle.
+
+    A fault that the user named, and that was not injected (MISSED), is no violation.
+    """
     from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
 
     return any(violation.rule != MISSED for violation in outcome.violations)

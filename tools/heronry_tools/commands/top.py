@@ -49,7 +49,10 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the system until the user quits; returns 0."""
+    """Show the system in the terminal until the user quits, or print what --json or --schema request; returns 0.
+
+    Raises UserError if there is no terminal to show the system in, or if the options do not fit together.
+    """
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import
 
     if arguments.schema:

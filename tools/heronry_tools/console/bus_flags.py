@@ -1,4 +1,4 @@
-"""The kind of bus that a command uses, and what that kind does not model."""
+"""Tells the user which kind of bus a command uses, and what this kind of bus does not model."""
 
 _MODELS = {
     "softbus": "a software bus: frame times, priority and load are exact; no bit errors, no bus-off",
@@ -9,6 +9,6 @@ _MODELS = {
 
 
 def what_it_models(interface: str, channel: str) -> str:
-    """Give a sentence for the user: the kind of bus, and what it does not model."""
+    """Describe a bus to the user: interface, channel, kind of bus, and what this kind does not model."""
     kind = "vcan" if interface == "socketcan" and channel.startswith("vcan") else interface
     return f"{interface} {channel}, {_MODELS.get(kind, 'through python-can')}"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def add_manager_argument(parser: argparse.ArgumentParser) -> None:
-    """Add --of and --socket."""
+    """Add the options --of and --socket, of which a user gives at most one to say which manager to call."""
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--of",

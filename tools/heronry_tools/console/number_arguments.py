@@ -1,4 +1,7 @@
-"""Numbers that commands take: counts, flights, processors. Each reader raises `argparse.ArgumentTypeError`."""
+"""Reads the numbers that users give to commands: counts, flights, processors.
+
+Each reader raises `argparse.ArgumentTypeError`.
+"""
 
 import argparse
 import os

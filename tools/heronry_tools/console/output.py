@@ -119,9 +119,9 @@ def settled(arguments: argparse.Namespace) -> argparse.Namespace:
 
 
 def _form_of(file: Path, forms: Forms) -> str | None:
-    """Give the form in `forms` that the ending of a file names; None if the ending names none of them.
+    """Give the form in `forms` to which the ending of a file belongs; None if it belongs to none of them.
 
-    Raises UserError as `expect_ending` does.
+    Raises UserError if the ending is that of a spec, or of a known form that is not in `forms`.
     """
     expect_ending(file, forms)
     ending = file.suffix.lower()

@@ -50,7 +50,11 @@ def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[P
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Block the signals that end a command, also in processes started meanwhile; deliver the first one afterwards."""
+    """Block, within the `with` block, the signals that end a command.
+
+    Processes that are started within the block inherit this. If signals have come, the first one is raised in this
+    process after the block.
+    """
     came: list[int] = []
     handlers = {number: signal.signal(number, lambda number, _: came.append(number)) for number in NUMBERS}
     # Started processes inherit this mask. The handlers are needed besides: a thread of a library may receive a signal.

@@ -9,7 +9,10 @@ _EVERY_S: Final = 0.2
 
 
 class Progress:
-    """Counts up to a total; as a context manager it clears its line at the end."""
+    """Shows on standard error how many steps of a piece of work are done.
+
+    As a context manager it clears its line on the terminal at the end.
+    """
 
     def __init__(self) -> None:
         self._shown_at = 0.0

@@ -1,4 +1,4 @@
-"""Results that are kept for the user: their folder, and file names that identify the input of a result."""
+"""The user's cache of results: the folder of each kind of result, and the digest that identifies an input."""
 
 import hashlib
 import os

@@ -116,7 +116,9 @@ def interval(acceptable: int, runs: int) -> tuple[float, float]:
 
 
 def share(landings: Sequence[Collection[Cause]]) -> dict[str, Any]:
-    """Count landings and acceptable landings, with the 95 % interval of their share; returns JSON data.
+    """Count all landings and the acceptable ones; returns JSON data.
+
+    The result also has the 95 % interval of the share of acceptable landings, as two numbers from 0 to 1.
 
     landings: for each landing, the criteria that it does not meet.
     """

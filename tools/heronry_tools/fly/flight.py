@@ -88,8 +88,8 @@ class EavFlight:
     def __init__(self, spec: Spec, mission: Mission, *, is_recorded: bool = True) -> None:
         """Prepare the flight.
 
-        is_recorded: whether a row of values is added to the record at each look at the flight; the flight and its
-            result are the same either way
+        is_recorded: whether each call of `_look` adds a row of values to the record; the flight and its result are
+            the same either way
         """
         self._spec, self._mission, self._is_recorded = spec, mission, is_recorded
         self._recorder = Recorder(spec.name, _title(mission), mission.seed)

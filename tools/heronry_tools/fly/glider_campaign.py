@@ -1,4 +1,4 @@
-"""Many flights of BIG BLUE: the mission of each seed, and the statistics of all."""
+"""Many flights of BIG BLUE: the mission of each seed, and the statistics of all flights together."""
 
 from collections import Counter
 from collections.abc import Sequence

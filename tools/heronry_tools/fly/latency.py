@@ -20,7 +20,7 @@ _LOST_NS = 400_000_000
 
 
 class LatencyProbe:
-    """Steps the measured pitch rate up and down, and measures the times until the elevator answers."""
+    """Adds steps to the measured pitch rate, up and down in turn, and measures how late the elevator answers."""
 
     def __init__(self) -> None:
         self.latencies_ns: list[int] = []
@@ -31,7 +31,7 @@ class LatencyProbe:
         self._before_deg: float | None = None
 
     def offset_deg_per_s(self, sampled_ns: int) -> float:
-        """Return what is added to the true pitch rate in a sample of the inertial unit.
+        """Return what the probe adds to the true pitch rate in a sample of the inertial unit: `STEP_DEG_PER_S` or 0.
 
         sampled_ns: time of the sample.
         """

@@ -14,7 +14,7 @@ LABELS = {stage: stage.name.lower().replace("_", " ") for stage in Stage}
 
 
 class Observer:
-    """Reads the flight management and the tracking filter, on whatever PE each of them runs."""
+    """Reads values from the running modules of flight management and tracking filter, whichever PE runs them."""
 
     def __init__(self, simulation: Simulation, plant: EavPlant) -> None:
         self._simulation, self._plant = simulation, plant
@@ -67,7 +67,10 @@ class Observer:
         return None if management is None else management.ctx.mode
 
     def weigh(self, truth: Truth) -> None:
-        """Add to `squares`, for each state of the filter, its squared error divided by the filter's own variance."""
+        """Add to `squares`, for each state of the filter, its squared error divided by its variance.
+
+        The variance is the one that the filter itself gives. No effect while no PE runs the filter.
+        """
         tracking = self.tracking()
         if tracking is None:
             return

@@ -65,10 +65,13 @@ class FlightPlant(Protocol):
         """Execute the safe action of an actuator that no module drives any more."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail as `how` says; with a bias, its value is wrong by `offset`, in the unit of the device."""
+        """Make a device fail as `how` says.
+
+        offset: for the failure `bias`, the error of the value, in the unit of the device.
+        """
 
     def heal(self, device: str) -> None:
         """Repair a device."""
 
     def truth(self) -> Truth:
-        """Return the present state."""
+        """Return the real state of the aircraft at present."""

@@ -143,9 +143,9 @@ class Recorder:
         self.watch(truth)
 
     def watch(self, truth: Truth) -> None:
-        """Look for contacts with the ground; to be called after each step near the ground, also without a row.
+        """Note contacts with the ground; call this after each step near the ground, even if the step adds no row.
 
-        The row is one of this record: `sample` adds a row, and calls this method itself.
+        `sample`, which adds a row to the record, calls this method itself.
         """
         if truth.touching and self._touchdown is None:
             self._touchdown = _touchdown(truth)

@@ -30,7 +30,7 @@ class Surface:
         return self.target
 
     def step(self, dt_s: float) -> float:
-        """Move for `dt_s`, and return the new position."""
+        """Move for `dt_s`, and return the new position in degrees; of the throttle, 0 to 1."""
         if self.is_loose:
             self.position -= self.position * min(dt_s / _FLOATS_BACK_S, 1.0)
             return self.position
@@ -54,7 +54,7 @@ class Servos:
         return None if self.failed.get(servo, ("", 0.0))[0] == "dead" else self.accepted.get(servo)
 
     def command(self, servo: str, value: float) -> float | None:
-        """Command a servo; return the command that it accepted, None if it is dead or stuck."""
+        """Command a servo, and return the command that the servo accepted; None if the servo is dead or stuck."""
         how, offset = self.failed.get(servo, ("", 0.0))
         if how in ("dead", "stuck"):
             return None

@@ -16,7 +16,7 @@ _COLUMNS = ("id", "message", "from", "period", "worst", "load")
 
 
 def print_buses(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) -> None:
-    """Print the messages of these buses to standard output."""
+    """Print the messages of the buses in `schedules` to standard output, under a headline with the situation `now`."""
     tables = [table for schedule in schedules for table in _tables(schedule)]
     print_tables(_headline(spec, now), tables)
 

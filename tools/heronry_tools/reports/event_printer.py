@@ -21,7 +21,10 @@ def print_event(event: Mapping[str, Any]) -> None:
 
 
 def surviving(tell: Teller) -> Teller:
-    """Wrap a function that writes events, so that an error in writing does not end its caller."""
+    """Wrap `tell`, which writes an event: if writing raises OSError, the event is dropped.
+
+    The first such error after a success is printed on standard error.
+    """
     is_said = False
 
     def tell_if_possible(event: Mapping[str, Any]) -> None:

@@ -108,7 +108,7 @@ def _worded(value: Any) -> Any:
 
 @dataclass(slots=True)
 class Story:
-    """Turns events into lines with the time since the first configuration ran, or was advised."""
+    """Turns events into lines; their times count from when the first configuration ran, or was advised."""
 
     spec: Spec
     _start_ns: int | None = None
@@ -164,7 +164,7 @@ class Story:
                 pass
 
     def _follow(self, event: Mapping[str, Any]) -> None:
-        """Note the plans that events bring: the running plan, and the plans that are being deployed."""
+        """Note from an event the plan that runs or is being deployed, an abandoned epoch, or that a PE has joined."""
         match event["event"]:
             case "plan_ready":
                 self._next = event["plan"]
@@ -203,10 +203,10 @@ class Story:
         return bool(needs_one)
 
     def _standstill(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give the line for a standstill.
+        """Give the line for a standstill, if the standstill needs one (`_needs_a_line`).
 
-        If a PE was lost and is heard again, the line for a standstill of the PE's computer names the loss, since the
-        standstill may be the cause.
+        If it is a standstill of the computer of a PE that was lost and has not joined since, the line names the loss,
+        since the standstill may be the cause.
         """
         by, for_ms = event["by"], event["for_ns"] // 1_000_000
         is_of_this_computer = by == "the demo" or by.startswith("manager ")
@@ -398,7 +398,9 @@ def _heartbeat(event: Mapping[str, Any]) -> Line:
 
 
 def _living(pe: str, waited: Mapping[str, Any]) -> Line:
-    """Give the line for a lost PE of a demo whose process still runs, so that only this computer can be the cause.
+    """Give the line for a PE of a demo that is lost although its process still runs.
+
+    Only this computer can be the cause of such a loss.
 
     waited: the process that has waited longest for a processor, and how long.
     """

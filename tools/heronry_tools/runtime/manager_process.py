@@ -131,7 +131,11 @@ def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
 
 
 def _node(arguments: argparse.Namespace) -> int:
-    """Give the manager's node-ID: the given one, else the usual one of an active or a standby manager."""
+    """Give the node-ID of this manager.
+
+    This is the node-ID on the command line. If none is there, it is the usual one of a standby manager with the
+    option --standby, else the usual one of an active manager.
+    """
     if arguments.node is not None:
         return int(arguments.node)
     return LAST_MANAGER if arguments.standby else FIRST_MANAGER

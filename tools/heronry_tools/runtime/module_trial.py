@@ -80,7 +80,7 @@ def requested_priorities(step: Result) -> list[tuple[str, int | None]]:
 
 
 def expect_there(image: str) -> None:
-    """Look for the code of an image on Python's path and in the present folder; raises UnknownImageError without it.
+    """Raise UnknownImageError if the code of an image is neither on Python's path nor in the present folder.
 
     Code that exists, but fails when it is imported, raises nothing here: the trial finds the failure again.
     """

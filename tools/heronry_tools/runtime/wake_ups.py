@@ -2,13 +2,13 @@
 
 The measurement is a short rehearsal with as many processes as there will be in the flight. Each process wakes at
 regular times, computes for a moment, and notes how late it ended, without the time that its own computation took. A
-single process that only sleeps would show nothing: the kernel lets it run at once, while many processes wait for each
-other.
+single process that only sleeps would be no measure: the kernel lets it run at once, while many processes have to wait
+for each other.
 
 A node that is late by L sends its state L late. With the heartbeat period P, other nodes then hear nothing from it for
 P + L. The manager takes a node for lost after 3.25 P of silence, so P must be more than L / 2.25. With a period of 2 L,
 the node may become more than four times as late as in the rehearsal. This is a reserve, since the rehearsal is short
-and may not show the worst case.
+and may not meet the worst case.
 """
 
 import os
@@ -24,7 +24,7 @@ _GRID_NS, _WORK_NS = 10_000_000, 400_000  # about what an agent of the shipped a
 
 
 def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
-    """Run a rehearsal with `processes` processes for `seconds`; return the largest lateness in ns.
+    """Let `processes` processes wake at regular times for `seconds` s; return the greatest lateness of all, in ns.
 
     niceness: nice value of these processes (setpriority(2)); a negative value is ignored if this user may not set it.
     """
@@ -65,9 +65,11 @@ def with_heartbeat(spec: Spec, at_least_ns: int) -> Spec:
 
 
 def _rehearse(pipe: int, end_ns: int, niceness: int) -> None:
-    """Run this process of the rehearsal until `end_ns`, write its largest lateness in ns into `pipe`, and exit.
+    """Work periodically in this child process until `end_ns`, write its largest lateness (ns), and exit.
 
-    niceness: nice value of the process; ignored if this user may not set it.
+    pipe: file descriptor to which the lateness is written.
+
+    niceness: nice value for this process; ignored if this user may not set it.
     """
     worst_ns = 0
     try:

@@ -63,8 +63,9 @@ class _Watched:
 class Witness:
     """Observes the outputs of one spec.
 
-    rivals: pairs of outputs of two modules A and B that serve one function in turn. After outputs of B, A and B
-        the last two are a pair, if the first one was at most `patience_ns` before the last one.
+    rivals: pairs of outputs of two modules that serve one function in turn. A pair is found when a function is heard
+        from a module B, then from A, and then from B again. The pair is the last output of A and the new output of B.
+        It counts only if the last output of B before A is at most `patience_ns` older than the new output of B.
     """
 
     def __init__(self, spec: Spec) -> None:
@@ -93,7 +94,7 @@ class Witness:
         return output
 
     def served(self, function: str, now_ns: int) -> bool:
-        """Tell whether a function is heard at `now_ns`."""
+        """Tell whether an output of a function was heard at most `patience_ns` before `now_ns`."""
         watched = self._watched[function]
         return watched.last is not None and now_ns - watched.last.t_ns <= watched.patience_ns
 
@@ -114,7 +115,10 @@ class Witness:
         return sorted(found, key=lambda outage: outage.from_ns)
 
     def forget(self) -> None:
-        """Forget all outages that are over and all `rivals`, so that a witness can run for days without more memory."""
+        """Drop the recorded outages, which are over, and all pairs in `rivals`.
+
+        So a witness can run for days without more memory.
+        """
         self.rivals.clear()
         for watched in self._watched.values():
             watched.outages.clear()

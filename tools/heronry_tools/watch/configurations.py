@@ -57,13 +57,16 @@ NOTHING_RUNS = RunningPlan()
 
 
 class Situations:
-    """Adds to the snapshots of one spec what follows from the running configuration."""
+    """Adds to the snapshots of one spec what the running configuration shows.
+
+    It shows, for example, which functions are served, which modules run, and what is in use in the graph.
+    """
 
     def __init__(self, spec: Spec) -> None:
         self._spec, self._graphs = spec, LiveGraphs(spec)
 
     def first(self, snapshot: Snapshot) -> Snapshot:
-        """Return the snapshot with all elements of the spec, of which nothing is known yet."""
+        """Return the snapshot with all elements of the spec; of these elements nothing is known yet."""
         spec = self._spec
         return replace(
             snapshot,
@@ -79,7 +82,11 @@ class Situations:
         )
 
     def shown(self, snapshot: Snapshot, running: RunningPlan) -> Snapshot:
-        """Return the snapshot with what follows from this running configuration in the snapshot's situation."""
+        """Return the snapshot with all that follows from its situation and from the running configuration.
+
+        This is: what is down; the state of functions, modules, PEs and plants; the planned loads of buses; and
+        the graph.
+        """
         now = self._situation(snapshot)
         return replace(
             snapshot,
@@ -160,7 +167,10 @@ class Situations:
         return found
 
     def _plants(self, running: RunningPlan) -> dict[str, Plant]:
-        """Tell for each plant whether its control loop is closed; state None: it is not known what runs."""
+        """Tell for each plant whether its control loop is closed.
+
+        If it is not known what runs, the state of each plant is None.
+        """
         if running is NOTHING_RUNS:
             return {name: Plant() for name in self._spec.plants}
         paths = control_paths(self._spec, running.configuration) if self._spec.plants else {}

@@ -1,4 +1,4 @@
-"""Reconfigurations as a bus shows them: PREPARE, ACTIVATE, and the reports of the PEs that they run the epoch.
+"""Reconfigurations as a bus shows them: by PREPARE, by ACTIVATE, and by the states in which PEs report the epoch.
 
 The bus shows when an epoch was prepared, when it was activated, and when every PE that is heard has reported it. It
 does not show why. So the times to detect and to decide are known only if the loss of a PE was noticed before (`lost`):
@@ -26,7 +26,7 @@ _FOLLOWS_NS = 10_000_000_000  # an epoch that is prepared later than this after 
 
 
 class EpochsOnTheBus:
-    """Gets the frames of one flight, and reports its epochs."""
+    """Reads the frames of one flight, and reports the epochs of this flight as events."""
 
     def __init__(self, spec: Spec, tables: tuple[PeTable, ...], now: Callable[[], Situation]) -> None:
         """Begin to observe.
@@ -68,12 +68,16 @@ class EpochsOnTheBus:
         yield from self._done(t_ns)
 
     def page_0(self, t_ns: int, node: int, page: StatePage0) -> Iterator[dict[str, Any]]:
-        """Take page 0 of a PE's state; yields an event if the epoch now runs on every PE that is heard."""
+        """Take page 0 of a PE's state.
+
+        Yields an event if the epoch that was activated last now runs on every PE that is heard, and if this
+        was not reported yet.
+        """
         self._reported[node] = page
         yield from self._done(t_ns)
 
     def page_1(self, node: int, page: StatePage1) -> None:
-        """Take page 1 of a PE's state."""
+        """Note from page 1 of a PE's state how far the PE has staged an epoch."""
         self._commanded.staged(node, page)
 
     def _lease(self, t_ns: int, node: int, lease: Lease) -> Iterator[dict[str, Any]]:

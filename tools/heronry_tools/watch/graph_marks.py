@@ -18,7 +18,10 @@ _Choices = tuple[tuple[str, str, str, tuple[tuple[str, Wire], ...]], ...]  # of 
 
 
 def edge_key(edge: Edge) -> str:
-    """Name an edge: by its two ends, and at each end by the mode (`-` if the edge ends at the symbol itself)."""
+    """Name an edge by its two symbols, and for each end by the number of the cell that it joins.
+
+    The number is `-` where the edge joins the symbol itself and not a cell of it.
+    """
     cells = ("-" if cell is None else str(cell) for cell in (edge.out_cell, edge.in_cell))
     return f"{edge.source}>{edge.target}#{'/'.join(cells)}"
 
@@ -35,7 +38,7 @@ class LiveGraphs:
         self._made = lru_cache(maxsize=8)(self._make)
 
     def graph(self, now: Situation, configuration: Configuration) -> Graph:
-        """Give the state of every symbol and edge in a situation in which this configuration runs."""
+        """Give the state of every symbol and edge, for a situation and the configuration that runs in it."""
         return self._made(now, _choices(configuration))
 
     def _make(self, now: Situation, choices: _Choices) -> Graph:

@@ -61,8 +61,8 @@ class Listening:
     ) -> None:
         """Begin at `begins_ns` of the frames' clock.
 
-        tells_why: the manager's own events are available, so the parts `epochs` and `manager` are left out.
-        key: the key of the flight, if it has one.
+        tells_why: the manager's own events are available. So epochs are not observed, and no manager's core runs here.
+        key: the key of the flight; None: the flight has no key.
         tables: the tables of the PEs, with the contingencies on board.
         """
         self._spec, self._main = spec, spec.manager.bus
@@ -80,7 +80,10 @@ class Listening:
             self._epochs = EpochsOnTheBus(spec, tables, lambda: core.now)
 
     def take(self, bus: str, t_ns: int, frame: Frame) -> list[Event]:
-        """Take a frame that ended at `t_ns` on a bus of the spec; returns the events until then, in order."""
+        """Take a frame that ended at `t_ns` on a bus of the spec.
+
+        Returns the events up to `t_ns`, in order, with those that this frame causes.
+        """
         found = self.until(t_ns)
         if bus in self._traffic:
             self._traffic[bus].take(t_ns, frame)

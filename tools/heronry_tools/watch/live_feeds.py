@@ -76,7 +76,7 @@ class HeardBuses:
         return [reader for ear in self._ears.values() for reader in ear.readers]
 
     def poll(self, frames: list[LoggedFrame]) -> list[Event]:
-        """Return the events of the frames since the last poll; the frames are appended to `frames`."""
+        """Return the events since the last poll, and append the frames heard since then to `frames`."""
         heard = [LoggedFrame(at, name, frame) for name, ear in self._ears.items() for at, frame in ear.hear()]
         heard.sort(key=lambda logged: logged.time_ns)
         frames += heard
@@ -97,9 +97,12 @@ class FollowedManager:
     source: Source = "manager"
 
     def __init__(self, path: Path, *, hears_bus: bool = True) -> None:
-        """Connect to the socket `path` of the manager; `hears_bus`: also open the manager's bus, if possible.
+        """Connect to the manager whose socket has the path `path`.
 
-        Raises ControlError if the manager does not listen or sends no status, UserError if its spec cannot be read.
+        hears_bus: also open the manager's bus; if it cannot be opened, the feed has no traffic.
+
+        Raises ControlError if the manager does not listen or sends no status, and UserError if the manager's spec
+        cannot be read.
         """
         self._path = path
         self.trouble: str | None = None

@@ -30,13 +30,13 @@ def exposition(snapshot: Snapshot) -> bytes:
 
 
 class _Once:
-    """Collects the metrics of one snapshot for the library of Prometheus."""
+    """A collector that gives the metrics of one snapshot to the library of Prometheus."""
 
     def __init__(self, snapshot: Snapshot) -> None:
         self._snapshot = snapshot
 
     def collect(self) -> Iterator["Metric"]:
-        """Yield every metric."""
+        """Yield every metric of the snapshot."""
         view = self._snapshot
         yield from _system(view)
         yield from _pes(view)

@@ -76,7 +76,10 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
 
 
 def _flown(path: Path) -> Recording:
-    """Fly a scenario in the simulator; returns the events of its managers and of its frames."""
+    """Fly a scenario in the simulator, and return a recording of the flight.
+
+    The recording has all frames, the events of the managers, and the events that the frames show.
+    """
     from heronry_tools.sim.scenario.in_simulator import fly  # noqa: PLC0415 - needs the solver
     from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
 
@@ -99,7 +102,10 @@ def _named(spec: Spec) -> dict[str, str]:
 
 
 def _with_frames(spec: Spec, frames: list[LoggedFrame], told: Sequence[Event], listening: Listening) -> Iterator[Event]:
-    """Return the events of frames, and those of the managers (`told`), in order of time."""
+    """Return, in order of time, the events that `listening` derives from the frames, and the managers' events.
+
+    told: the managers' events.
+    """
     bus_of = _buses(spec, frames)
     seen = [one for frame in frames for one in listening.take(bus_of[frame.channel], frame.time_ns, frame.frame)]
     return merge(told, seen, key=lambda event: event["t_ns"])

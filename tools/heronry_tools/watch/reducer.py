@@ -72,7 +72,10 @@ _SHOWN_ANEW = _CHANGES_WHAT_RUNS | _CHANGES_SITUATION | (_STANDING.keys() - {"pe
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A snapshot, and what the reducer needs to make the next one."""
+    """A snapshot, with the plans from which the reducer makes the next snapshot.
+
+    These are the running plan, the planned one, and those that are prepared (by epoch).
+    """
 
     snapshot: Snapshot
     running: RunningPlan = NOTHING_RUNS

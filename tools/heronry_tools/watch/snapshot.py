@@ -148,7 +148,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """How long each of the four parts of a reconfiguration took, in ns; null where this feed does not give it."""
+    """How long each of the four parts of a reconfiguration took, in ns; null: the feed does not tell it."""
 
     detect: int | None = None
     decide: int | None = None

@@ -76,7 +76,7 @@ class Site:
             return self.pictures[function]
 
     async def page(self, _: Request) -> Response:
-        """Answer with the page."""
+        """Answer with the page itself, the file `index.html`."""
         return FileResponse(PAGE / "index.html", headers={"cache-control": "no-cache"})
 
     async def tell_facts(self, _: Request) -> Response:
@@ -113,7 +113,7 @@ class Site:
         return StreamingResponse(lines, media_type="text/event-stream", headers=_NO_STORE)
 
     async def events(self, _: Request) -> Response:
-        """Answer with the events as a file of JSON lines."""
+        """Answer with the events of the live state or recording that is shown, as a file of JSON lines."""
         name = f"{self.spec.name}.events.jsonl"
         text = "".join(f"{line}\n" for line in self.shown.lines())
         head = {**_NO_STORE, "content-disposition": f'attachment; filename="{name}"'}
@@ -128,7 +128,12 @@ class Site:
         return StreamingResponse(lines, media_type="text/plain", headers=head)
 
     async def ask(self, request: Request) -> Response:
-        """Answer with what the planner's process answers; if the page gives the request up, the search ends."""
+        """Answer a question with what the planner's process answers.
+
+        A body that is no JSON object is refused with status 400.
+
+        If the page closes the request before the answer has come, or the server ends, the search ends.
+        """
         question = await _json(request)
         if question is None:
             return _refused(400, "the body of a question must be a JSON object")

@@ -1,11 +1,13 @@
 """The process that answers the questions of web pages: what would be planned, and why a function is not served.
 
-    python -m heronry_tools.web.desk SPEC DIGEST           started by `questions`, which holds its standard input;
-                                                           DIGEST is that of the spec that the pages show
+    python -m heronry_tools.web.desk SPEC DIGEST           started by `questions`, which keeps the standard input of
+                                                           this process open; DIGEST is the digest of the spec that
+                                                           the pages show
 
 The process has loaded the solver and the spec. Questions come on standard input, answers go to standard output, each as
-one line of JSON, in order. The plans of this process are never flown. The process ends when standard input closes, even
-in the middle of a search. Each question is shown with its answer; `...` stands for further keys:
+one line of JSON, in the order of the questions. The plans of this process are never flown. The process ends when its
+standard input is closed, even in the middle of a search. Below, each question is shown with its answer; `...` stands
+for further keys. The last answer refuses a question:
 
     {"ask": "plan", "down": ["pe:nav"], "limits": [], "phase": "glide", "priorities": []}
     {"plan": {... as 'heronry plan --json'}, "graph": {... as in a snapshot}}
@@ -96,7 +98,7 @@ class Desk:
 
 
 def main() -> None:
-    """Answer questions until standard input closes."""
+    """Answer the questions that come on standard input, until standard input closes."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
     spec = load(sys.argv[1])

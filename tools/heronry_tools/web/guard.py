@@ -72,7 +72,10 @@ class Access:
         return name in _LOOPBACK_NAMES or name == socket.gethostname() or _is_address(name)
 
     def url(self, *, with_token: bool) -> str:
-        """Give the address to open in a browser."""
+        """Give the address to open in a browser.
+
+        with_token: whether the address contains the secret token, after `#`.
+        """
         host = f"[{self.address}]" if ":" in self.address else self.address
         if ipaddress.ip_address(self.address).is_unspecified:  # the server listens on all addresses
             host = socket.gethostname()
@@ -142,7 +145,7 @@ class Guard:
         self._inside, self._access = inside, access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on to the other application, or answer it with the reason why it is refused."""
+        """Pass a request on to the application inside the guard, or answer with the reason why it is refused."""
         if scope["type"] != "http":
             await self._inside(scope, receive, send)
             return

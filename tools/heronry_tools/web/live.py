@@ -44,7 +44,7 @@ class DrawnLoads:
         self._last_ns: dict[str, int] = {}  # by bus
 
     def takes(self, event: Event) -> bool:
-        """Tell whether the page shows the load in the next `bus_seen` event."""
+        """Tell whether the page shows the load of `event`, a `bus_seen` event; if so, remember its time."""
         bus, t_ns = event["bus"], event["t_ns"]
         if 0 <= t_ns - self._last_ns.get(bus, t_ns - _LOADS_APART_NS) < _LOADS_APART_NS:
             return False
@@ -104,7 +104,7 @@ class Live:
         self._wake()
 
     def loads(self, after: int) -> list[Load]:
-        """Give the loads of all events after the one with the number `after` in the feed."""
+        """Return the bus loads that came with the events after the event number `after` of the feed."""
         return [load for load in self._loads if load["number"] > after]
 
     def lines(self) -> Iterable[str]:

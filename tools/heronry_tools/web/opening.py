@@ -1,4 +1,7 @@
-"""Opens what `heronry web` shows, and serves it: a manager on this computer, a bus alone, or a recording."""
+"""Opens and serves what `heronry web` shows: a manager on this computer, buses alone, or a recording.
+
+Of buses alone, it shows only what their frames tell; no manager is asked.
+"""
 
 import argparse
 import json

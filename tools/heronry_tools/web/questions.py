@@ -21,7 +21,7 @@ NICENESS: Final = 10  # managers and agents on this computer come first
 
 
 class Questions:
-    """Asks the planner's process of one spec."""
+    """Puts questions about one spec to a planner's process, and gives its answers."""
 
     def __init__(self, spec: Spec, file: Path) -> None:
         self._spec, self._file = spec, file
@@ -53,7 +53,7 @@ class Questions:
             return {"refused": f"the planner's process has ended: {await self._last_words()}"}
 
     async def warm(self) -> None:
-        """Start the process, so that the first question need not wait for it."""
+        """Start the planner's process, so that the first question need not wait for its start."""
         async with self._turn:
             await self._start()
 

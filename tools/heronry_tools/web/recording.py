@@ -31,7 +31,7 @@ class Recording(Timeline):
     def loads(self, after: int, until: int) -> list[Load]:
         """Give the loads of the buses in the events numbered above `after` and up to `until`.
 
-        If these are more than ten minutes, only the last ten minutes are given.
+        If these loads span more than ten minutes, only those of the last ten minutes are given.
         """
         found = [load for load in self._loads if after < load["number"] <= until]
         return found[-KEPT_LOADS * max(1, len(self.reducer.spec.buses)) :]

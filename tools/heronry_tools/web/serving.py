@@ -74,7 +74,10 @@ class _Server(uvicorn.Server):
 
 
 def serve(site: Site, listener: socket.socket, begun: Callable[[], None]) -> None:
-    """Serve until a signal comes; `begun` is called in the event loop when the server answers."""
+    """Serve the pages of `site` at `listener` until a signal comes.
+
+    begun: is called in the event loop as soon as the server can answer requests.
+    """
     config = uvicorn.Config(
         application(site, begun),
         log_level="warning",

@@ -128,7 +128,7 @@ class Draft:
         self._trail.append((_STARTED, module))
 
     def stop(self, module: int) -> None:
-        """Stop a module, which must have no wires any more."""
+        """Stop a module; the caller has removed all wires of the module before."""
         self._trail.append((_STOPPED, module, self.mode[module], self.pe[module]))
         self._leave(module)
 

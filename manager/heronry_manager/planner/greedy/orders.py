@@ -33,7 +33,7 @@ class Orders:
 
 
 def ordered(leaves: Leaves, module_of: Sequence[int], size: Sequence[int]) -> Orders:
-    """Work out the prices and orders.
+    """Compute the price of each mode, and the orders in which the inputs of gates and their givers are tried.
 
     module_of: the module of each mode.
     size: what each mode takes by itself, without its producers: the sum of its shares of all CPU, RAM and
@@ -73,7 +73,10 @@ def _prices(leaves: Leaves, size: Sequence[int]) -> list[int]:
 
 
 class _Order:
-    """Computes price and worth of gates from the prices of modes."""
+    """Computes from the prices of modes the prices of gates, and the orders in which their inputs are tried.
+
+    Also tells how many points the inputs of a gate can give.
+    """
 
     def __init__(self, leaves: Leaves, price: list[int]) -> None:
         self._worth, self.price = leaves.worth, price
@@ -104,8 +107,7 @@ class _Order:
     def ordered(self, node: Node) -> Node:
         """Return a gate with two lists of its inputs: one with the highest worth first, one with the cheapest first.
 
-        The gates below it get two such lists, too. If a gate needs all its inputs, both its lists keep the given
-        order.
+        The gates below it get two such lists, too. If a gate needs all its inputs, both its lists keep the given order.
         """
         most, number, inputs, _ = node
         parts = tuple(map(self.ordered, inputs))

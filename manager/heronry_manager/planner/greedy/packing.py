@@ -74,7 +74,7 @@ def _choose(server: Server, goal: Goal) -> None:
 
 
 class _Packer:
-    """Finds places for chosen modules on the PEs that a situation leaves."""
+    """Places as many as possible of the chosen modules on the PEs that can be used in a situation."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene) -> None:
         self._tables, self._scene = tables, scene
@@ -84,7 +84,11 @@ class _Packer:
         self._budget = _BUDGET
 
     def packed(self, chosen: Draft) -> tuple[Before, int]:
-        """Place as many of the chosen modules as possible; return the places, and how many modules found none."""
+        """Find places for as many of the modules that `chosen` runs as possible, within the packer's budget.
+
+        Returns for each module of the spec its mode and PE, both -1 without a place, and how many of the chosen modules
+        have found no place.
+        """
         draft, tables = self._draft, self._tables
         order = _order(tables, self._scene, draft, [mode for mode in chosen.mode if mode >= 0])
         best, fewest = _nothing(tables), len(order)

@@ -1,4 +1,4 @@
-"""Rules between modules: which must run on different PEs, which on one PE, and which are rivals at a DEMUX."""
+"""Rules between modules: which must run on different PEs, on one PE, or never at the same time (DEMUX)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

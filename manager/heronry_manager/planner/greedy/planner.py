@@ -74,10 +74,10 @@ def _closed(spec: Spec, phase: str | None) -> frozenset[tuple[str, str, str]]:
 
 
 class _Prepared:
-    """Plans for all phases in which the same inputs may be wired."""
+    """Plans for the situations of certain phases: those in which the same inputs may be wired."""
 
     def __init__(self, spec: Spec) -> None:
-        """Compute the tables for the phases of this object.
+        """Compute the tables for all phases in which the same inputs may be wired.
 
         spec: the spec without the inputs that must not be wired in these phases.
         """
@@ -114,9 +114,12 @@ class _Prepared:
         return repair
 
     def _best(self, wanted: Wanted, scene: Scene, before: Before, punctuality: Punctuality | None) -> Repair:
-        """Repair the configuration `before`; while a critical function is not served, also try packings.
+        """Make drafts from the configuration `before`, and return the draft that is best at levels 1 and 2.
 
-        Return the best draft.
+        While the best draft does not serve a critical function, a further draft is made from places that `packings`
+        proposes.
+
+        punctuality: if it is given, the drafts meet all deadlines; None: they may miss deadlines.
         """
         best = Repair(self._tables, wanted, scene, before)
         best.run(punctuality)

@@ -101,7 +101,11 @@ class Watch:
     """
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
-        """Begin with a budget; each check takes from it the number of messages that are already published."""
+        """Begin with a budget for checks, in messages.
+
+        Each check takes as much from the budget as messages are already published. Once the budget is used up, no
+        further message may be published.
+        """
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
@@ -251,10 +255,10 @@ class Punctuality:
 
 
 def _steps(routes: list[tuple[int, ...]]) -> dict[int, tuple[int, int]]:
-    """Return for each bus on these routes: how many buses come before it on its route, and the bus just before it.
+    """Return for each bus on these routes how many buses come before it, and the number of the last of these.
 
-    The bus just before it is -1 if it is the first one.
+    The number is -1 if no bus comes before.
 
-    routes: routes from one PE, each a list of buses.
+    routes: routes from one PE, each as the numbers of its buses, in order.
     """
     return {bus: (depth, route[depth - 1] if depth else -1) for route in routes for depth, bus in enumerate(route)}

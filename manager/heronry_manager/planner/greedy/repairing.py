@@ -63,7 +63,10 @@ class Repair:
         self._sweep()
 
     def supply(self, punctuality: Punctuality) -> None:
-        """Wire optional and better inputs (level 3); a draft that meets all deadlines still meets them afterwards."""
+        """Wire optional inputs, and wire inputs to better versions (level 3).
+
+        A draft that meets all deadlines still meets them afterwards.
+        """
         mark = self.draft.mark()
         self.draft.may_publish = None
         supply(self.draft, self._server, self._tables)
@@ -191,9 +194,9 @@ class Repair:
     # Improving
 
     def _improve(self) -> None:
-        """Serve each function that can be served now, and put its output module into a better mode if possible.
+        """Serve each function that can be served now, and put its output module into the best possible mode.
 
-        This concerns functions that were served before, too. Of the better modes, the best possible one is taken.
+        Functions that were served before are improved, too. No output module gets a worse mode.
         """
         weight, modes_of = self._wanted.weight, self._tables.numbers.modes_of
         for goal in self._wanted.goals:

@@ -38,7 +38,7 @@ class Scenery:
     """Works out the scene of any situation of one spec: the PEs, capacities and modes that can be used in it."""
 
     def __init__(self, tables: Tables) -> None:
-        """Compute the scene without faults, from which `scene` works out the scene of each situation."""
+        """Compute the scene without faults; `scene` derives the scene of every situation from it."""
         self._tables = tables
         self._elements = element_numbers(tables.numbers)
         self._cpu = tables.sizes.pe_cpu
@@ -151,9 +151,9 @@ class Scenery:
         return self._shrunk(possible, touched & possible)
 
     def _shrunk(self, possible: int, touched: int) -> int:
-        """Remove modes whose needs cannot hold, until the needs of all remaining modes can hold.
+        """Give `possible` without the modes whose needs cannot be met by the modes that are left.
 
-        touched: the modes to check first.
+        possible: a set of modes, as the bits of an integer. touched: the modes to check first, likewise.
         """
         orders = self._tables.orders
         while touched:

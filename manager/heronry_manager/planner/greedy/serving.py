@@ -71,7 +71,10 @@ class Server:
         return any(self.run(self._tables.numbers.module_of[mode], mode) for mode in modes)
 
     def adopt(self, goals: Iterable[Goal]) -> None:
-        """Serve those of the functions that can run exactly as before: in the same modes, on the same PEs."""
+        """Serve the functions in `goals` that can be served as before, each with its output in the same mode.
+
+        Whatever these outputs need runs in the same modes and on the same PEs as before, too.
+        """
         self.adopting = True
         for goal in goals:
             self.fuel = len(self._before)
@@ -165,7 +168,10 @@ class Server:
         return True
 
     def _frees(self, module: int, missing: tuple[int, int, int]) -> bool:
-        """Tell whether moving a module away frees enough CPU, RAM and flash (`missing`)."""
+        """Tell whether a module takes at least the CPU, RAM and flash that are missing, so that moving it frees enough.
+
+        missing: CPU, RAM and flash, in the units of `Sizes`.
+        """
         tables, mode = self._tables, self.draft.mode[module]
         cpu, ram, flash = missing
         return tables.sizes.cpu[mode] >= cpu and tables.sizes.ram[mode] >= ram and tables.sizes.flash[module] >= flash
@@ -180,7 +186,9 @@ class Server:
     def switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
         """Put a running module into another mode; tell whether this was possible.
 
-        All modules that read from the module must accept the mode. may_worsen: allow it even if a function loses value.
+        All modules that read from the module must accept the mode.
+
+        may_worsen: whether the new mode may be worth less to a function than the old mode.
         """
         draft, tables, weight = self.draft, self._tables, self._wanted.weight
         old, pe = draft.mode[module], draft.pe[module]
@@ -269,9 +277,9 @@ class Server:
         return False
 
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
-        """Wire a leaf to `module` in `mode`; if needed, start the module or put it into that mode.
+        """Wire a leaf of the module `consumer` to `module` in `mode`; tell whether the leaf is wired.
 
-        Tell whether the leaf is wired.
+        If needed, `module` is started in `mode`, or is put into it.
         """
         draft = self.draft
         mark, now = draft.mark(), draft.mode[module]

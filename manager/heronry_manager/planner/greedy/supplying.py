@@ -19,9 +19,9 @@ _FUEL: Final = 12  # modules tried for one input
 
 
 def supply(draft: Draft, server: Server, tables: Tables) -> None:
-    """Wire optional inputs, and exchange wired inputs for ones that are worth more, as far as there is room.
+    """Wire open optional inputs, and rewire wired inputs to producers of versions that are worth more.
 
-    No module is moved for an input.
+    This is done as far as there is room. No module is moved for an input.
     """
     server.moving = False
     for adopting in (True, False):
@@ -50,9 +50,9 @@ class _Supplier:
         self._draft, self._server, self._tables, self._module = draft, server, tables, module
 
     def supply(self, node: Node) -> None:
-        """Wire more inputs below a gate that holds already, and give better versions to its wired inputs.
+        """Wire more inputs below a gate that holds already, and rewire wired inputs below it to better versions.
 
-        node: the gate, or a wired leaf.
+        node: the gate, or a wired leaf, which is only rewired.
         """
         most, number, inputs, _ = node
         if most == LEAF:
@@ -65,7 +65,7 @@ class _Supplier:
                     self.supply(one)
 
     def _has_room(self, node: Node) -> bool:
-        """Tell whether one more input of a gate may hold."""
+        """Tell whether a gate allows one more input to hold, in addition to those that hold already."""
         most, _, inputs, _ = node
         return most == len(inputs) or sum(map(self._holds, inputs)) < most
 
@@ -92,7 +92,11 @@ class _Supplier:
             draft.undo(mark)
 
     def _choose(self, inputs: tuple[Node, ...]) -> None:
-        """In a gate where exactly one input may hold, exchange that input for one that is worth more, if possible."""
+        """In a gate where exactly one input may hold, exchange the input that holds for one that is worth more.
+
+        Only inputs before the one that holds are tried, and the first suitable one is taken. If there is none, the
+        input that holds stays. Then the input that holds is supplied (`supply`).
+        """
         held = next(one for one in inputs if self._holds(one))
         now = self._points(held)
         for one in inputs[: inputs.index(held)]:

@@ -14,7 +14,10 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A wanted function; `outputs` has modules and `modes` has modes, each by its number in the planner."""
+    """A wanted function, with the modules that can be its output (`outputs`) and their modes (`modes`).
+
+    Modules and modes are given by their numbers in the planner.
+    """
 
     name: str
     rank: int  # 0 (A) to 4 (E)

@@ -86,7 +86,7 @@ class LimitedElevatorServo1(SurfaceServo):
 
 
 class LimitedElevatorServo2(SurfaceServo):
-    """The elevator servo of the second of three redundant paths."""
+    """The elevator servo of the second of three redundant paths, each with a limiter before its servo."""
 
     demand = "servo_demand_2"
 
@@ -111,7 +111,7 @@ class RudderServo(SurfaceServo):
         self._refusal = Lasting(_REFUSES_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Report a servo that takes no commands; command the surface."""
+        """Report the servo if it has not taken the commands for long enough, and command the surface."""
         if self._refusal.is_due(self._angle_deg is not None and not self._has_taken(self._angle_deg)):
             self.ctx.report_failed(f"device:{self.ctx.device}")
         return super().step(inputs)
@@ -132,7 +132,10 @@ class Charge(Module):
         self._fired = False
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Write 1 once the charge has fired, else 0; a period without a demand changes nothing."""
+        """Command 1 to the device if the charge has fired, now or earlier, else 0.
+
+        A period in which the demand is absent neither counts as a demand nor interrupts two demands in a row.
+        """
         demand = whole(inputs, self.demand)
         if demand is not None:
             self._demanded = self._demanded + 1 if demand != 0 else 0

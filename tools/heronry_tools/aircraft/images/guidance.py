@@ -127,8 +127,7 @@ def _bank_per_deg(inputs: Inputs) -> float:
 class OrbitAutopilot(Module):
     """The experimental autopilot: commands a circle over the field, with a steeper glide at a greater height.
 
-    While telemetry shows that the aircraft hangs on its balloon, the commands are level wings and the best
-    glide.
+    While telemetry shows that the aircraft hangs on its balloon, the commands are level wings and the best glide.
     """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:

@@ -49,7 +49,10 @@ class Imaging(Module):
         self._head = [0] * HEAD_WORDS
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the next word of the picture; without a count of the camera, no new picture is begun."""
+        """Publish the next word of the picture.
+
+        A new picture begins only when the frame count of the camera is present; until then nothing is published.
+        """
         if self._next == 0:
             frame = whole(inputs, "frame_count")
             if frame is None:
@@ -84,7 +87,7 @@ class ImageArchive(Module):
         self._last_index = -1
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Take the word that has arrived, if it is a new one."""
+        """Take the received word of a picture, unless it has the same index as the word before."""
         received = whole(inputs, "image_data")
         if received is not None and received >> 24 != self._last_index:
             self._take(received >> 24, received & _PAYLOAD_MASK)

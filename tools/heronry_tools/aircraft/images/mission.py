@@ -40,7 +40,7 @@ class MissionSequencer(Module):
         self._signs = 0  # steps in a row with signs of a later stage
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the stage."""
+        """Publish the present stage of the flight."""
         altitude_m = number(inputs, "altitude")
         if altitude_m is not None:
             self._highest_m = max(altitude_m, self._highest_m or altitude_m)

@@ -22,7 +22,7 @@ class PressureMajority(MajorityVoter):
 
 
 class PressureFailOver(FailOver):
-    """The pressure on which two of three sensors agree, in hPa; if there is none, the middle one of the three."""
+    """Gives the pressure of `PressureMajority`, in hPa; if that is missing, the pressure of `PressureMedian`."""
 
     sources, output = ("agreed_pressure", "median_pressure"), "static_pressure"
 
@@ -35,7 +35,7 @@ class PitchVersions(NVersion):
 
 
 class PitchBetter(ComparatorBetter):
-    """The better of two pitch angles, in degrees; a difference of more than 5 degrees is reported."""
+    """Gives the pitch angle of the better version, in degrees; reports a difference of more than 5 degrees."""
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 
@@ -47,7 +47,7 @@ class PitchSafer(ComparatorSafer):
 
 
 class PitchNone(ComparatorNone):
-    """The better of two pitch angles, in degrees; none while they differ by more than 5 degrees."""
+    """The better version of two pitch angles, in degrees; no value while they disagree, by more than 5 degrees."""
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 

@@ -103,7 +103,7 @@ class RateGyros(TupleSensor):
 
 
 class GpsReceiver(TupleSensor):
-    """Latitude and longitude in 1e-7 deg, height in mm, track in 1e-5 deg."""
+    """The GPS receiver: gives latitude and longitude in 1e-7 deg, height in mm, and track in 1e-5 deg."""
 
     may_repeat_ns = _MAY_REPEAT_FIX_NS
     fields = (("gps_latitude", 1e-7), ("gps_longitude", 1e-7), ("gps_altitude", 1e-3), ("gps_track", 1e-5))
@@ -117,7 +117,7 @@ class GpsAltitude(TupleSensor):
 
 
 class Horizon(SensorDriver):
-    """Thermopiles: the contrast along and across the aircraft, in counts, as a pair."""
+    """The horizon sensor (thermopiles): a pair of contrasts, along and across the aircraft, in counts."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Give both contrasts, along and across the aircraft, in counts limited to -32767..32767 (SHORT).
@@ -184,7 +184,7 @@ class Battery(NumberSensor):
 
 
 class Camera(SensorDriver):
-    """Number of frames that the camera has taken since it was switched on."""
+    """Publishes how many frames the camera has taken since it was switched on."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Give the number of frames that the camera has taken, modulo 2^32; None if the reading is no int."""
@@ -205,7 +205,7 @@ class CommandReceiver(SensorDriver):
 
 
 class Console(CommandReceiver):
-    """The two commands of `CommandReceiver`, from the switches of the console on the ground."""
+    """Publishes the two commands of `CommandReceiver`, which come from switches of the console on the ground."""
 
 
 class ChuteReceiver(SensorDriver):

@@ -52,7 +52,10 @@ _SENSOR = 3
 
 
 class SurfaceMonitor(Module):
-    """Monitors the elevator; a subclass gives the variable of the command, and the servo that is driven."""
+    """Monitors the two servos and the angle sensor of the elevator.
+
+    A subclass sets the names of two variables, `command` and `health`, and overrides `working_servo`.
+    """
 
     command: ClassVar[str]
     health: ClassVar[str]
@@ -71,7 +74,7 @@ class SurfaceMonitor(Module):
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare command and angle, and publish the health."""
+        """Compare the elevator's angle with the angle expected after the commands, and publish the health."""
         commanded_deg, angle_deg = number(inputs, self.command), number(inputs, "elevator_angle")
         if commanded_deg is None or angle_deg is None:
             self._expected_deg = None
@@ -127,7 +130,10 @@ class ElevatorMonitor(SurfaceMonitor):
 
 
 class ServoMonitor(SurfaceMonitor):
-    """The monitor of `elevator_and_chute`: servo 1 counts as driven until it is reported, servo 2 from then on."""
+    """The monitor of the servos in `elevator_and_chute`.
+
+    Servo 1 counts as driven until servo 1 is reported as failed; from then on servo 2 counts as driven.
+    """
 
     command = "elevator_demand"
     health = "servo_failure"

@@ -103,7 +103,10 @@ class GroundDisplay(LineWriter):
     )
 
     def more_words(self, inputs: Inputs) -> list[str]:
-        """Give the attitude in degrees, and the bytes of status that are not missing."""
+        """Give pitch and roll in degrees, and those of the four status bytes whose value is known.
+
+        The status bytes are stage, wings, servos and battery. An input that is missing gives no words.
+        """
         words = []
         attitude, status = numbers(inputs, "telemetry_attitude", 2), numbers(inputs, "telemetry_status", 4)
         if attitude is not None:

@@ -79,7 +79,10 @@ class InflationControl(Module):
 
 
 class WingMonitor(Module):
-    """Publishes `wing_state`: from the pressure, and in mode `cure` also from the dose of light on firm wings."""
+    """Publishes `wing_state`, from the pressure in the wings and the demand of the valve.
+
+    In mode `cure` the state also follows from the dose of light: the light on firm wings, added up.
+    """
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

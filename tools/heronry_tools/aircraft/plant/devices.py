@@ -41,7 +41,10 @@ _GLIDE_M_PER_S = 18.0
 
 
 class Motion(Protocol):
-    """The state of the aircraft on which readings depend: from the script (`flight.Moment`), or a dynamics model."""
+    """The state of the aircraft on which readings depend.
+
+    It comes from the script (`flight.Moment`), or from a dynamics model.
+    """
 
     @property
     def time_s(self) -> float: ...  # noqa: D102 - the names and units say it
@@ -86,7 +89,7 @@ class Surroundings:
 
     @property
     def attitude_deg(self) -> tuple[float, float]:
-        """Pitch and roll, with the effect of the surfaces."""
+        """Pitch and roll in degrees: those of `now`, plus the effect of the positions of the surfaces."""
         pitch, roll = self._by_surfaces(self.position)
         return self.now.pitch_deg + pitch, self.now.roll_deg + roll
 
@@ -131,7 +134,7 @@ def _rate_gyros(surroundings: Surroundings) -> tuple[int, ...]:
 
 
 def _horizon(surroundings: Surroundings) -> tuple[int, ...]:
-    """Contrast between warm ground and cold sky, along and across, in counts."""
+    """Contrast between warm ground and cold sky, along the aircraft and across it, in counts."""
     along, across = (math.sin(math.radians(angle)) for angle in surroundings.attitude_deg)
     return (
         round(HORIZON_COUNTS * surroundings.with_noise(along, 0.06, "x")),
@@ -163,7 +166,7 @@ def _pitot(surroundings: Surroundings) -> float:
 
 
 def _angle_of(mechanism: str) -> Sensor:
-    """Give the function that reads a potentiometer on a surface, in degrees."""
+    """Give a function that reads the potentiometer on a surface: the surface's angle in degrees."""
 
     def read(surroundings: Surroundings) -> float:
         return surroundings.with_noise(surroundings.position(mechanism), 0.05)
@@ -190,7 +193,10 @@ def _camera(surroundings: Surroundings) -> int:
 
 
 def _commands(surroundings: Surroundings) -> tuple[int, ...]:
-    """Two commands: release the parachute (never), and cut the balloon's line (1 from CUTDOWN_S on)."""
+    """Give the two commands of the mission, each 0 or 1: release the parachute, and cut the balloon's line.
+
+    The parachute's is always 0; that of the line is 1 from CUTDOWN_S on.
+    """
     return (0, int(surroundings.now.time_s >= CUTDOWN_S))
 
 

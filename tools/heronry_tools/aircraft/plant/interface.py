@@ -55,5 +55,5 @@ class PlantDevice:
         return self._plant.write(self._name, value, now_ns if self._clock is None else self._clock())
 
     def make_safe(self, now_ns: int) -> None:
-        """Take the safe action of an actuator."""
+        """Make the plant take the safe action of this device, an actuator; the plant decides what this action is."""
         self._plant.make_safe(self._name, now_ns if self._clock is None else self._clock())

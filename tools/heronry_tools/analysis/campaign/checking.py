@@ -22,10 +22,10 @@ _ENTRIES_IN_A_PART: Final = 256
 class Entry:
     """One plan of a contingency file.
 
-    what: the fault set and the phase for which the plan was made, or the safe mode of a phase, in words.
+    what: in words: the fault set and the phase for which the plan was made; or, for a safe mode, its phase.
     now: the situation with these faults. configuration: the planned configuration.
     objective: the value of the plan according to the file; None for a safe mode, of which the file has no value.
-    running: mode and PE of each module before the faults; None for a plan with nothing down.
+    running: mode and PE of each module before the faults; None for a safe mode, and for a plan with nothing down.
     """
 
     what: str
@@ -58,7 +58,7 @@ def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> lis
 
 
 def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
-    """Verify some entries of a contingency file; returns one sentence for each error."""
+    """Verify these entries of a contingency file; returns one sentence for each error."""
     return [f"{entry.what}: {wrong}" for entry in entries for wrong in _wrong(spec, entry)]
 
 

@@ -31,7 +31,7 @@ from heronry_tools.console.errors import UserError
 
 @dataclass(frozen=True, slots=True)
 class CutSets:
-    """The cut sets of one function, of at most `order` faults."""
+    """The cut sets of one function that have at most `order` faults each."""
 
     function: str
     order: int
@@ -40,7 +40,10 @@ class CutSets:
 
 
 def cut_sets(spec: Spec, function: str, scope: Scope, advance: Callable[[int], None] = lambda _: None) -> CutSets:
-    """Find the cut sets of a function in the one phase of `scope`; calls `advance(1)` for each set examined."""
+    """Find the cut sets of a function in the one phase of `scope`.
+
+    advance: called with 1 after each fault set that is examined or skipped.
+    """
     (phase,) = scope.phases
     spec = spec.in_phase(phase)
     logical, resources = (
@@ -50,7 +53,10 @@ def cut_sets(spec: Spec, function: str, scope: Scope, advance: Callable[[int], N
 
 
 def _smallest(servable: "Servable", scope: Scope, advance: Callable[[int], None]) -> Iterator[FaultSet]:
-    """Yield the smallest sets that lose the function, smaller sets first; larger sets that contain them are skipped."""
+    """Yield the smallest fault sets after which the function cannot be served, smaller sets first.
+
+    A set that contains one of the sets found before is skipped.
+    """
     found: list[FaultSet] = []
     for size in scope.sizes():
         for down in scope.of_size(size):
@@ -61,16 +67,16 @@ def _smallest(servable: "Servable", scope: Scope, advance: Callable[[int], None]
 
 
 class Servable:
-    """Tells for fault sets whether one function can be served at all."""
+    """Tells for a fault set whether any legal configuration can still serve one function."""
 
     def __init__(self, spec: Spec, function: str) -> None:
         self._planning, self._function = Planning(spec), function
         self._by_rest: dict[object, bool] = {}
 
     def after(self, down: FaultSet) -> bool:
-        """Tell whether a legal configuration can serve the function with the elements `down`.
+        """Tell whether a legal configuration can serve the function while the elements in `down` are down.
 
-        Raises UserError if the search does not decide this.
+        Raises UserError if the search finds no answer to this question.
         """
         if self._planning.survives((self._function,), down):
             return True
@@ -89,7 +95,7 @@ class Servable:
 def given_up(
     function: Function, cuts: CutSets, phase: Phase, outcomes: Mapping[tuple[Phase, FaultSet], Outcome]
 ) -> list[FaultSet]:
-    """Find the smallest sets after which the best plan of a phase gives up a function that could be served."""
+    """Find the smallest fault sets after which the best plan of a phase leaves out a function that could be served."""
     sets = [
         down
         for (at, down), outcome in outcomes.items()

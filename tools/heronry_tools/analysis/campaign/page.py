@@ -38,7 +38,7 @@ svg .mean { stroke: var(--mean); stroke-width: 2; fill: none; }
 
 
 def html_page(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
-    """Write the page as HTML."""
+    """Return the page of a campaign as HTML: the requirements, then pictures and tables for each phase."""
     title = escape(f"{spec.name}: what survives up to {scope.faults} faults")
     covered = (
         f"{scope.set_count()} sets of up to {scope.faults} faults of {len(scope.elements)} elements in each phase; "

@@ -34,7 +34,10 @@ _MOST_PAIRED = 300  # most sets in the first value of the lower bound; fewer set
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """Bounds of the probability of a loss within one hour; `at_most_per_h` is None where no upper bound is known."""
+    """Bounds of the probability that a function is lost within one hour.
+
+    `at_most_per_h` is the upper bound; None: no upper bound is known.
+    """
 
     per_h: float  # at least
     at_most_per_h: float | None
@@ -99,9 +102,12 @@ def _at_least(chances: dict[str, float], sets: Iterable[frozenset[str]]) -> floa
 
 
 def _more_than(order: int, rates: Collection[Fraction]) -> Fraction:
-    """Give an upper bound of the probability that more than `order` elements fail.
+    """Give an upper bound of the probability that more than `order` elements fail within one hour.
 
-    The bound is the sum of the probabilities of all sets of `order` + 1 elements.
+    For each set of `order` + 1 elements the rates of its elements are multiplied; the bound is the sum of all these
+    products.
+
+    rates: failures per hour of each element.
     """
     sums = [1.0] + [0.0] * (order + 1)  # over the elements so far: of all products of 0, 1, ... rates
     for rate in rates:

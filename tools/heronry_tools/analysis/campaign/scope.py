@@ -15,7 +15,7 @@ KINDS: Final = ("pe", "device", "module", "bus", "channel")
 
 
 def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --faults, --phase, --kinds, and --jobs or --scheduler."""
+    """Add the options --faults, --phase, --kinds, --jobs and --scheduler to a parser."""
     parser.add_argument(
         "--faults",
         metavar="N",
@@ -42,7 +42,8 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
 def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = False) -> "Scope":
     """Give the scope that the command line describes; raises UserError if an option has a value that cannot be used.
 
-    places: include the places in use, if the command line includes modules.
+    places: if the command line includes modules, also plan for the failure of each place that the fault-free plan of a
+        phase uses.
     """
     from heronry_dg.situation import elements, situation  # noqa: PLC0415 - slow to import
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415

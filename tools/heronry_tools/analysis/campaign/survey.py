@@ -19,7 +19,7 @@ from heronry_tools.analysis.campaign.rates import Likelihood, likelihood
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Best, mean and worst of a quantity over all fault sets of a size."""
+    """Best, mean and worst value of a quantity over all fault sets with the same number of faults."""
 
     best: int
     mean: float
@@ -28,7 +28,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Grade:
-    """What is left after a number of faults: figures over all fault sets of that size."""
+    """Figures for one number of simultaneous faults, over all fault sets of that size: what is still served."""
 
     faults: int
     sets: int

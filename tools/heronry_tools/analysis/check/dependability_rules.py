@@ -21,7 +21,10 @@ _IMAGINED: Final = "Redundancy that one fault defeats costs weight and adds noth
 
 
 def _smoothed(criticality: str, *names: str) -> str:
-    """Write a small spec with modules of these names, each of which computes `level` from `speed`."""
+    """Write a spec in which each of the modules `names` computes `level` from `speed`.
+
+    criticality: the class of the spec's only function, which shows `level`.
+    """
     middle = "".join(f"  {name}: {{needs: speed, gives: {{level: 1}}, {RUNS}}}\n" for name in names)
     return doubled(criticality, middle=middle, reads="level")
 

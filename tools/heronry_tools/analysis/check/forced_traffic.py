@@ -92,7 +92,10 @@ def _publish(
 
 
 def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _Versions]:
-    """Give the variables that every one of the readers needs in every one of its modes."""
+    """Give the variables that each of the readers needs in each of its possible modes.
+
+    Each has the best and the worst version that serves.
+    """
     every = [_needed(mode.needs) for name in sorted(readers) for mode in possible.modules[name].modes()]
     return reduce(_both, every)
 

@@ -54,9 +54,10 @@ def _is_here(image: str, folder: Path) -> bool:
 
 
 def _problems(folder: Path, images: Sequence[str]) -> Mapping[str, str | None]:
-    """Load images in a process of its own. Returns by image the reason why it cannot be loaded; None if it can.
+    """Load images one by one in a separate process, and return for each the reason why it cannot be loaded.
 
-    If an image ends or hangs the process, the images after it are missing from the result.
+    None as the reason: the image can be loaded. An image that ends or hangs the process gets that as its reason,
+    and the images after it are missing from the result.
     """
     command = [sys.executable, "-m", __name__, str(folder), *images]
     try:

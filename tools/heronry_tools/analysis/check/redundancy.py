@@ -43,7 +43,7 @@ class Alternatives:
 
 
 class Dependence:
-    """Tells which parts of a spec depend on which elements."""
+    """Tells for the ends of a DEMUX, and for the inputs of a gate, without which elements they do not work."""
 
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
@@ -72,13 +72,16 @@ class Dependence:
         return unserved - self._where(unserved, lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
-        """Yield those XORs and voters of a mode whose inputs all could hold, each taken alone, if nothing were down."""
+        """Yield each XOR and each voter of a mode if each of its inputs, taken alone, could hold with nothing down."""
         for path, gate in _gates(mode.needs):
             if _chooses(gate) and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])
 
     def shown(self, shared: frozenset[str]) -> str:
-        """Name the shared elements in a text; the PE and the driver of a shared device are left out."""
+        """List the shared elements as text, each with its kind and name.
+
+        If a device is shared, its PE and the module that is its driver are left out, since they are implied.
+        """
         spec = self.spec
         implied = {f"pe:{device.pe}" for device in spec.devices.values() if f"device:{device.name}" in shared}
         implied |= {f"module:{m.name}" for m in spec.modules.values() if f"device:{m.device}" in shared}
@@ -104,7 +107,7 @@ class Dependence:
 
 
 def _chooses(gate: Gate) -> bool:
-    """Tell whether a gate is a XOR, or a vote of several inputs of which not all have to hold."""
+    """Tell whether a gate is a XOR, or a vote in which at least two inputs have to hold, but not all inputs."""
     fewest, most = bounds(gate)
     return 1 <= fewest < len(gate.inputs) and (most == 1 or fewest >= 2)
 
@@ -123,7 +126,7 @@ def independent(inputs: Sequence[frozenset[str]]) -> int:
 
 
 def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
-    """Give the indices of the first two inputs that depend on the same element."""
+    """Give the indices of the first two inputs that depend on the same element; there must be two such inputs."""
     return next(
         (first, second)
         for first in range(len(inputs))

@@ -19,7 +19,10 @@ def _display_with(cpu: str) -> str:
 
 
 def _two_functions(cpu: str) -> str:
-    """Write a spec with two functions of class C; each has two output modules behind a DEMUX, which need `cpu` each."""
+    """Write a spec with two functions of class C; each has two output modules behind a DEMUX.
+
+    cpu: the CPU that each of these four modules needs.
+    """
     lit = f"cpu: {cpu}, ram: 1KiB, rate_hz: 10"
     return (
         "buses: {can0: {bitrate: 1000000, channels: 2}}\n"

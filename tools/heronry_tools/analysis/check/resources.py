@@ -237,7 +237,10 @@ class _Serving:
             self._findings.add(rules.LATE, place, sentence, self._before(times, late, published))
 
     def _before(self, times: ResponseTimes, late: Late, published: Iterable[Hop]) -> str:
-        """List the frames that go before a datum on its bus, each with its response time and deadline."""
+        """Write which frames go before a late datum on its bus: period, response time and deadline of each.
+
+        Only the first `_SHOWN` frames are named; of further ones the number is given.
+        """
         there = [one for one in times.responses(published) if one.hop.bus == late.hop.bus]
         ahead = there[: [one.hop for one in there].index(late.hop)]
         shown = [

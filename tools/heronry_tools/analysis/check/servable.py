@@ -48,10 +48,11 @@ def without_limits(spec: Spec) -> Spec:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A configuration that serves all required functions, if one was found.
+    """Whether all required functions can be served at the same time.
 
-    configuration: the configuration, or None. With elements down, it may have been found for an earlier question.
-    proven: if `configuration` is None, whether it is proven that there is no such configuration.
+    configuration: a configuration that serves them; None: none was found. If the question was about elements that are
+        down, it may be a configuration that was found for an earlier question and does not need these elements.
+    proven: if `configuration` is None, whether it is proven that no configuration serves them.
     """
 
     configuration: Configuration | None

@@ -56,7 +56,7 @@ def losses(planning: Planning) -> Iterator[Loss]:
 
 
 def single_elements(spec: Spec) -> Iterator[str]:
-    """Yield the elements that one fault can take away.
+    """Yield the elements that one fault can take out of use.
 
     Channels and replicated buses are left out: one fault takes one channel, and the other channel carries on.
     """
@@ -102,7 +102,7 @@ def _differs_by_phase(planning: Planning, by_phase: Mapping[Phase, frozenset[str
 
 
 def _lost_in(planning: Planning, phase: Phase, wanted: frozenset[str], down: frozenset[str]) -> frozenset[str]:
-    """Give the critical functions that a fault loses in a phase."""
+    """Give the functions in `wanted` that are lost in a phase while the elements in `down` are down."""
     possible = planning.possible(wanted, down)
     fits = planning.all_at_once(possible, down).configuration is not None
     return wanted - possible if fits else planning.unserved(wanted, phase, down)

@@ -47,7 +47,7 @@ class PhaseConsequences:
 
 @dataclass(slots=True)
 class Consequences:
-    """Computes the consequences of specs, one spec after another (`of`).
+    """Computes the functions served, the load and the single points of failure of one spec after another (`of`).
 
     Every planned configuration is kept in `known`, since it may make a plan needless for a later loss, phase or spec.
     """
@@ -55,7 +55,10 @@ class Consequences:
     known: list[Configuration] = field(default_factory=list)
 
     def of(self, spec: Spec) -> dict[str | None, PhaseConsequences]:
-        """Give the consequences of a spec by phase; under None for a spec without phases."""
+        """Return, for each phase of a spec, which functions are served, their single points of failure, and the loads.
+
+        A spec without phases has one entry, under None.
+        """
         return {phase: self._in_phase(spec, phase) for phase in spec.phases or (None,)}
 
     def _in_phase(self, spec: Spec, phase: str | None) -> PhaseConsequences:
@@ -117,7 +120,7 @@ def _served(spec: Spec, found: Plan) -> Iterator[tuple[str, str | None]]:
 def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[Function]) -> bool:
     """Tell whether the part of a known configuration that still works serves all wanted functions and is legal.
 
-    A module that serves no wanted function does not make it illegal here.
+    This part counts as legal here even if some of its modules serve no function.
     """
     left = _remains(spec, now, known)
     if not all(any(output in left.modules for output in function.outputs) for function in wanted):
@@ -126,7 +129,11 @@ def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[F
 
 
 def _remains(spec: Spec, now: Situation, known: Configuration) -> Configuration:
-    """Give the part of a configuration that still works: each module has a PE, its gates hold, each producer runs."""
+    """Give the part of the configuration `known` that still works in the situation `now`.
+
+    A module is kept if its PE can still run it in its mode, and its gates hold with the wires that are kept. A
+    wire is kept if its producer is kept.
+    """
     left = survivors(spec, now)
     modules = {
         name: running

@@ -41,13 +41,13 @@ class PhaseDifference:
     cpu_millis: tuple[int, int]  # load of all PEs, in thousandths of a core
 
     def is_none(self) -> bool:
-        """Tell whether old and new values are all equal."""
+        """Tell whether the two specs do not differ in this phase."""
         return not (self.functions or self.hangs_on or self.buses) and self.cpu_millis[0] == self.cpu_millis[1]
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Everything that a reviewer of a changed spec should see."""
+    """Everything about a changed spec that a reviewer should see: changes of elements, consequences, findings."""
 
     old: Spec
     new: Spec

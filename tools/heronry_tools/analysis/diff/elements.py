@@ -4,8 +4,8 @@ Every element is turned into a flat map from field to text, and the two specs ar
 by the keys of a spec, and have the units in which a spec is written. An element that was renamed appears as one removed
 and one added.
 
-Where order carries meaning (modes, branches, phases), the order is a field. Not listed is a change in comments, in the
-spelling of a shorthand, or in the order of other elements.
+The order of modes, of branches and of phases carries meaning, so each of these orders is a field. Changes in comments,
+in the spelling of a shorthand, and in the order of other elements are not listed.
 """
 
 from collections.abc import Iterator, Mapping

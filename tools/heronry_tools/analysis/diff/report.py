@@ -19,7 +19,7 @@ _SIGNS = {"added": "+", "removed": "-", "changed": "~"}
 
 
 def text_report(found: Difference) -> str:
-    """Write a difference for people."""
+    """Write the difference between two specs as text for people, one line for each change."""
     if not found.elements:
         changed = list(_findings_lines(found.findings))
         return "\n".join([f"{found.new.name}: nothing changed", *(["", *changed] if changed else [])]) + "\n"

@@ -50,9 +50,10 @@ class Question:
 
 
 def assumptions(question: Question, goal: str) -> list[Assumption]:
-    """List all assumptions that may keep the function `goal` from being served, in the order to relax them.
+    """List the assumptions that may keep the function `goal` from being served, in the order to try without them.
 
-    An assumption comes early if it explains little: first the other functions, last the elements that are down.
+    The less an assumption explains, the earlier it comes: the other functions are first, and the elements that are
+    down are last.
     """
     return list(_assumptions(question, goal))
 
@@ -115,8 +116,9 @@ def _others(rules: tuple[tuple[str, ...], ...], gone: Collection[str]) -> tuple[
 
 
 def capacity(spec: Spec, one: Assumption) -> int:
-    """Give the amount of a capacity: thousandths of a core, bytes, or the bit rate in bit/s.
+    """Give the amount of the capacity that an assumption is about.
 
+    The unit is thousandths of a core for CPU, bytes for RAM and flash, and bit/s for the bit rate of a bus.
     Raises ValueError if the assumption is not about a capacity.
     """
     match one.kind:
@@ -133,7 +135,10 @@ def capacity(spec: Spec, one: Assumption) -> int:
 
 
 def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
-    """Return the spec with one capacity changed to `amount`, in the unit of `capacity`."""
+    """Return the spec with the capacity that an assumption is about changed to `amount`.
+
+    amount: thousandths of a core, bytes, or bit/s, as `capacity` gives it.
+    """
     if one.kind == "bandwidth":
         bus: Bus = replace(spec.buses[one.name], bitrate=amount)
         return replace(spec, buses={**spec.buses, one.name: bus})

@@ -129,10 +129,12 @@ def _is_possible(question: Question) -> bool:
 def _irreducible(
     these: Sequence[Assumption], possible: Possible, without: Iterable[Assumption] = ()
 ) -> list[Assumption]:
-    """Reduce `these` to assumptions that together still make the goal impossible, none of which can be left out.
+    """Leave out of `these` what is not needed to make the goal impossible; gives the assumptions that are kept.
+
+    Together these keep the goal impossible. Without any one of them the goal would be possible.
 
     possible: tells whether the goal is possible when the given assumptions are relaxed.
-    without: assumptions that are relaxed already.
+    without: assumptions that are relaxed from the beginning.
     """
     gone = list(without)
     kept = list(these)
@@ -198,10 +200,10 @@ def _smallest_hitting(
 
 
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
-    """Give the repair that relaxes the assumptions `parts`, with the least amount of each capacity among them.
+    """Return the repair that relaxes the assumptions `parts`.
 
-    The amounts are found one after the other. While an amount is searched, the capacities after it are
-    unlimited.
+    For each capacity in `parts`, the repair has the least amount that suffices. The amounts are found one after
+    the other, in the order of `parts`. While an amount is searched, the capacities that follow are unlimited.
     """
     capacities = [one for one in parts if one.kind in CAPACITIES]
     repaired = relaxed(question, parts)

@@ -103,7 +103,10 @@ class CourseControl(Module):
 
 
 class RollControl(Module):
-    """Computes the aileron command from the roll; without a roll command, the loop holds the wings level."""
+    """Computes the aileron command from the commanded roll angle, the measured roll angle and the roll rate.
+
+    Without a command, the loop holds the wings level.
+    """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the aileron command."""

@@ -58,13 +58,13 @@ class _Receiver(Module):
 
 
 class DifferentialReceiver(_Receiver):
-    """Publishes the position of the receiver with differential corrections, in the runway's frame (m)."""
+    """Publishes the position from the receiver that uses differential corrections, in m in the runway's frame."""
 
     names = ("differential_x", "differential_y", "differential_height")
 
 
 class SatelliteReceiver(_Receiver):
-    """Publishes the position of the receiver without corrections, in the runway's frame (m)."""
+    """Publishes the position measured without differential corrections, in the runway's frame (m)."""
 
     names = ("gps_x", "gps_y", "gps_height")
 
@@ -96,7 +96,7 @@ class HeadEncoder(Module):
     """Publishes the direction in which the rover's head points: azimuth and elevation (0.1 mrad)."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
-        """Publish the direction."""
+        """Publish azimuth and elevation of the head; publish nothing if the reading does not have both."""
         reading = self.ctx.read()
         return {"head_angles": reading} if isinstance(reading, tuple) and len(reading) == 2 else {}
 
@@ -107,7 +107,7 @@ class SurfaceSensor(Module):
     names: ClassVar[str]
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
-        """Publish the position."""
+        """Publish the measured position of the surface; publish nothing if the sensor gives no number."""
         reading = self.ctx.read()
         return {self.names: float(reading)} if isinstance(reading, (int, float)) else {}
 

@@ -79,13 +79,13 @@ def _age_s(inputs: Inputs, receiver: str) -> float:
 
 
 class DifferentialPosition(_ReceiverPosition):
-    """Publishes the position by the receiver with corrections: good enough to land."""
+    """Publishes the position from the receiver `differential`, which gets corrections: good enough to land."""
 
     receiver = "differential"
 
 
 class SatellitePosition(_ReceiverPosition):
-    """Publishes the position by the receiver without corrections: not good enough to land."""
+    """Publishes the position from the receiver `gps`, which gets no corrections: not good enough to land."""
 
     receiver = "gps"
 

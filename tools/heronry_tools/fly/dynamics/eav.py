@@ -159,7 +159,7 @@ class EavPlant:
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
         """Advance to `now_ns` and command an actuator.
 
-        Return the command that it accepted, None if it accepted none.
+        Returns the command that the actuator accepted; None if the actuator accepted none.
         """
         self.advance(now_ns)
         if device == "pan_tilt":
@@ -202,7 +202,7 @@ class EavPlant:
             self.camera.blind = False
 
     def truth(self) -> Truth:
-        """Return the present state."""
+        """Return the true state of the aircraft now."""
         fdm = self._model.fdm
         north_m, east_m, up_m = self._model.position_m()
         touching = tuple(name for name, is_down in _CONTACTS.items() if fdm[is_down])
@@ -223,7 +223,11 @@ class EavPlant:
         )
 
     def slow_errors(self) -> tuple[float, ...]:
-        """Return the present biases: of the GPS receiver without corrections (x, y, height in m), the camera (rad)."""
+        """Return the slowly varying errors of two sensors, without their noise, as one tuple.
+
+        First those of the GPS receiver in its state without differential corrections (x, y and height, in m), then the
+        biases of the camera (rad).
+        """
         return *(self._errors[f"gps/{axis}"].slow for axis in "xyh"), *self.camera.bias_rad
 
     # The world

@@ -112,7 +112,7 @@ class Model:
             )
 
     def position_m(self) -> tuple[float, float, float]:
-        """Return the centre of gravity relative to the runway's aiming point: to north, to east, up."""
+        """Return the position of the centre of gravity, in m from the runway's aiming point: to north, to east, up."""
         fdm = self.fdm
         return (
             fdm["position/lat-geod-rad"] * _M_PER_RAD_NORTH,

@@ -64,7 +64,7 @@ class FlightDriver:
         return FlightDevice(self, name)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:  # noqa: ARG002
-        """Return the actuators whose output echoes this driver needs: none, as one plant moves everything."""
+        """Return the actuators whose output echoes this driver needs: none; the plant process gets every command."""
         return frozenset()
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:

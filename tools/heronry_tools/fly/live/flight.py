@@ -147,7 +147,11 @@ class _Flight:
         self._released_ns: int | None = None
 
     def run(self) -> dict[str, Any]:
-        """Run the flight to its end; return the last message of the plant process, with the field `places` added."""
+        """Run the flight to its end; return the last message of the plant process, with the field `places` added.
+
+        `places` has the place of each module in the manager's newest plan. Raises UserError if a process reports a
+        problem or ends too early, or if not every control surface is driven in time.
+        """
         begun_s = time.monotonic()
         while True:
             for line in self._plant.said(_LOOK_S):

@@ -11,9 +11,8 @@ without errors. With any other reading the control loops would integrate an erro
 aircraft is held. The aircraft would then begin its flight with the elevator far from its trim.
 
 Standard output gets two JSON lines. The first is `{"released_ns": TIME}`, when the aircraft is released. The last one
-has the touchdown and the longest standstill of the process; if the flight could not go on, it is
-`{"problem": REASON}` instead. Standard input takes lines `{"fail": DEVICE, "how": HOW}`. When standard input is closed,
-the process ends.
+has the touchdown and the longest standstill of the process; if the flight could not go on, it is `{"problem": REASON}`
+instead. Standard input takes lines `{"fail": DEVICE, "how": HOW}`. When standard input is closed, the process ends.
 """
 
 import json
@@ -166,7 +165,7 @@ def _say(what: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Fly the mission of the command line; a UserError is written to standard output as `problem`."""
+    """Fly the mission that the command line gives; a UserError is written to standard output as `problem`."""
     form = json.loads(sys.argv[2])
     mission = Mission(
         seed=form["seed"],

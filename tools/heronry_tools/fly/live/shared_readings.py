@@ -34,7 +34,7 @@ class Snapshot(NamedTuple):
 
 
 class Writer:
-    """Makes the file, and writes snapshots into it."""
+    """Makes the file of the shared readings, and writes snapshots of the readings into it."""
 
     def __init__(self, file: Path) -> None:
         unfinished = file.with_suffix(".new")

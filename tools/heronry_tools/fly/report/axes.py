@@ -162,9 +162,10 @@ def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") 
 
 
 def legend(entries: Sequence[tuple[str, str, str]], top: float) -> Iterator[str]:
-    """Draw a legend as one row; each entry is (name, colour, dash).
+    """Draw a legend as one row whose texts stand at the height `top`, in px.
 
-    The dash `band` is drawn as a filled area, `point` and `cross` as single points, every other dash as a line.
+    entries: (name, colour, dash) of each entry. The dash `band` is drawn as a filled area, `point` and `cross` as
+        single points, every other dash as a line.
     """
     x = float(LEFT)
     for name, colour, dash in entries:

@@ -167,9 +167,9 @@ class _Series:
 
 @dataclass(frozen=True, slots=True)
 class _Chart:
-    """One panel over time: its lines, and a band between low and high values.
+    """One panel over time: its lines, and, if `band` is given, the band between low and high values.
 
-    least: least width of the range of values
+    least: the range of values that the panel shows is at least this wide
     height: in px
     """
 

@@ -56,7 +56,7 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """A dependency graph, in the order of its spec."""
+    """A dependency graph as nodes and edges, both in the order of the spec."""
 
     name: str
     nodes: Mapping[str, Node]

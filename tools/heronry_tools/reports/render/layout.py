@@ -96,7 +96,7 @@ def laid_out(graph: Graph) -> Layout:
 
 
 class _Placing:
-    """The working state of one layout."""
+    """Computes the layout of one graph, and keeps what it needs meanwhile."""
 
     def __init__(self, graph: Graph, layers: Layers, shapes: dict[str, Shape], feedback: list[int]) -> None:
         self._graph = graph
@@ -163,7 +163,7 @@ class _Placing:
         return found
 
     def _settle(self) -> None:
-        """Move the symbols of every column to the heights at which their edges are most nearly level."""
+        """Move the symbols of every column to heights at which their edges are as level as possible."""
         near: dict[str, list[tuple[str, int]]] = {key: [] for key in self._shapes}  # the other end, and its weight
         weights, shifts = dict.fromkeys(self._shapes, 0), dict.fromkeys(self._shapes, 0)
         for segment in self._layers.segments:
@@ -305,7 +305,10 @@ def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
 
 
 def _sagitta(radius: int, offset: int) -> int:
-    """Give the distance from the side of a circle's box to the circle, at a height `offset` off the middle."""
+    """Give the horizontal distance from the side of a circle's box to the circle, in the unit of the arguments.
+
+    offset: the height above or below the centre at which the distance is measured.
+    """
     return radius - isqrt(radius * radius - offset * offset)
 
 

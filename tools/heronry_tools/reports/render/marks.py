@@ -16,7 +16,10 @@ from heronry_dg.why_not import Feasible, feasible
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Tells what is dead or chosen, for one spec, situation and configuration; made by the function `marks`."""
+    """Tells which parts of a graph cannot work (dead), and which parts the configuration uses (chosen).
+
+    This holds for one spec, situation and configuration. The function `marks` makes this object.
+    """
 
     spec: Spec
     found: Feasible
@@ -69,10 +72,13 @@ class Marks:
         return any(leaf in running.inputs for leaf, _ in leaves(gate, path))
 
     def given(self, variable: str) -> bool:
-        """Tell whether a running mode gives a variable."""
+        """Tell whether a module of the configuration runs in a mode that has the variable as an output."""
         return any(self.runs(module, mode) for module, mode in self.spec.producers(variable))
 
 
 def marks(spec: Spec, now: Situation, configuration: Configuration | None = None) -> Marks:
-    """Work out the marks; every module, mode and PE in the configuration must be one of the spec."""
+    """Make the `Marks` of a spec in a situation, with this configuration or with no running module.
+
+    configuration: every module, mode and PE in it must be one of the spec.
+    """
     return Marks(spec, feasible(spec, now), configuration or Configuration())

@@ -42,7 +42,7 @@ class Layers:
 
 
 def ordered(graph: Graph, ranks: Ranks) -> Layers:
-    """Put symbols and way-points into columns, and the columns into order."""
+    """Put symbols and way-points into columns, and order each column so that few edges cross."""
     segments = _segments(graph, ranks)
     columns = _first_order(graph, ranks, segments)
     best, fewest = [list(column) for column in columns], _crossings(graph, columns, segments)
@@ -72,7 +72,10 @@ def _segments(graph: Graph, ranks: Ranks) -> tuple[Segment, ...]:
 
 
 def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> list[list[str]]:
-    """Give columns in the order of a walk along the edges, so that connected symbols begin close together."""
+    """Give the symbols of each column in the order in which a walk along the edges reaches them.
+
+    So connected symbols begin close together.
+    """
     neighbours: dict[str, list[str]] = {key: [] for key in graph.nodes}
     column_of = dict(ranks.of)
     for segment in segments:

@@ -35,7 +35,7 @@ class Ranks:
 
 
 def ranked(graph: Graph) -> Ranks:
-    """Give every symbol its column."""
+    """Assign a column to every symbol of a graph."""
     feedback = _feedback(graph)
     edges = [edge for number, edge in enumerate(graph.edges) if number not in feedback]
     left = _longest_paths(graph.nodes, [(edge.source, edge.target) for edge in edges])
@@ -88,7 +88,10 @@ def _reaches(successors: Mapping[str, Collection[str]], start: str, goal: str) -
 
 
 def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[str, int]:
-    """Give the length of the longest path that ends in each symbol (Kahn's order)."""
+    """Give for each symbol the number of edges of the longest path that ends in it (Kahn's order).
+
+    pairs: the edges, as (source, target).
+    """
     waiting = dict.fromkeys(keys, 0)
     successors: dict[str, list[str]] = {key: [] for key in keys}
     for source, target in pairs:
@@ -142,7 +145,10 @@ def _weight(source: str) -> int:
 
 
 def _length(edges: list[Edge], ranks: Mapping[str, int]) -> int:
-    """Give the length of all edges; the edges out of one symbol share a trunk, which counts once."""
+    """Give the sum of the lengths of all edges, in ranks.
+
+    Edges out of one symbol share a trunk, so only the longest of them counts.
+    """
     ends: dict[str, int] = {}
     for edge in edges:
         ends[edge.source] = max(ends.get(edge.source, 0), ranks[edge.target] - ranks[edge.source])

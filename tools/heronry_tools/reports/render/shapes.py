@@ -19,7 +19,10 @@ _LONGEST_LINE = 17  # characters
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A symbol's box, the body in it, and its lines of text."""
+    """The size of a symbol's box, the size of the body drawn in it, and the symbol's lines of text.
+
+    All sizes are in px.
+    """
 
     width: int
     height: int
@@ -30,7 +33,10 @@ class Shape:
     head: int = 0  # of a module: height above its cells
 
     def port(self, cell: int | None) -> int:
-        """Give the height at which edges meet the cell with this number; None: the height for the symbol itself."""
+        """Give the height at which edges meet the symbol, in px below the top of the symbol.
+
+        cell: number of the cell of the module that the edges meet; None: the edges meet the symbol as a whole.
+        """
         if cell is not None:
             return self.head + CELL_ROW * cell + CELL_ROW // 2
         return (self.head or self.body_height) // 2

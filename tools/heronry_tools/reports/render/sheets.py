@@ -90,7 +90,11 @@ def _groups(graph: Graph) -> list[set[str]]:
 
 
 def _middle(group: Collection[str], middles: _Middles) -> int:
-    """Give the horizontal place of a group: that of its rightmost module; without a module, of its rightmost symbol."""
+    """Give the horizontal place of a group of connected symbols, as a value of `middles`.
+
+    This is the place of the rightmost module in the group.
+    If the group has no module, it is the place of the rightmost symbol.
+    """
     modules = [key for key in group if key.startswith("module:")]
     return max(middles[key] for key in modules or group)
 
@@ -98,10 +102,10 @@ def _middle(group: Collection[str], middles: _Middles) -> int:
 def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
     """Give for each variable the one sheet on which it is drawn solid; on other sheets it is drawn dashed.
 
-    This is the first sheet on which the variable is given. If it is given on no sheet, this is the first sheet
-    on which it is read.
+    This is the first sheet with an edge that leads to the variable. If there is none, it is the first sheet with
+    an edge that leads from the variable.
 
-    on: the sheet of each edge of the graph.
+    on: for each edge of the graph, the number of its sheet.
     """
     given: dict[str, int] = {}
     read: dict[str, int] = {}

@@ -56,7 +56,10 @@ def svg(graph: Graph, title: str = "Dependency graph") -> str:
 
 
 def uncoloured(graph: Graph, edge_key: Callable[[Edge], str]) -> str:
-    """Draw a graph for a page that has a style of its own; `edge_key` gives the name of an edge, without spaces."""
+    """Draw a graph as SVG without colours, for a page whose own style sheet gives the colours.
+
+    edge_key: gives the name of an edge, without spaces.
+    """
     drawn = sheets(graph)
     width, height = max(sheet.layout.width for sheet in drawn), sum(sheet.layout.height for sheet in drawn)
     arrow = _ARROW.replace(' fill="#1b1f24"', ' class="head"')

@@ -18,7 +18,7 @@ from heronry_tools.reports.render.shapes import CELL_ROW, NAME_LINE, NOTE_LINE
 
 
 def symbol(node: Node, box: Box, *, crossed: bool) -> Iterator[str]:
-    """Give the lines of SVG for one symbol; `crossed`: draw a cross over it, as for a dead symbol."""
+    """Give the lines of SVG for one symbol; `crossed`: draw a diagonal line across the symbol."""
     set_marks = (("dead", node.dead), ("chosen", node.chosen), ("again", node.again))
     marks = "".join(f" {name}" for name, set_ in set_marks if set_)
     attribute = "data-again" if node.again else "data-key"  # a key is unique in a picture
@@ -93,7 +93,7 @@ def _shield(x: int, y: int, width: int, height: int) -> str:
 
 
 def _lines(box: Box, middle: int, top: int) -> Iterator[str]:
-    """Write the lines of a symbol's name, and its note below them."""
+    """Write the lines of the name of a symbol, and below them the lines of the symbol's note."""
     for line in box.shape.name:
         yield f'<text class="name" x="{middle}" y="{top + 11}">{escape(line)}</text>'
         top += NAME_LINE

@@ -54,7 +54,10 @@ def mermaid_node(number: str, node: Node, look: str) -> str:
 
 
 def mermaid_edge(numbers: Mapping[str, str], graph: Graph, edge: Edge, arrow: str) -> str:
-    """Write one edge."""
+    """Write one edge of a graph as a line of Mermaid.
+
+    numbers: symbol -> its number in the text. arrow: the arrow as Mermaid writes it.
+    """
     return mermaid_arrow(numbers[edge.source], arrow, edge_words(graph, edge), numbers[edge.target])
 
 

@@ -105,7 +105,8 @@ class Fleet:
         aloft_s: how long the simulated flight has already lasted when the demo begins, in s.
         called: the name under which the operator's commands find the manager (`manager_name`). If it is None, the
             commands find the manager only by the path of its socket.
-        heartbeat_ns: shortest heartbeat period in `spec`, if `spec` has longer periods than `spec_file`; None if not.
+        heartbeat_ns: the shortest heartbeat period in `spec`, if the periods in `spec` are longer than those in
+            `spec_file`; None: the periods are the same.
         device_driver: name of the driver of all devices; None for the driver of the scripted flight.
         environment: environment variables for all processes.
         """

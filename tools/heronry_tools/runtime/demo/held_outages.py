@@ -12,9 +12,10 @@ TELL_AGAIN_NS = 1_000_000_000
 
 
 class HeldOutages:
-    """Holds outages until they are reported: either only outages that are over, or only outages that still last.
+    """Holds outages of one kind until they are reported.
 
-    The caller passes in all times, in ns.
+    The kind is chosen once, by `are_over`: outages that are over, or outages that still last. The caller passes in
+    all times, in ns.
     """
 
     def __init__(self, *, are_over: bool) -> None:
@@ -23,9 +24,9 @@ class HeldOutages:
         self._told_ns: int | None = None
 
     def take(self, outages: Sequence[Outage]) -> None:
-        """Hold those of the outages that are of the kind of this object: those that are over, or those that last.
+        """Hold the outages of the kind that this object holds: outages that are over, or outages that still last.
 
-        An outage that was held while it lasted is dropped when it has ended.
+        If this object holds outages that still last, a held outage is dropped when `outages` shows that it has ended.
         """
         if not self._are_over:
             ended = {(one.function, one.from_ns) for one in outages if one.to_ns is not None}

@@ -30,13 +30,13 @@ Do = Callable[[str, str], str]
 
 
 class Page:
-    """The process of the page; as a context manager it ends the process."""
+    """The process that serves the page of a demo; at the end of a `with` block the process is ended."""
 
     def __init__(self, spec_file: Path, manager: Path, log: Path) -> None:
-        """Start the process.
+        """Start the process that serves the page.
 
         manager: the socket of the manager that the page shows.
-        log: the file for the errors of the process.
+        log: the file for the standard error of the process.
         """
         self._orders, theirs = socket.socketpair()
         self._is_told, self._log = False, log

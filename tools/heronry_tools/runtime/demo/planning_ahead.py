@@ -27,7 +27,7 @@ _NICENESS = 5  # a third of the share of a process with nice value 0, a tenth of
 
 
 class PlanningAhead:
-    """The process that plans, as the demo sees it."""
+    """Starts and ends the process that makes the plans for single faults in the background of a demo."""
 
     def __init__(self, spec: Spec, file: Path) -> None:
         self._spec, self._file = spec, file
@@ -84,7 +84,10 @@ class PlanningAhead:
 
 
 def main() -> int:
-    """Make the plans; returns 1 where they cannot be made or kept, with a message on standard error."""
+    """Make and keep the plans for every single fault of a spec; returns the exit code.
+
+    The code is 1 if the plans cannot be made or kept; a message on standard error gives the reason.
+    """
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
     threading.Thread(target=_end_with_demo, daemon=True).start()

@@ -42,7 +42,9 @@ class ProcessorWaits:
         self._samples: deque[tuple[int, Mapping[int, int]]] = deque()  # time, waits so far by process number
 
     def look(self, now_ns: int, processes: Mapping[str, int]) -> None:
-        """Sample the waits of these processes; no effect within 50 ms after the last sample.
+        """Sample how long each of these processes has waited for a processor.
+
+        No effect within 50 ms after the last sample.
 
         processes: name of a process -> its process number.
         """
@@ -69,7 +71,10 @@ class ProcessorWaits:
         return max(waits, key=lambda wait: wait.for_ns, default=Wait(f"pe:{pe}", 0, of_ns))
 
     def _waited_ns(self, number: int) -> int:
-        """Give the waits of a process since its start; 0 for one that has ended, or where the kernel has no count."""
+        """Give the time in ns for which a process has waited for a processor since its start.
+
+        Returns 0 if the process has ended, or the kernel does not count this time.
+        """
         try:
             return int((self._proc / str(number) / "schedstat").read_text().split()[1])
         except (OSError, ValueError, IndexError):

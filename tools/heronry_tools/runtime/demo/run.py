@@ -45,7 +45,8 @@ _MOST_ALONE = 3  # outages at a time that are reported one by one; more are repo
 class Show:
     """One run of a demo.
 
-    fleet, choices: the processes, and the buses.
+    fleet: the processes.
+    choices: the kind of each bus, by its name.
     tell: gets every event, in the order of their times.
     behind: the process that makes plans for the next demo, if any.
     page: the process that serves a page, if any.
@@ -218,17 +219,20 @@ class Show:
                 pass
 
     def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
-        """Give an event of the manager; a report of the loss of a PE that was not killed gets the field `waited`.
+        """Give an event of the manager; if a PE was lost although its process runs, add the field `waited`.
 
-        The process of such a PE still runs. The field is None until `_pass_on` fills it with the longest time for
-        which a process has waited for a processor.
+        The field is None until `_pass_on` fills it with the longest time for which a process has waited for a
+        processor.
         """
         if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
             return one | {"waited": None}
         return one
 
     def _pass_on(self, one: Mapping[str, Any]) -> None:
-        """Pass on an event; if a PE was lost although its process runs, add how long that process had to wait."""
+        """Pass on an event; if a PE was lost although its process runs, add the longest wait that may be the reason.
+
+        This is a wait of the PE's process, of a manager's or of a bus's for a processor (`_waited`).
+        """
         if one["event"] == "pe_lost" and "waited" in one:
             one = {**one, "waited": self._waited([one["pe"]])}
         self._tell(one)
@@ -244,9 +248,9 @@ class Show:
         return {"who": longest.who, "for_ns": longest.for_ns, "of_ns": longest.of_ns}
 
     def _begin(self, now_ns: int) -> None:
-        """Start the demo's clock, since the first configuration runs; later configurations change nothing.
+        """Start the demo's clock when the first configuration runs; later calls have no effect.
 
-        Start also the process that makes plans for the next demo, if there is one.
+        If a process is to make the plans for the next demo, start this process, too.
         """
         if self._start_ns is not None:
             return
@@ -302,9 +306,9 @@ class Show:
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
-        """Kill the active manager, and take the demo's events from the standby manager from now on.
+        """Kill the active manager, and read the manager's events from the standby manager from now on.
 
-        The demo ignores these events until the standby manager takes over.
+        The demo ignores the events of the standby manager until this manager takes over.
         """
         victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
         self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")

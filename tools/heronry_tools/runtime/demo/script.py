@@ -37,14 +37,17 @@ class DemoAction:
 
 @dataclass(frozen=True, slots=True, order=True)
 class PhaseAction:
-    """An order of the operator at a time: to enter a mission phase."""
+    """The operator's order to enter the mission phase `phase` at the time `at_s`."""
 
     at_s: float
     phase: str
 
 
 def read_phases(spec: Spec, texts: list[str]) -> list[PhaseAction]:
-    """Read the phases of `--phase`, in order of time; raises UserError for what cannot be read or does not exist."""
+    """Read the values of the option `--phase`, and give them in order of time.
+
+    Raises UserError if a value cannot be read, or names a phase that the spec does not have.
+    """
     return sorted(_phase_action(spec, text) for text in texts)
 
 

@@ -27,7 +27,7 @@ _STATES = {state_id(node): node for node in PE_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The nodes of a bus according to a spec, or to a PE's table."""
+    """One bus as a spec or a PE's table describes it: its nodes, bit rate, channels and heartbeat period."""
 
     spec: str
     digest: str
@@ -51,7 +51,10 @@ class BusNamed:
         return f"-i {self.interface} -c {self.channel}"
 
     def start_agents(self, where: str) -> str:
-        """Give the command that starts a node; `where`: words that say on which nodes."""
+        """Give the command that starts the agents of PEs, as advice for the user.
+
+        where: words that say on which computers to run the command; used only if the interface is socketcan.
+        """
         if self.interface == "socketcan":
             return f"systemctl start heronry-agent@PE   ({where})"
         return f"pe-agent --table PE.table {self.flags}   (for each PE)"

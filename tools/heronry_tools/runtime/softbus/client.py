@@ -95,7 +95,9 @@ class SoftBus(can.BusABC):
         return decode_statistics(self._link.ask({"do": "statistics"}))
 
     def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
-        """Make the bus as bad as a radio, for all clients, until the next call; without arguments as good as a wire.
+        """Slow the bus down and lose frames, as a radio does, for all clients until the next call of this method.
+
+        Without arguments the bus is as good as a wire again.
 
         slowdown: how many times as long as on a wire a frame takes (1 or more).
         loss_per_mille: how many of 1000 frames each receiver misses.

@@ -27,7 +27,7 @@ NS_PER_S = 1_000_000_000
 
 
 class Transmission(NamedTuple):
-    """One frame of one client on the bus: from when to when (ns, CLOCK_MONOTONIC)."""
+    """One frame that a client has sent on the bus, with its begin and its end in ns of CLOCK_MONOTONIC."""
 
     client: int
     sent: BusFrame

@@ -36,7 +36,7 @@ _ANSWER_TIMEOUT_S = 5.0
 
 
 class Link:
-    """A connected command socket; `path` is the path of the hub, for the sentences of errors."""
+    """A connected command socket; `path` is the path of the hub, which error messages name."""
 
     def __init__(self, command: socket.socket, path: str) -> None:
         command.setblocking(False)

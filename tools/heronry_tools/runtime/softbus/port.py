@@ -61,7 +61,10 @@ class Port:
         return -1 if self.receive is None else self.receive.fileno()
 
     def read(self) -> tuple[bytes, list[int]]:
-        """Read one record and the descriptors that came with it; nothing when no record waits."""
+        """Read one record and the descriptors that came with it.
+
+        Both are empty if no record waits or the client is gone.
+        """
         record = b""
         descriptors: list[int] = []
         try:
@@ -89,7 +92,10 @@ class Port:
         self.gone = True
 
     def join(self, receive_fd: int, *, wants_own: bool) -> bool:
-        """Take the receive socket that came with the hello; returns False if the descriptor is no socket."""
+        """Take the receive socket that came with the client's hello; returns False if the descriptor is no socket.
+
+        wants_own: whether the client also receives the frames that it has sent itself.
+        """
         try:
             self.receive = socket.socket(fileno=receive_fd)
         except OSError:

@@ -82,7 +82,10 @@ def encode_command(content: dict[str, Any]) -> bytes:
 
 
 def decode_command(record: bytes) -> dict[str, Any] | Malformed:
-    """Decode a command or an answer."""
+    """Decode a JSON record of the command socket: a command of a client, or an answer of the hub.
+
+    Returns Malformed if the record is no JSON object.
+    """
     try:
         content = json.loads(record)
     except (ValueError, RecursionError) as error:

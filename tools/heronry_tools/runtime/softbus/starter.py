@@ -25,7 +25,7 @@ _STOP_TIMEOUT_S = 5.0
 
 
 class HubProcess:
-    """A hub; as a context manager it is closed at the end."""
+    """The process of one hub; used as a context manager, it is closed when the `with` block ends."""
 
     def __init__(self, path: Path, bitrate: int) -> None:
         self.path = path

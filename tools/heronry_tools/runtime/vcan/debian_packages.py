@@ -77,7 +77,11 @@ def _fetch(package: str, staging: Path, folder: Path) -> None:
 
 
 def _downloaded(package: str, staging: Path) -> Path:
-    """Download a package into `staging`, with the system's package lists or else with newly fetched lists."""
+    """Download a package into `staging`, and return the path of its archive.
+
+    apt-get uses the system's package lists; if the download fails, it fetches new lists and tries again. Raises
+    CannotRunError if the second download fails, too.
+    """
     as_we_are = ["-o", "APT::Sandbox::User="]  # root would hand the download to a user that may not write here
     lists = staging / "lists"
     own_lists = ["-o", f"Dir::State::Lists={lists}", "-o", f"Dir::Cache={staging / 'cache'}"]

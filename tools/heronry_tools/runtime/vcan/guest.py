@@ -4,10 +4,9 @@ The guest's kernel starts this file as `python -I -S guest.py JOB`, over the hos
 only json, and modules that json or a starting Python has loaded already (no pathlib, no subprocess, no module of this
 package), since an import takes up to 0.1 s here.
 
-The process sets the guest up, runs the command, and powers the guest off. An error before the command runs
-becomes the `failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds
-no result. The command runs as the calling user, so that its files belong to that user; only this process is root in the
-guest.
+The process sets the guest up, runs the command, and powers the guest off. An error before the command runs becomes the
+`failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds no result.
+The command runs as the calling user, so that its files belong to that user; only this process is root in the guest.
 """
 # ruff: noqa: PTH103, PTH104, PTH123, PTH211 - without pathlib, see above
 
@@ -51,7 +50,7 @@ def mount_system(job: "Job") -> None:
 
 
 def make_interfaces(job: "Job") -> None:
-    """Load the CAN modules, make and raise the interfaces, and raise the loopback interface."""
+    """Load the CAN modules, create the vcan interfaces of the job, and set them and the loopback interface up."""
     for module in job["modules"]:
         busybox(job, "insmod", module)
     for name in job["interfaces"]:
@@ -114,7 +113,10 @@ def run_command(job: "Job") -> int:
 
 
 def drain_terminal(job: "Job") -> None:
-    """Wait until the command's output has left the guest: stty sets a mode of a terminal only after that."""
+    """Wait until the terminal has sent all output of the command out of the guest.
+
+    This sets a mode of the terminal by stty, which waits for the output first.
+    """
     busybox(job, "stty", "-F", TERMINAL, "-opost")
 
 

@@ -9,8 +9,8 @@ In each of these cases the guest's process group is killed:
 - The guest's kernel stops early, so there is no file with a result. The kernel's last output is shown.
 - The command runs too long (ExpiredError).
 - A signal stops this program: the handler of the signal raises an exception.
-- This program itself is killed. For this case it has started a shell, which then kills the process group. The host's
-  kernel kills the guest's first process.
+- This program itself is killed. Then the kernel of the host kills the process of the guest's kernel, and a shell, which
+  this program has started for this case, kills the whole process group.
 
 All files of a run are in one temporary folder. The guest's memory is a file without a name, which disappears with the
 guest.
@@ -47,9 +47,10 @@ _KILL_GROUP_AT_EOF = 'read -r _; kill -s KILL -- "-$1"'
 
 
 def run(command: Command, interfaces: list[str], expired: Callable[[], bool]) -> int:
-    """Run `command` where `interfaces` exist; returns its exit code, 128 + n if signal n ended it.
+    """Run `command` in a guest that has the CAN interfaces `interfaces`, and return its exit code.
 
-    Raises CannotRunError, ExpiredError, or what a signal handler raises.
+    The exit code is 128 + n if signal n ended the command. Raises CannotRunError if the guest cannot run the
+    command, ExpiredError as soon as `expired` returns True, or what a signal handler of this process raises.
     """
     kernel = debian_packages.unpacked("user-mode-linux")
     busybox = debian_packages.unpacked("busybox-static") / "bin" / "busybox"
@@ -224,7 +225,7 @@ def _die_with_parent() -> None:
 
 
 def _adopt_orphans() -> None:
-    """Let this process reap the guest's orphans, since the first process of a container may not reap them."""
+    """Let this process reap the guest's orphans; the first process of a container perhaps does not reap them."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 

@@ -124,7 +124,10 @@ def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -
 
 
 def compiled_folder() -> Path:
-    """Return the folder for the compiled form of these sources; raises UserError if mypy is not installed."""
+    """Return the folder for the compiled form of the present sources of the simulator; it need not exist.
+
+    The folder depends on Python and mypy, too. Raises UserError if mypy is not installed.
+    """
     try:
         maker = f"{sys.version} {platform.machine()} mypy {version('mypy')}"
     except PackageNotFoundError:
@@ -205,9 +208,9 @@ def sources() -> Iterator[Path]:
 
 
 def _copied() -> Iterator[tuple[str, Path]]:
-    """Yield, for each file of the packages, its path in the copy and the file.
+    """Yield, for each file to copy, its path in the folder of the copies, and the file itself.
 
-    Shipped specs get the place that they have in a wheel.
+    These are the files of the packages and the shipped specs. Shipped specs get the place that they have in a wheel.
     """
     for package in _PACKAGES:
         root = Path(package.__path__[0])

@@ -120,10 +120,9 @@ def _more_often(name: str, *, of_two: bool) -> int:
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind of fault needs a key.
+    """Tell whether a kind of fault is drawn as one of those that need a key.
 
-    of_two: the flight has two managers. Then the answer is False for a kind that needs both a key and two
-        managers.
+    of_two: the flight has two managers. Then a kind that needs both a key and two managers is not one of them.
     """
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
@@ -161,8 +160,7 @@ def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[
 def _rivals(spec: Spec) -> set[str]:
     """Return the PEs that share a DEMUX with another PE, each as `pe:NAME`.
 
-    A DEMUX counts if its branches and ends have devices on more than one PE. All PEs with these devices are
-    returned.
+    A DEMUX counts if its branches and ends have devices on more than one PE. All PEs with these devices are returned.
     """
     rivals: set[str] = set()
     for demux in spec.demuxes.values():

@@ -399,7 +399,7 @@ def _places(spec: Spec) -> list[str]:
 
 
 def replicated_bus(spec: Spec, pe: str) -> str | None:
-    """Return the first bus of a PE that has two channels; None if the PE has no such bus."""
+    """Return the first bus with two channels to which a PE is connected; None if there is no such bus."""
     return next((bus for bus in spec.pes[pe].buses if spec.buses[bus].channels > 1), None)
 
 

@@ -231,7 +231,8 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
 def _done_ns(simulation: Simulation) -> list[int]:
     """Return the times at which a reconfiguration was complete, or late PEs had been admitted, in ascending order.
 
-    PEs count as admitted three heartbeat periods after a plan changed nothing, or an epoch was adopted.
+    Late PEs count as admitted three heartbeat periods after either of these events: a plan has changed nothing; an
+    epoch was adopted.
     """
     told = [event for kind in ("plan_unchanged", "adopted") for event in simulation.events_of(kind)]
     admitted = [event["t_ns"] + _ADMITTED_NS for event in told]
@@ -329,9 +330,9 @@ class _FrameFaultInjector:
         return [f"'{fault}' was not injected: {why}" for fault in self._frame_faults if fault not in self._done]
 
     def _tamper(self, sent: Sent) -> Tampering | None:
-        """Count the frame `sent` if it is a management frame, and inject the faults that have its number.
+        """Count the frame `sent` if it is a management frame, and inject each fault whose number is the frame's count.
 
-        No node has received the frame yet. Returns how the bus must deliver it; None: as usual.
+        No node has received the frame yet. Returns how the bus must deliver the frame; None: as usual.
         """
         if classify(sent.frame.can_id).use not in _COUNTED:
             return None

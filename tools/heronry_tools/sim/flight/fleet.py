@@ -94,7 +94,7 @@ class Fleet:
         )
 
     def arrive(self, pe: str) -> None:
-        """Start a PE that may have been absent before."""
+        """Start a PE, even if it has been absent so far; no effect on a PE that runs."""
         self._absent.discard(pe)
         self.restore(pe)
 
@@ -107,7 +107,7 @@ class Fleet:
         self._truth.failed(f"pe:{pe}")
 
     def make_fresh(self, pe: str) -> None:
-        """Let a PE start with the right table next time."""
+        """Let a PE start with the table of this spec next time, and no longer with that of another spec."""
         self._stale.discard(pe)
 
     def lacks(self, pe: str, module: str) -> None:

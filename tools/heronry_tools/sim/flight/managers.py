@@ -86,7 +86,7 @@ class Managers:
         return manager if manager is not None and manager.is_awake and manager.core.is_active else None
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
-        """Return the events with this name of all managers."""
+        """Return the events of one kind, from all managers, among the events that are kept."""
         return [event for event in self.events if event["event"] == kind]
 
     def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
@@ -138,16 +138,16 @@ class Managers:
         self.see_active_manager()
 
     def see_active_manager(self) -> None:
-        """Tell `protocol` whether an active manager can be heard: one that is not paused and can send."""
+        """Set in the object `protocol` whether an active manager can be heard: one that is not paused and can send."""
         active_manager = (
             m for m in self.running.values() if m.core.is_active and m.is_awake and m.stations[0][1].can_send
         )
         self.protocol.set_active_manager(is_heard=any(active_manager))
 
     def _tell(self, seat: int, event: dict[str, Any]) -> None:
-        """Keep an event of the manager at a seat.
+        """Keep an event of the manager that `running` has under the number `seat`.
 
-        While another manager is the active one, keep only events of a kind in `_OF_A_STANDBY`.
+        While another manager is the active one, keep the event only if its kind is in `_OF_A_STANDBY`.
         """
         foremost = self.foremost
         self.see_active_manager()
@@ -165,6 +165,9 @@ def _station(seat: int) -> str:
 
 
 def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
-    """Return the bytes of the journal of the manager at a station; None if a write to its disk fails or has failed."""
+    """Return the bytes of the journal of the manager at a station.
+
+    None: the disk of this manager takes no more bytes now, or the manager has an error of an earlier write.
+    """
     disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
     return None if disk.refuses or disk.problem is not None else disk.data

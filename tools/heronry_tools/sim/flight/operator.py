@@ -85,7 +85,11 @@ class Operator:
         self._look()
 
     def latched(self) -> list[str]:
-        """Return the elements that are latched or in a long quarantine, without those in `failed`."""
+        """Return the elements that the active manager has latched, and the PEs in a long quarantine.
+
+        Elements that the operator has declared failed (`failed`) are left out. The list is empty if no manager is
+        active.
+        """
         manager = self._managers.commanding
         status = None if manager is None else manager.say(AskStatus()).status
         if status is None:
@@ -110,8 +114,7 @@ class Operator:
         - If this operator insists (`insist`), the orders to clear an element, and to declare one failed, are also
           given if the manager has not got them in its present term.
 
-        Look again later if an order to clear an element still waits for an active manager, or if this operator
-        insists.
+        Look again later if an order to clear an element still waits for an active manager, or if this operator insists.
         """
         manager = self._managers.commanding
         if manager is not None:
@@ -128,7 +131,7 @@ class Operator:
             self._clock.at(self._clock.now_ns + _AGAIN_NS, self._look)
 
     def _is_well(self, element: str, term: int) -> None:
-        """Update the truth after an order to clear an element; the active manager no longer has the element latched."""
+        """Update the truth after an order to clear an element, which is no longer latched by the active manager."""
         if not self._has_failed_everywhere(element):
             everywhere = not self._managers.are_two
             self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)

@@ -178,7 +178,7 @@ class Simulation:
         self.truth.failed(f"channel:{channel}")
 
     def mend_channel(self, channel: str) -> None:
-        """Repair a channel, except if another fault has broken it too."""
+        """Undo one break of a channel; the channel stays broken as long as another fault breaks it."""
         wire = self.wiring.channel(channel)
         wire.mend_wire()
         if not wire.broken:

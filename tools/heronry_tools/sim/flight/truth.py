@@ -63,18 +63,18 @@ class Truth:
         self._cut.discard(element)
 
     def cut(self, element: str) -> None:
-        """Set an element that has not failed as cut off; until `mended` or `is_back` it counts as down."""
+        """Set an element that has not failed as cut off: it counts as down until `mended` or `is_back` is called."""
         self._cut.add(element)
 
     def mended(self, element: str) -> None:
-        """Set an element as no longer cut off."""
+        """Note that an element is no longer cut off."""
         self._cut.discard(element)
 
     def excuse(self, module: str) -> None:
         """Allow false reports about a healthy module and its device: a servo that no module drives may look stuck.
 
-        Once every branch of a DEMUX has been excused, the surface that the DEMUX drives may stand still. Then sensors
-        may look stuck, too, so reports about every sensor on a PE with an actuator of one of the branches are allowed.
+        If a function has several outputs and all of them have been excused, its surface may stand still. Then sensors
+        may look stuck, too, so reports about every sensor on a PE with an actuator of one of the outputs are allowed.
         """
         spec, excusable = self._spec, self.excusable
         devices = {spec.modules[module].device}

@@ -26,9 +26,10 @@ class ActiveTerm:
         self._claims: dict[str, tuple[int, int | None]] = {}  # by station: its term, and when its first TAG came
 
     def named(self, t_ns: int, term: int, station: str = "") -> bool:
-        """Record the term that a command names; return whether this term is active or, with a key, claimed.
+        """Record the term that a command names; return whether this term is now active or claimed.
 
-        Return False for a term below the active one, as long as the active one is not over.
+        Returns False only for a term below the active one, while the active one is not over. With a key, a term above
+        the active one is at first only claimed. In all other cases the term that the command names is active now.
 
         station: the manager that has sent the command.
         """
@@ -42,7 +43,10 @@ class ActiveTerm:
         return True
 
     def tagged(self, t_ns: int, station: str) -> None:
-        """Record that a manager has sent a TAG."""
+        """Record that the manager at `station` has sent a TAG.
+
+        With a key, the term that this manager claims may become the active term now.
+        """
         if station not in self._claims:
             return
         term, first_ns = self._claims[station]
@@ -52,5 +56,8 @@ class ActiveTerm:
             self.number, self._named_ns = term, t_ns
 
     def is_claimed(self, term: int, station: str) -> bool:
-        """Tell whether the manager at `station` claims this term, which is not active: some PEs may not accept it."""
+        """Tell whether the manager at `station` claims this term, and the term is higher than the active one.
+
+        A claimed term is not active, since some PEs may not accept it.
+        """
         return term > self.number and self._claims.get(station, (0, 0))[0] == term

@@ -63,7 +63,7 @@ _Accepted = tuple[int, Place]  # manager, place
 
 @dataclass(slots=True)
 class _Pe:
-    """The commands that may explain the reports of one PE, and those that the PE has certainly accepted (`least`)."""
+    """What the oracle knows of one PE: commands that this PE may have accepted, or must have (`least`)."""
 
     name: str
     node: int
@@ -190,7 +190,7 @@ class AuthenticityCheck(Oracle):
 
 
 def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
-    """Record a proven command that this PE could accept; later reports of the PE may be explained by it."""
+    """Record a proven command that a PE could accept: it may explain later reports of this PE."""
     message = proven.message
     if isinstance(message, Lease):
         pe.leases[proven.manager, proven.place] = t_ns

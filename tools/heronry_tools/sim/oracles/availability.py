@@ -24,7 +24,10 @@ from heronry_wire.management import Control, ManagementMessage, Operation
 
 
 class AvailabilityCheck(Oracle):
-    """Records which PEs the active manager no longer names, and which sessions it ends."""
+    """Finds denials of service: silent functions, and PEs or sessions that the active manager gives up.
+
+    The active manager gives up a PE when ALIVE no longer names the PE, and a session when it sends RENEW.
+    """
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()

@@ -87,9 +87,9 @@ class BlameCheck(Oracle):
         return {element: violation.t_ns for element, violation in self._reported.items()}
 
     def unfounded(self, truth: Situation) -> list[Violation]:
-        """Return a violation for each report of an element that is healthy in `truth`.
+        """Return a violation for each reported element that is healthy in `truth`.
 
-        The report of an actuator is no violation if a sensor with which a module compares it is down.
+        The report of an actuator is no violation if a sensor is down with which some module compares this actuator.
         """
         return [
             violation

@@ -129,7 +129,7 @@ class Checks:
             oracle.manager_died(t_ns, station)
 
     def may_count_again(self) -> None:
-        """Allow a manager, from now on, to reuse command numbers of its present term."""
+        """Report to the oracles that from now on a manager may reuse command numbers of its present term."""
         for oracle in self._oracles:
             oracle.may_count_again()
 
@@ -191,7 +191,10 @@ class Checks:
 
     @property
     def reported(self) -> dict[str, int]:
-        """Return the elements that some PE has reported as failed, each with the time (ns)."""
+        """Return the elements that some PE has reported as failed, each with the time (ns) of the first report.
+
+        The reports of an element that was down are dropped when the element is cleared.
+        """
         return self._known.blame.reported
 
     @property
@@ -281,7 +284,9 @@ class Checks:
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
-        """Return a violation for each function that was silent, although it must not stop when only managers fail.
+        """Return a violation for each function that fell silent without a permitted reason; only managers failed.
+
+        The permitted reasons are in the head of `silence`.
 
         targets: all targets into which faults were injected; if one is not a manager, nothing is verified.
         span_ns: begin and end of the time that is verified.

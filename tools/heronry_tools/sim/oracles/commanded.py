@@ -199,7 +199,11 @@ class Commanded:
         return next((one.slice for one in held if one.digest == epoch.digest), b"")
 
     def _keep(self, head: SliceHead | None, frames: dict[int, bytes]) -> None:
-        """Keep the bytes of a slice if all its frames have been sent."""
+        """Keep the bytes of a slice if all its frames were sent, and if the bytes have the digest that `head` names.
+
+        head: None: nothing is kept.
+        frames: the bytes that each frame after the head carries, by the number of the frame, from 1.
+        """
         count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
         if head is not None and all(index in frames for index in range(1, count + 1)):
             body = b"".join(frames[index] for index in range(1, count + 1))[: head.length]

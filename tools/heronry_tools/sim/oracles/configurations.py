@@ -26,7 +26,7 @@ _VERIFIED: dict[tuple[str, int], tuple[Configuration, list[str]]] = {}
 
 
 class ConfigurationCheck(Oracle):
-    """Verifies the configuration of each activated epoch."""
+    """Verifies that the configuration of each activated epoch is legal, and that each PE that it uses takes part."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()

@@ -22,7 +22,10 @@ from heronry_wire.state_frames import StatePage0, StatePage1, decode_state, with
 
 @dataclass(slots=True)
 class LastState:
-    """Page 0 of a PE's state, and when it was heard; `meaning` is its bytes without the sequence number."""
+    """The last page 0 of a PE, and the time at which it was heard.
+
+    meaning: the bytes of the page without the sequence number.
+    """
 
     t_ns: int
     page: StatePage0

@@ -46,7 +46,7 @@ _Holder = tuple[str, str]
 
 
 class ExclusionCheck(Oracle):
-    """Records the holder of each exclusive output and identifier, and verifies that none has two at one time."""
+    """Records who holds each exclusive output and identifier, and verifies that none has two holders at a time."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -78,7 +78,7 @@ class ExclusionCheck(Oracle):
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """Record when a PE was last heard: only T_lease after that may the PE have released its things by itself.
+        """Record when a PE was heard: after T_lease without being heard, it may have released its things by itself.
 
         A *thing* is an exclusive output or identifier (see the head of this file).
         """
@@ -105,7 +105,9 @@ class ExclusionCheck(Oracle):
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
-        """Verify a movement of a device: no other module may drive this device.
+        """Make a module the holder of its exclusive outputs, since it has moved its device.
+
+        It is a violation if the module had lost such an output to another holder without a handover since.
 
         moved: the movement, with the module for which a PE has commanded it.
         """
@@ -146,7 +148,7 @@ class ExclusionCheck(Oracle):
             self.violations.append(Violation(t_ns, "exclusion", story))
 
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
-        """Tell whether a holder may have released its thing without a handover.
+        """Tell whether `holder` may have stopped driving its exclusive thing although there was no handover.
 
         The answer is yes if, for T_lease, neither a manager nor the holder's PE was heard.
         """

@@ -75,7 +75,7 @@ class FrameWatch:
         self._watchers = self._by_identifier()
 
     def see(self, sent: Sent) -> None:
-        """Decode a frame of any bus, and call the methods of the oracles that need it."""
+        """Decode a frame of any bus, and call the methods of those oracles that need this frame."""
         watcher = self._watchers.get(sent.frame.can_id)
         if watcher is None:
             return

@@ -142,10 +142,10 @@ class JournalCheck(Oracle):
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether `message` names the first phase, and may have waited since the journal still named no phase.
+        """Tell whether `message` names the first phase, and may stem from a time at which the journal named no phase.
 
-        The journal has no record of the first phase: it names no phase while no other phase was entered.
-        A frame waits for at most `_FIRST_PHASE_NS`.
+        The journal has no record of the first phase: until another phase is entered, the journal names none. A frame
+        waits for at most `_FIRST_PHASE_NS` before it is sent.
         """
         is_first = isinstance(message, Control) and (message.a, message.b) == (ElementKind.PHASE, 0)
         return is_first and t_ns - self._none_entered_ns.get(manager, -_FIRST_PHASE_NS) < _FIRST_PHASE_NS
@@ -158,13 +158,13 @@ class JournalCheck(Oracle):
         return self._prepared.setdefault(epoch, manager) == manager
 
     def _shows_more(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
-        """Record the epoch that a command names; return True if the journal must agree with the command.
+        """Record the epoch of a PREPARE or LEASE; return True if the journal must agree with the command.
 
-        This is so for three kinds of commands:
+        The journal must agree with three kinds of commands:
 
-        - a PREPARE of an epoch that no other manager has prepared before, and that is not in the last recorded
-          LEASE
-        - a LEASE that shows an activated epoch, and another one than the last recorded LEASE
+        - a PREPARE whose epoch no other manager has prepared before, and whose epoch and digest are not those of the
+          last recorded LEASE
+        - a LEASE with a step after PREPARED, whose epoch and digest are not those of the last recorded LEASE
         - every HOLDS and CLEAR
         """
         match message:

@@ -28,7 +28,7 @@ from heronry_wire.pe_table import PeTable
 
 
 class Known:
-    """Facts about one flight, and the oracles that derive some of them."""
+    """Facts about one flight that its oracles share, and those oracles that derive some of these facts."""
 
     def __init__(self, spec: Spec, tables: Collection[PeTable], key: Key | None, read_journal: Read) -> None:
         """Create the oracles that derive facts.

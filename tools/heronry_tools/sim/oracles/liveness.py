@@ -40,7 +40,7 @@ _LAST_EPOCHS = 4
 
 
 class Losses:
-    """Counts the losses of each PE that the ALIVE frames of the active manager show."""
+    """Counts for each PE how often it was lost, as the ALIVE frames of the active manager show."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -72,7 +72,10 @@ class Losses:
         return frozenset(self._available)
 
     def bound_ns(self) -> int:
-        """Return the longest time in ns until the aircraft must have converged, if no further fault is injected."""
+        """Return the longest time in ns from the last fault until the aircraft must have converged.
+
+        The losses of PEs that were counted so far make this time longer.
+        """
         patience_ns = PATIENCE_PERIODS * max(self._periods.values())
         held_ns = max(
             min(period_ns * HOLD_DOWN_PERIODS << self._losses[pe], LONGEST_HOLD_DOWN_NS)

@@ -29,7 +29,7 @@ class LoadCheck(Oracle):
         self._worst = [worst_bits(size) for size in range(9)]
 
     def published(self, sent: Sent) -> None:
-        """Count a data frame."""
+        """Add the largest possible number of bits of a data frame to the sum of its bus in this second."""
         window = sent.end_ns // _WINDOW_NS
         if window != self._window:
             self._close(sent.end_ns)

@@ -70,7 +70,10 @@ class Oracle:
         """Called when a PE itself, not a gateway, has sent a changed page 0 on any of its buses."""
 
     def told(self, state: StateSaid) -> None:
-        """Called when a changed page 0 of a PE was sent on the managers' bus, by the PE itself or by a gateway."""
+        """Called when a page 0 of a PE that differs from its last one was sent on the managers' bus.
+
+        The PE itself or a gateway has sent it.
+        """
 
     def emergency(self, sent: Sent, pe: str, message: Emergency | Malformed) -> None:
         """Called when a PE itself, not a gateway, has sent an EMCY on any of its buses."""
@@ -79,7 +82,10 @@ class Oracle:
         """Called when a gateway has forwarded an EMCY of another PE."""
 
     def requested(self, node: int, message: Emergency) -> None:
-        """Called when a PE has requested a mission phase on the managers' bus."""
+        """Called when the request of a PE for a mission phase has come on the managers' bus.
+
+        node: node-ID of the PE.
+        """
 
     def wanted_priority(self, message: Emergency) -> None:
         """Called when a PE has requested a priority of a function on the managers' bus."""
@@ -96,7 +102,7 @@ class Oracle:
         """Called when any manager has sent a LEASE on the managers' bus."""
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
-        """Called when the active manager, at this station, has sent a command.
+        """Called when the active manager has sent a command; `station` is its station on the bus.
 
         Not called for a LEASE that is equal to the manager's last LEASE.
         """
@@ -131,7 +137,7 @@ class Oracle:
         """Called after a step of a module that drives an output."""
 
     def looked(self, stepped: Driven) -> None:
-        """Called after a step of a module that drives no output, if the simulator has recorded its inputs."""
+        """Called after a step of a module that drives no output, if the simulator has recorded the module's inputs."""
 
     # What is done to the aircraft, reported by the code that does it
 

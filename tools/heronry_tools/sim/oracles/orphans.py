@@ -22,7 +22,7 @@ _SLACK = 2  # heartbeat periods: one until the PE reports, one for clock errors 
 
 
 class OrphanCheck(Oracle):
-    """Verifies what PEs report while no manager is on the bus."""
+    """Verifies that PEs report no LEASE while no manager sends, and with the policy `keep` report no change."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
         """Begin with no state frame seen.
@@ -47,7 +47,7 @@ class OrphanCheck(Oracle):
         self._spoken_ns = t_ns
 
     def state_sent(self, t_ns: int, node: int, data: bytes) -> None:
-        """Verify the state frame of a PE on the managers' bus."""
+        """Verify what a PE reports in a state frame on the managers' bus while no manager sends."""
         if t_ns - self._heard_ns.get(node, t_ns) > self._queued_ns:
             self._back_ns[node] = t_ns
         self._heard_ns[node] = t_ns

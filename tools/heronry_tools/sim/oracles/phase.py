@@ -108,7 +108,10 @@ class PhaseCheck(Oracle):
         self._requested[node, message.detail] = message.index
 
     def told(self, state: StateSaid) -> None:
-        """Read a PE's incarnation, since a PE that has restarted numbers its requests from the beginning."""
+        """Forget what was acknowledged to a PE if its state shows a new incarnation.
+
+        A PE that has restarted numbers its requests from the beginning, so an old number may come again.
+        """
         node, incarnation = state.node, state.page.incarnation
         if self._incarnations.get(node) != incarnation:
             self._incarnations[node] = incarnation

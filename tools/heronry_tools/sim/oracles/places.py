@@ -61,7 +61,10 @@ class Places:
         return element if others else place
 
     def told(self, a: int, index: int) -> str | None:
-        """Return the element or place that a CLEAR or HOLDS names; `a` and `index` are fields of the command."""
+        """Return the element or place that a CLEAR or HOLDS names; None if the spec has no such element.
+
+        a, index: fields of the command.
+        """
         element, pe = self._element(a & 0xFF, index), self._pe_of_node.get(a >> 8)
         return element if pe is None or element is None else f"{element}@{pe}"
 

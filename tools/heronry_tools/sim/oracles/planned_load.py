@@ -21,7 +21,7 @@ _FAST = 1.002  # tolerated factor of a rate: clocks are inaccurate
 
 
 class PlannedLoadCheck(Oracle):
-    """Counts data frames by bus, identifier and sender."""
+    """Counts data frames by bus, identifier and sender, to find data that were not planned."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -37,14 +37,14 @@ class PlannedLoadCheck(Oracle):
         self._counts.clear()
 
     def published(self, sent: Sent) -> None:
-        """Count a data frame."""
+        """Count a data frame for its bus, identifier and sender; no effect before `begin`."""
         if self._since_ns is not None:
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
-        """Return a violation for each datum that was sent more often since `begin` than the configuration plans.
+        """Return a violation for each datum that was sent more often since `begin` than `current` plans.
 
-        current: the epoch activated last.
+        current: the epoch activated last; None: nothing is verified.
         truth: the real situation; frames of a PE that is down, or cut off from the manager, do not count.
         """
         if self._since_ns is None or current is None or current.configuration is None:

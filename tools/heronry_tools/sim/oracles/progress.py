@@ -36,7 +36,10 @@ _STORM_NS = 2_000_000_000  # twice the time after which a manager finishes one e
 
 @dataclass(slots=True)
 class _Requests:
-    """The newest plan request of one manager, and its requests *in vain* since it last used an answer."""
+    """The newest plan request of one manager, and how many requests in a row were *in vain*.
+
+    The head of this file says when a request is in vain.
+    """
 
     in_vain: int = 0
     since_ns: int = 0  # time from which they are counted
@@ -63,9 +66,9 @@ class ProgressCheck(Oracle):
         self._requests.clear()
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Count the epoch that a PREPARE opens, and record a violation if there are too many.
+        """Count the epochs prepared since the last ACTIVATE, and record a violation if there are too many.
 
-        An ACTIVATE sets the counts of epochs and of requests in vain to 0.
+        An ACTIVATE sets to 0 this count, and each manager's count of plan requests in vain.
         """
         if isinstance(message, Activate):
             self._epochs.clear()
@@ -79,10 +82,12 @@ class ProgressCheck(Oracle):
                 self._epochs.clear()
 
     def planning(self, seen: PlanningSeen) -> None:
-        """Count the requests of a manager that are in vain, one after the other.
+        """Count the successive requests of a manager that are in vain (`_is_in_vain`).
 
-        At each new request, the request before is assessed: if it was in vain, it is counted, and if not,
-        counting begins at zero again. An answer is only kept until then.
+        If there are too many for too long, record a violation.
+
+        A request is assessed when the manager makes its next request. If it was in vain, the count rises by one,
+        otherwise it begins at zero again. The answer to a request is kept until it is assessed.
         """
         requests = self._requests.setdefault(seen.station, _Requests())
         match seen:

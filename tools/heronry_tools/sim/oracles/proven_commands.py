@@ -71,7 +71,7 @@ class ProvenCommands:
         return None if manager is None else self._proven(manager, decode_tag(sent.frame.data))
 
     def newest(self, manager: int) -> Place:
-        """Return the highest (term, number) that was proven of a manager."""
+        """Return the highest (term, number) among a manager's proven commands; (0, 0): none is proven."""
         return max((Place(t, number) for (m, t), number in self._highest.items() if m == manager), default=Place(0, 0))
 
     def _proven(self, manager: int, fields: tuple[int, ...] | None) -> Proven | None:

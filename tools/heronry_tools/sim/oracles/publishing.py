@@ -45,7 +45,7 @@ class _Told:
 
 
 class PublishingCheck(Oracle):
-    """Verifies that the epoch of each sender lets it send its data frames."""
+    """Verifies that a node sends a data frame only if the node's epoch lets it send this frame."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         super().__init__()

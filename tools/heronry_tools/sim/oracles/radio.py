@@ -15,9 +15,8 @@ this time to confirm the fall and to plan, and the PEs need it to take their ste
 if the gateway reports its radio as gone, or reports nothing: a PE beyond the radio may still send in that
 second.
 
-For `age`, a frame is recognized by its bytes. An injected error may alter data so that the CRC
-does not show it. Then the frame that a gateway sends may differ in one byte from the frame that
-it has received.
+For `age`, a frame is recognized by its bytes. An injected error may alter data so that the CRC does not show it. Then
+the frame that a gateway sends may differ in one byte from the frame that it has received.
 """
 
 from collections import defaultdict
@@ -61,7 +60,7 @@ class RadioCheck(Oracle):
         self._bits: defaultdict[str, int] = defaultdict(int)
 
     def altered(self) -> None:
-        """Take into account, from now on, that data frames may be altered without an error in their CRC."""
+        """Note that data frames may be altered from now on in a way that their CRC does not show."""
         self._is_altered = True
 
     def measured(self, sent: Sent) -> None:

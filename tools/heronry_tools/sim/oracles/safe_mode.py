@@ -62,7 +62,10 @@ class SafeModeCheck(Oracle):
         self._orphans.clear()
 
     def told(self, state: StateSaid) -> None:
-        """Record that a PE is orphaned if it reports no LEASE and no LEASE was on the bus for T_lease."""
+        """Record that a PE is orphaned, if its policy is `safe_mode` and its state reports that it hears no LEASE.
+
+        It is recorded only if no LEASE has been on the bus for longer than T_lease, but one was before.
+        """
         pe, t_ns, page = state.pe, state.t_ns, state.page
         alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
         if self._applies and alone and PeFlags.HEARS_LEASE not in page.flags and pe not in self._orphans:

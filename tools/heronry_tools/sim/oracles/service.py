@@ -133,7 +133,10 @@ class ServiceCheck(Oracle):
                 self._told_by |= dict.fromkeys((element, module_of(element)), pe)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Record the element of an acknowledged report: from now on the manager treats it as failed."""
+        """Record, when a manager acknowledges a report of a fault, that managers now treat the element as failed.
+
+        Commands other than ACKNOWLEDGE have no effect.
+        """
         if not isinstance(message, Control):
             return
         if message.operation is Operation.ACKNOWLEDGE:
@@ -183,7 +186,10 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """Record that a mastership begins; its manager may not know every fault that PEs have reported."""
+        """Record that a mastership begins, and that the new manager may not know every reported fault.
+
+        It may not know a fault whose report it could have missed.
+        """
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
@@ -191,9 +197,10 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
-        """Record that a PE runs a module now; if none ran one for longer than T_lease before, record that time, too.
+        """Record that a PE runs a module now.
 
-        In the part of such a time that lies in a start-up window, silences of functions are not verified.
+        If no PE has run a module for longer than T_lease until now, record this interval, too. In the part of the
+        interval that lies in a start-up window, silences of functions are not verified.
         """
         if t_ns - self._ran_ns > self._lease_ns:
             self._idle.append((self._ran_ns, t_ns))
@@ -206,7 +213,7 @@ class ServiceCheck(Oracle):
             self._usable.append((sent.end_ns, f"bus:{radio.bus}", report.usable))
 
     def _limits(self, t_ns: int) -> dict[str, Fraction]:
-        """Return the smallest usable share with which a manager may plan at `t_ns`, by radio (`bus:NAME`).
+        """Return, by radio (`bus:NAME`), the smallest share of its bandwidth with which a manager may plan at `t_ns`.
 
         A radio is left out if no gateway has reported less than its full bandwidth within `_DOUBTED_NS`.
         """
@@ -286,7 +293,7 @@ class ServiceCheck(Oracle):
         return [Situation(phase=one, priorities=p) for one in known for p in self._priorities_in(from_ns, to_ns)]
 
     def _phases_in(self, from_ns: int, to_ns: int) -> list[str | None]:
-        """Return the phases that were in effect at any moment from `from_ns` to `to_ns`."""
+        """Return the phases in effect at any moment from `from_ns` to `to_ns`; None: the spec has no phases."""
         spans = pairwise([(0, self._spec.initial_phase()), *self._phases, (to_ns + 1, None)])
         return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 

@@ -47,7 +47,10 @@ class LeftOut:
         self._spec, self._epochs, self._in_force = spec, epochs, in_force
 
     def explains(self, outage: Outage, patience_ns: int) -> bool:
-        """Tell whether an activated epoch rightly leaves the silent function out, or serves it on another PE.
+        """Tell whether the epochs explain why a function was silent: by leaving it out rightly, or by moving it.
+
+        They do if one of the epochs rightly leaves the function out, or if the function moves to another PE from one
+        epoch to the next. Those epochs count that ran from the beginning of the outage until `patience_ns` later.
 
         patience_ns: the time after the function's last output within which it had to be heard again
         """
@@ -73,9 +76,10 @@ class LeftOut:
                 return
 
     def _is_right(self, function: str, epoch: Epoch, configuration: Configuration) -> bool:
-        """Tell whether a configuration rightly leaves a function out.
+        """Tell whether a configuration rightly does not serve a function.
 
-        It does so if the best plan leaves the function out, too, or is no better than the configuration.
+        This is so if, for a situation between the preparation and the activation of the epoch, the best plan does not
+        serve the function either, or is no better than the configuration. False if the configuration serves it.
         """
         if _serves(self._spec, configuration, function):
             return False

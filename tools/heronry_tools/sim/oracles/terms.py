@@ -102,7 +102,7 @@ class TermCheck(Oracle):
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
     def follow_alive(self, t_ns: int, station: str, term: int) -> bool:
-        """Verify an ALIVE on the managers' bus; return whether its term is active."""
+        """Verify an ALIVE on the managers' bus; return whether its term is active, and not only claimed."""
         if not self._has_key:
             self._meet(t_ns, station, term)
         return self._mastership.named(t_ns, term, station) and not self._mastership.is_claimed(term, station)

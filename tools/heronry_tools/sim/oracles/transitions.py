@@ -28,9 +28,10 @@ from heronry_wire.state_frames import PeState, StatePage0
 
 
 class TransitionCheck(Oracle):
-    """Verifies, at the first GO or GO_ALL of each epoch, that its remaining steps overload no bus in any order.
+    """Verifies that no bus is overloaded by the steps of an epoch that remain, in whatever order they are taken.
 
-    The oracle starts from what each PE runs at that time, according to its state frames.
+    The oracle does this at the first GO or GO_ALL of each epoch. It starts from what each PE runs at that time,
+    according to the PE's state frames.
     """
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
@@ -47,7 +48,7 @@ class TransitionCheck(Oracle):
         self._told[state.pe] = state.page
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Verify an epoch if this command is its first GO or GO_ALL."""
+        """Verify the transition to an epoch at the first ACTIVATE or LEASE with GO or GO_ALL for this epoch."""
         if not isinstance(message, Activate | Lease):
             return
         epoch = self._epochs.get(message.epoch)
@@ -79,7 +80,10 @@ class TransitionCheck(Oracle):
         return [f"from epoch {before.number} to {epoch.number}: {one}" for one in found if one.rule == "t.bus"]
 
     def _before(self, pages: Sequence[StatePage0]) -> Epoch | None:
-        """Return the epoch in which all these PEs are ACTIVE; None if there is no such epoch, or it is not known."""
+        """Return the epoch that all `pages` report as ACTIVE, with its digest.
+
+        None: the pages do not agree on one such epoch, or the epoch is not known.
+        """
         said = {(page.epoch, page.digest, page.state) for page in pages}
         number, digest, state = next(iter(said), (NO_EPOCH, 0, PeState.UNCONFIGURED))
         before = self._epochs.get(number)

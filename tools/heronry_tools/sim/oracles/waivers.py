@@ -33,7 +33,7 @@ class Waivers:
         self._all: list[Waiver] = []
 
     def begin(self, rules: frozenset[str], now_ns: int) -> Waiver:
-        """Return a waiver that begins now; the code that ends the fault sets its `to_ns`."""
+        """Return a waiver of these rules that begins now; the code that ends the fault sets the waiver's `to_ns`."""
         waiver = Waiver(rules, now_ns)
         if rules:
             self._all.append(waiver)
@@ -54,7 +54,10 @@ class Waivers:
         return tuple(one for one in violations if not self.cover(one.rule, one.t_ns, one.since_ns))
 
     def unverified_ns(self, end_ns: int) -> dict[str, int]:
-        """Return, for each rule, the time in ns before `end_ns` in which it was waived."""
+        """Return, by rule, for how many ns before `end_ns` the rule was waived.
+
+        A rule that was never waived is left out.
+        """
         rules = frozenset[str]().union(*(one.rules for one in self._all))
         return {rule: self._length_ns(rule, end_ns) for rule in sorted(rules)}
 

@@ -3,7 +3,7 @@
 Two facts show which spec was flown:
 
 - The digest of a slice depends on the digest of the spec. If all bytes of a slice were sent, the digest can be checked.
-- If PREPARE names a contingency by its number, a contingency with the digest in PREPARE must be on board.
+- If PREPARE names a contingency by its number, one of the contingencies on board must have the digest in this PREPARE.
 
 If one check succeeds, or if no check is possible, the mastership counts as flown with this spec. If all checks fail,
 no part of the mastership is replayed, and the first failed check is reported as the reason.
@@ -36,11 +36,11 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
 
 
 def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Iterator[tuple[Prepare, bool]]:
-    """Check wherever possible whether a mastership was flown with `spec`.
+    """Check whether a mastership was flown with `spec`, at each point at which the frames allow a check.
 
-    Yields, for each check, the PREPARE that it is about, and True if the check succeeds.
+    Yields, for each check, the PREPARE of the epoch that is checked, and whether the check succeeds.
 
-    called: digests of the contingencies on board; None: these are not known.
+    called: digests of the contingencies on board; None: these are not known, so they are not checked.
     """
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}

@@ -25,7 +25,7 @@ class Compared:
 
     @property
     def t_ns(self) -> int:
-        """Return the time at which the decision was taken."""
+        """Return the time of the decision; if the decision is in both, its time in the recording."""
         return self.decision.t_ns
 
 

@@ -23,9 +23,10 @@ _FEWEST = 4
 
 
 def as_flown(spec: Spec, masterships: list[Mastership]) -> Spec:
-    """Return the spec with the heartbeat periods of the recording.
+    """Return the spec with the heartbeat periods with which the recording was flown.
 
-    Returns `spec` itself if the recording was flown with the spec's own periods, or has too few intervals.
+    Returns `spec` itself if the recording was flown with the spec's own periods, or has fewer than `_FEWEST`
+    intervals between two LEASEs.
     """
     intervals = [
         later - earlier for one in masterships for (earlier, _), (later, _) in pairwise(one.leases) if later > earlier

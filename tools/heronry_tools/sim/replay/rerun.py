@@ -120,7 +120,11 @@ class Planners:
                     yield _NAMES[answer.source], answer.answer.plan
 
     def _answers(self, policy: PlanningPolicy, instruction: Instruction) -> Iterator[Answer]:
-        """Yield the answers of a planning policy, and those of the exact planner if the policy requests them."""
+        """Yield the answers that follow from an instruction of a planning policy.
+
+        If the policy requests a plan from the exact planner, this plan is made and given to the policy, and the answers
+        of the policy to it are yielded.
+        """
         match instruction:
             case Answer():
                 yield instruction
@@ -133,7 +137,7 @@ class Planners:
 
 
 class Rerun:
-    """The replay of one mastership; `run` fills `decisions`, `remarks` and `events`."""
+    """The replay of one mastership; `run` computes `decisions`, `remarks` and `events`."""
 
     def __init__(self, planners: Planners, mastership: Mastership) -> None:
         self.decisions: list[Decision] = []
@@ -212,9 +216,10 @@ class Rerun:
     def _find_answer(self, now_ns: int, request: RequestPlan) -> _Answer | None:
         """Derive from the recording what the planner answered, and when; return None if this cannot be derived.
 
-        It cannot be derived if the manager neither adopted a known configuration nor sent a PREPARE afterwards.
-        Nor can it if PREPARE names none of the plans made here, but a configuration that is unknown, or illegal
-        in the situation.
+        It cannot be derived in two cases:
+
+        - The recorded manager neither adopted one of the replay's own plans nor sent a PREPARE afterwards.
+        - The PREPARE names none of these plans, but a configuration that is unknown, or illegal in the situation.
         """
         likeliest_last = list(self._planners.plans(request))[::-1]
         known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}

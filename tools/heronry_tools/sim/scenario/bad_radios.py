@@ -30,7 +30,10 @@ class Disturbance(NamedTuple):
 
 
 def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
-    """Return the disturbance of one bus at a time of the script (ns)."""
+    """Return how a bus is disturbed at a time of the script (ns).
+
+    faults: the deeds that inject faults into this bus, at any time.
+    """
     levels = dict.fromkeys(KINDS, 0) | {"collapse": 1}
     for deed in faults:
         fault = deed.fault
@@ -41,7 +44,10 @@ def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
 
 
 class BadRadios:
-    """The disturbed buses of one flight. It is a context manager: at the end the connections to the hubs are closed."""
+    """Disturbs the buses and channels of one flight into which its deeds inject a fault.
+
+    It is a context manager: at the end the connections to the hubs are closed.
+    """
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:
         """Connect to the hubs of all buses and channels into which `deeds` inject a fault.
@@ -77,7 +83,7 @@ class BadRadios:
         return min(times, default=None)
 
     def follow(self, elapsed_ns: int) -> None:
-        """Disturb each bus as the script demands at its time `elapsed_ns`."""
+        """Disturb each bus as the script demands at the time `elapsed_ns` of the script."""
         for bus, deeds in self._faults.items():
             wanted = disturbance(deeds, elapsed_ns)
             if wanted != self._now[bus]:

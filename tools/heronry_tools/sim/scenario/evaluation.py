@@ -35,7 +35,7 @@ Mark = tuple[int, bool]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether one expectation holds; `seen` is a sentence on what was heard."""
+    """The result for one expectation: whether it holds, and in `seen` a sentence on what was heard."""
 
     expectation: Expectation
     holds: bool
@@ -122,7 +122,11 @@ class Evaluation:
         return max((t for t in times if self._ns(one.from_ns) < t <= self._ns(one.until_ns)), default=None)
 
     def _epoch_at(self, from_ns: int) -> int:
-        """Return the epoch in the last state before `from_ns`; if there is none before, in the first state of all."""
+        """Return the epoch that a state of a PE named last until `from_ns`.
+
+        If no state until then names an epoch, return the first epoch that a later state names.
+        NO_EPOCH: no state names an epoch.
+        """
         named = [(s.t_ns, s.page.epoch) for s in self._heard.states if s.page.epoch != NO_EPOCH]
         before = [epoch for t, epoch in named if t <= self._ns(from_ns)]
         return before[-1] if before else next((epoch for _, epoch in named), NO_EPOCH)

@@ -72,15 +72,17 @@ def check(script: Script) -> None:
 
 
 def _is_of_a_radio(script: Script, deed: Deed) -> bool:
-    """Tell whether a deed is a fault that a hub can cause (`bad_radios`), on another bus than the managers' bus."""
+    """Tell whether a deed injects a fault that a hub can cause (`bad_radios`).
+
+    The fault must be on another bus than the managers' bus.
+    """
     return deed.fault is not None and deed.fault.kind in KINDS and deed.fault.name != script.spec.manager.bus
 
 
 def fly(script: Script, arguments: argparse.Namespace) -> Flown:
     """Fly a script with real processes and return the result.
 
-    arguments: python-can's options for the managers' bus; and `patience`, a factor for the allowed times
-        (None: 1).
+    arguments: python-can's options for the managers' bus; and `patience`, a factor for the allowed times (None: 1).
     """
     spec = script.spec
     with ExitStack() as stack:
@@ -175,9 +177,10 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Return an expectation with its time limit multiplied by `patience`; without a limit it stays unchanged.
+        """Return an expectation with more time: its time limit, if it has one, is multiplied by `patience`.
 
-        If a process starts when the expectation begins, the time limit gets 3 s more.
+        If a process is started when the expectation begins, the limit also gets the time for the start,
+        `STARTING_NS`. An expectation without a time limit is returned unchanged.
         """
         if not one.within_ns:
             return one

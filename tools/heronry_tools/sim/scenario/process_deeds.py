@@ -32,7 +32,7 @@ class Step:
 
     @property
     def target(self) -> str:
-        """Return the element or manager to which the step is done."""
+        """Return the target of this step's deed, for example an element or a manager."""
         return self.deed.target
 
 
@@ -44,7 +44,7 @@ def can_be_done(deed: Deed) -> bool:
 
 
 def steps(deeds: Iterable[Deed]) -> list[Step]:
-    """Return the steps of all deeds that can be done to processes, in order of time."""
+    """Return, in order of time, the steps of those deeds that a flight of real processes can carry out."""
     found = [step for deed in deeds if can_be_done(deed) for step in _steps_of(deed)]
     return sorted(found, key=lambda step: step.at_ns)
 

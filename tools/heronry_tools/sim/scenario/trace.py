@@ -102,9 +102,9 @@ def kept(file: Path) -> list[str] | None:
 
 
 def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
-    """Return a diff from a scenario's golden trace to `trace`; None if there is no golden trace.
+    """Return the lines of a diff from a scenario's golden trace to `trace`; empty if the two are equal.
 
-    Raises UserError if the golden trace is not text.
+    None: there is no golden trace. Raises UserError if the golden trace is not text.
     """
     before = kept(file)
     if before is None:

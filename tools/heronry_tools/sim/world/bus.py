@@ -131,7 +131,7 @@ class SimulatedBus:
 
     @property
     def queued(self) -> int:
-        """Return the number of frames in mailboxes and queues of stations that can send."""
+        """Return how many frames wait in the mailboxes and queues of those stations that can send."""
         return sum(len(s.queue) + (s.mailbox is not None) for s in self._stations if s.can_send)
 
     @property
@@ -141,7 +141,7 @@ class SimulatedBus:
 
     @property
     def offered(self) -> int:
-        """Return the serial number of the last frame that any station has queued."""
+        """Return the serial number of the frame that was queued last, at any station."""
         return self._offers
 
     @property
@@ -246,7 +246,7 @@ class SimulatedBus:
         heapify(station.queue)
 
     def stand_back(self, station: Station, until_ns: int) -> None:
-        """Hold back the data frames and all less urgent frames of a station until `until_ns`."""
+        """Hold back a station's data frames, and its frames less urgent than data, until `until_ns`."""
         station.stands_back_until_ns = until_ns
         self._clock.at(until_ns, lambda: self._refill(station) if station.mailbox is None else None)
 
@@ -425,7 +425,9 @@ class SimulatedBus:
     # Errors
 
     def _fail(self, head: Waiting, rival: Waiting | None) -> None:
-        """Count a destroyed frame as an error at all stations, and let its sender send it again.
+        """Count a destroyed frame as an error at every sender and every station that can hear.
+
+        Each sender then sends its frame again, or goes off the bus if it has too many errors.
 
         rival: the other sender in the same arbitration; None if there is none.
         """

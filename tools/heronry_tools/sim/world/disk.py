@@ -40,7 +40,10 @@ class Disk:
         return self._memory
 
     def write(self, record: Record, now_ns: int) -> None:
-        """Append a record; `problem` then says why it is not on the disk, or is None."""
+        """Append a record to the journal.
+
+        Afterwards `problem` is None, or says why the record is not on the disk.
+        """
         self._memory = self._memory.after(record)
         if self.problem is not None:
             self._put_down()

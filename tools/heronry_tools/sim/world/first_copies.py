@@ -15,7 +15,7 @@ REMEMBERED_NS = 1_000_000_000
 
 
 class FirstCopies:
-    """Calls each of `taps` with the first copy of every transmission."""
+    """Calls every function in `taps` with the first copy of each transmission on a replicated bus."""
 
     def __init__(self) -> None:
         self.taps: list[Callable[[Sent], None]] = []

@@ -55,6 +55,9 @@ class LocalClocks:
         self._clock, self._chance, self._skew_ppm = clock, chance, skew_ppm
 
     def draw(self, apart_ns: int = 0) -> LocalClock:
-        """Return a clock with a random rate, and with a random lead of less than `apart_ns` over virtual time."""
+        """Return a clock that has a random rate and is ahead of virtual time by a random number of ns.
+
+        apart_ns: this number is less than `apart_ns`; with 0, the clock is not ahead.
+        """
         ahead_ns = self._chance.randrange(apart_ns) if apart_ns else 0
         return LocalClock(self._clock, ahead_ns, self._chance.randint(-self._skew_ppm, self._skew_ppm))

@@ -50,7 +50,7 @@ class Processor(Protocol):
         """Tell whether the processor is not paused."""
 
     def pause(self, duration_ns: int) -> None:
-        """Pause the processor from now on."""
+        """Pause the processor for `duration_ns` from now on."""
 
     def give(self, answer: Event) -> None:
         """Give the core of the PE the answer to a request that the core has made earlier."""
@@ -190,7 +190,10 @@ class ModuleSteps:
         return answer
 
     def _end_late(self, late: Stepped, behind: list[StepModule]) -> None:
-        """Complete a late step, and execute the waiting steps of its partition if the partition still runs."""
+        """Give the core the answer of a late step, then execute the steps that wait behind this step.
+
+        The waiting steps are dropped if their partition has ended, and put off if the processor is paused.
+        """
         self._processor.give(late)
         partition = self._partitions[late.module]
         if self._behind.get(partition) is behind:
@@ -205,7 +208,7 @@ class ModuleSteps:
 
 
 def _off(value: Value) -> Value:
-    """Return a wrong value of the same type."""
+    """Return a wrong value in the place of an int or float, of the same type; any other value stays as it is."""
     if isinstance(value, float):
         return value + _WRONG_BY
     return value ^ 1 if isinstance(value, int) else value

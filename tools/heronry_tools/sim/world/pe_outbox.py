@@ -59,7 +59,7 @@ class PeOutbox:
             self._clock.at(self._clock.now_ns + self.delays(), offer)
 
     def withdraw(self, action: Withdraw) -> None:
-        """Drop the frames with the identifiers of the action that still wait in a queue or are delayed by a fault."""
+        """Drop all frames with the identifiers that `action` names, whether they wait or a fault delays them."""
         self._withdrawn.update(action.identifiers)
         for bus, station in self._stations:
             bus.withdraw(station, action.identifiers)

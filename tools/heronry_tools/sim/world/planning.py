@@ -137,7 +137,10 @@ def immediate_plan(spec: Spec, now: Situation, running: Placement | None) -> Pla
 
 
 def plan_of(decided: Instruction) -> Plan:
-    """Return the plan in a policy's immediate decision; raises InvariantError if the verifier has refused it."""
+    """Return the plan in the immediate answer of a planning policy.
+
+    Raises InvariantError if the policy has not answered with a plan, for example because the verifier refused it.
+    """
     match decided:
         case Answer(PlanReady(plan=plan)):
             return plan

@@ -58,7 +58,7 @@ class PlanningDriver:
         self._policy = planners.policy(spec, made)
 
     def take(self, event: PolicyEvent) -> None:
-        """Give the policy an event of the core or of a planner."""
+        """Give the policy an event of the core or of a planner, and execute the policy's instructions."""
         for instruction in self._policy.step(event):
             self._carry_out(instruction)
 

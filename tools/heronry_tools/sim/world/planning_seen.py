@@ -1,4 +1,4 @@
-"""The reports of a simulated manager's driver about its plans: each request, and each answer that the core is given."""
+"""Reports of a simulated manager's driver on planning: each request, and each answer given to the core."""
 
 from typing import NamedTuple
 

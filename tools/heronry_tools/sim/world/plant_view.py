@@ -16,13 +16,13 @@ from heronry_tools.sim.world.clock import Clock
 
 
 class PlantView:
-    """The device driver of one simulated PE."""
+    """The device driver of one simulated PE, which reads and moves the devices of the one simulated plant."""
 
     def __init__(self, plant: PlantOfDevices, clock: Clock) -> None:
         self._plant, self._clock = plant, clock
 
     def open(self, name: str) -> PlantDevice:
-        """Return the device of this name, read and moved at the time of the simulation, not by the clock of a node."""
+        """Return the device of this name; its time is that of the simulation, and not the clock of a node."""
         return PlantDevice(self._plant, name, self._true_ns)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
@@ -30,7 +30,7 @@ class PlantView:
         return self._plant.follows(sensors)
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Ignore an output echo: the one plant has moved already when the command was given."""
+        """Ignore an output echo: all PEs share one plant, which the command to the actuator has already moved."""
 
     def _true_ns(self) -> int:
         return self._clock.now_ns

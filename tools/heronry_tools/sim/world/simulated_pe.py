@@ -73,7 +73,7 @@ class SimulatedPe(Node):
 
         buses: the channels of each bus, by the name of the bus
         drive: is called with every step of a module that drives an output
-        look: is called with every eighth step of the other modules that has inputs
+        look: is called with every eighth of those steps that have inputs and whose modules drive no output
         move: is called when the PE allows a device to move
         broken: what a module does in its steps, by module or by NAME@PE: a way to fail, or ASKS and the phase that it
             requests

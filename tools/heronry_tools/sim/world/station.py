@@ -51,7 +51,7 @@ class _Everything:
 
 @dataclass(slots=True, eq=False)
 class Station:
-    """The state of one controller, which the bus changes."""
+    """The state of one CAN controller on a simulated bus; the bus changes this state."""
 
     name: str
     port: int  # index of the bus among the node's buses

@@ -24,7 +24,10 @@ _LEAST_DATE_NS = 10**18  # a time below this (the year 2001) is no date
 
 
 def write_mf4(recording: Recording, reconfigurations: tuple[Reconfiguration, ...], file: Path) -> None:
-    """Write the file; the caller gives the reconfigurations of the whole recording."""
+    """Write a recording and its reconfigurations to an MDF 4 file; an existing file is replaced.
+
+    reconfigurations: those of the whole recording.
+    """
     import numpy as np  # noqa: PLC0415 - an extra
     from asammdf import MDF, Signal  # noqa: PLC0415
 

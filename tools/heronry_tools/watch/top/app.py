@@ -44,7 +44,10 @@ _OWN_ACTIONS = frozenset(
 
 
 def _shown(key: str, action: str, words: str | None = None) -> Binding:
-    """Bind a key to an action, so that no widget gets the key, and show the key in the footer, labelled `words`."""
+    """Bind a key to an action, so that no widget gets the key, and show the key in the footer.
+
+    words: the label of the key in the footer; None: the name of the action.
+    """
     return Binding(key, action, action if words is None else words, priority=True)
 
 
@@ -73,7 +76,7 @@ class Reading(ModalScreen[None]):
 
 
 class TopApp(App[None]):
-    """The panels of one live or recorded source."""
+    """The panels of `heronry top`, for one live feed or one recording."""
 
     CSS_PATH = "app.tcss"
     ENABLE_COMMAND_PALETTE = False
@@ -109,10 +112,10 @@ class TopApp(App[None]):
         self._waits_on: set[int] = set()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Tell whether a key works now.
+        """Tell whether the action of a key can be carried out now.
 
-        While a page or the filter is open, the keys of the panels do not. Keys for a recording work only in a
-        recording.
+        While a page or the filter is open, the keys of the panels have no effect. Otherwise, the keys for a recording
+        have an effect only if the source is a recording.
         """
         del parameters
         if isinstance(self.screen, Reading) or isinstance(self.focused, Input):
@@ -120,7 +123,10 @@ class TopApp(App[None]):
         return self.source.is_recorded or action not in self._OF_A_RECORDING
 
     def compose(self) -> ComposeResult:
-        """Yield the panels: the head, the buses, PEs beside functions, and below them what happened."""
+        """Yield the panels from top to bottom: the head, the buses, the PEs beside the functions, and the tabs.
+
+        Below the tabs come the line for the words of a filter, and the footer.
+        """
         yield Static(id="head")
         yield Static(id="buses")
         with Horizontal(id="middle"):
@@ -287,7 +293,7 @@ def _fileno(reader: Any) -> int:
 
 
 def run_top(source: TopSource) -> None:
-    """Show a source until the user quits."""
+    """Show a live feed or a recording in `heronry top` until the user quits, and then close it."""
     try:
         TopApp(source).run()
     finally:

@@ -164,7 +164,10 @@ def _function(view: Snapshot, name: str, one: Function) -> Text:
 
 
 def plants(view: Snapshot, look: Look) -> list[Text]:
-    """Give one line for each plant: whether the control loop through the plant is closed, and if it is open, why."""
+    """Give a heading, and a line for each plant that matches the filter; nothing if no plant matches.
+
+    The line says whether the control loop through the plant is closed, and if it is open, why.
+    """
     shown = [(name, one) for name, one in view.plants.items() if _matches(look, name, one.why)]
     return [Text("  loop through", "bold"), *(_plant(name, one) for name, one in shown)] if shown else []
 
@@ -278,7 +281,7 @@ def _matches(look: Look, *texts: str | None) -> bool:
 
 
 def joined(lines: Sequence[Text]) -> Text:
-    """Join lines into one text that cuts each line at the edge of its panel."""
+    """Join lines into one text, of which a panel shows each line cut off at the panel's edge."""
     whole = Text("\n", no_wrap=True, overflow="ellipsis").join(lines)
     whole.no_wrap, whole.overflow = True, "ellipsis"
     return whole

@@ -23,11 +23,11 @@ class LiveSource:
         self._state = self._reducer.start(feed.source)
 
     def readers(self) -> Sequence[Any]:
-        """Give the descriptors that become readable when something has come."""
+        """Give the descriptors of the feed that become readable when the feed has received something."""
         return self._feed.readers()
 
     def look(self) -> None:
-        """Take the events that have come."""
+        """Read the events that have come from the feed, and update the snapshot with them."""
         self._state = self._reducer.all(self._feed.poll(), self._state)
 
     def snapshot(self) -> Snapshot:

@@ -25,9 +25,9 @@ def nothing() -> None:
 
 
 def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
-    """Call `turn` immediately, and then again and again until the fault is ended.
+    """Call `turn` immediately, and then again and again; returns the function that ends this.
 
-    Each call of `turn` returns the time in ns to the next call; None if there is to be no further call.
+    turn: returns the time in ns to its next call; None: there is to be no further call.
     """
     over = False
 

@@ -1,4 +1,4 @@
-"""Faults of managers: death, pause, broken wires, a second start, a full disk."""
+"""Faults of managers: death, pause, broken wires, a second manager with the same node-ID, a full disk."""
 
 from collections.abc import Callable
 from random import Random

@@ -28,9 +28,9 @@ def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
 
 
 def _on_living(do: Callable[[Simulation, Fault, Random], End | None]) -> Inject:
-    """Make an injection that applies `do` to the PE that the fault names, if this PE runs.
+    """Make an injection that applies `do` to the PE that a fault names; no effect if this PE does not run.
 
-    The PE may restart during the fault. The fault is ended in the incarnation that runs at its end.
+    The PE may restart during the fault. Then the end of the fault applies to the new incarnation.
     """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:

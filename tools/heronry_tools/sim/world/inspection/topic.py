@@ -21,7 +21,7 @@ BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127  # states that a h
 
 @dataclass(slots=True)
 class Heard:
-    """The frames of a PE and of its manager that were heard so far."""
+    """What was heard so far: heartbeats and pages 0 and 1 of the inspected PE, and the manager's last LEASE."""
 
     heartbeats: list[tuple[int, int]] = field(default_factory=list)  # time in ns, and the state reported
     pages_0: list[tuple[int, StatePage0]] = field(default_factory=list)
