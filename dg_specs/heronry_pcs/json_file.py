@@ -72,7 +72,7 @@ def _no_number(name: str) -> object:
 
 def _whole_number(digits: str) -> int:
     if len(digits) > _MOST_DIGITS:
-        raise ValueError(f"a number has {len(digits)} digits")
+        raise ValueError(f"a number has {len(digits)} digits, more than {_MOST_DIGITS}")
     return int(digits)
 
 

@@ -70,7 +70,10 @@ class SatelliteReceiver(_Receiver):
 
 
 class CameraImages(Module):
-    """Publishes azimuth and elevation of the aircraft in each new image (0.1 mrad), and the image's age (ms)."""
+    """Publishes where the rover's camera sees the aircraft.
+
+    For each new image: azimuth and elevation of the aircraft (0.1 mrad), and the age of the image (ms).
+    """
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

@@ -22,7 +22,7 @@ _SLACK = 2  # heartbeat periods: one until the PE reports, one for clock errors 
 
 
 class OrphanCheck(Oracle):
-    """Verifies that PEs report no LEASE while no manager sends, and with the policy `keep` report no change."""
+    """Verifies that, while no manager sends, no PE reports that it hears a LEASE, or under `keep` another epoch."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
         """Begin with no state frame seen.
