@@ -19,7 +19,6 @@ import argparse
 import sys
 import time
 from collections import Counter
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -69,9 +68,8 @@ def _started(pes: int, heartbeat_ms: int, longest_s: float) -> _Start:
     with TemporaryDirectory() as folder:
         file = Path(folder, "many_pes.dg.yaml")
         file.write_text(spec_text(pes, heartbeat_ms))
-        with aircraft(str(file)) as flown, ExitStack() as stack:
+        with aircraft(str(file)) as flown, SoftBus(flown.main.channel) as bus:
             events = EventStream(flown.fleet.start_manager())
-            bus = stack.enter_context(SoftBus(flown.main.channel))
             begun_s = time.monotonic()
             flown.start_pes()
             before, sent = _used_s(flown.fleet), bus.statistics().frames
@@ -88,7 +86,7 @@ def _started(pes: int, heartbeat_ms: int, longest_s: float) -> _Start:
                             found.first_s = now_s if found.first_s is None else found.first_s
                             found.whole_s = now_s if len(joined) == pes else None
             used = _used_s(flown.fleet)
-            found.shares = {name: (used[name] - before.get(name, 0.0)) / passed_s for name in used}
+            found.shares = {name: (used[name] - before[name]) / passed_s for name in used}
             found.frames_per_s = (bus.statistics().frames - sent) / passed_s
     return found
 

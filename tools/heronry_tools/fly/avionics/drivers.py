@@ -91,7 +91,7 @@ class CameraImages(Module):
                 self._last_ns, self._seen_ns = exposed_ns, now_ns
                 return {"image_angles": (azimuth, elevation), "image_age": age_ms}
         if now_ns - self._seen_ns > BLIND_NS:
-            self.ctx.report_failed("device:camera")
+            self.ctx.report_failed(f"device:{self.ctx.device}")
         return {}
 
 
