@@ -47,7 +47,7 @@ class Unpacker:
         length = self.number()
         found = self._data[self._at : self._at + length]
         if len(found) < length:
-            raise PackingError("the packed bytes end within a text")
+            raise PackingError("the packed bytes end before the last byte of a text")
         self._at += length
         return found
 

@@ -264,9 +264,9 @@ def _check(messages: Sequence[Message], errors: Errors | None) -> None:
 
 
 def _on_one_denominator(messages: Sequence[Message], errors: Errors | None) -> tuple[int, list[_Stream], int]:
-    """Convert all times to integers: give a common denominator, the messages, and the interval between errors.
+    """Express all times as integers, in parts of a bit time; no time is rounded.
 
-    A time of n bit times becomes n times the denominator.
+    Returns how many parts a bit time has, the messages, and the interval between errors (without errors one bit time).
     """
     interval = errors.interval if errors else 1
     times = [interval, *(time for m in messages for time in (m.period, m.jitter, m.deadline))]

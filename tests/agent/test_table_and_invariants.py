@@ -32,7 +32,7 @@ def with_version(version: int) -> PeTable:
         (with_source(variable="nothing"), "no CANaerospace type"),
         (with_source(identifier=1536), "share an identifier"),
         (with_source(period_ns=0), "no period"),
-        (replace(TABLE, ports=(replace(TABLE.ports[0], heartbeat_ns=0),)), "no heartbeat period"),
+        (replace(TABLE, ports=(replace(TABLE.ports[0], heartbeat_ns=0),)), "heartbeat period of bus"),
         (replace(TABLE, devices=(DeviceEntry("x", "sensor", 12),)), "not a PE"),
         (replace(TABLE, sources=TABLE.sources[:1]), "but the table has no source for it"),
         (

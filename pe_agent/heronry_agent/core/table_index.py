@@ -102,8 +102,9 @@ def _elements(table: PeTable) -> dict[str, tuple[ElementKind, int]]:
 def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
     if len({source.identifier for source in table.sources}) != len(table.sources):
         raise TableError(f"two sources share an identifier; {_REMEDY}")
-    if any(port.heartbeat_ns <= 0 for port in table.ports):
-        raise TableError(f"a bus has no heartbeat period; {_REMEDY}")
+    for port in table.ports:
+        if port.heartbeat_ns <= 0:
+            raise TableError(f"in the table the heartbeat period of bus {port.bus} is not above 0; {_REMEDY}")
     if any(source.period_ns <= 0 for source in table.sources):
         raise TableError(f"a source has no period; {_REMEDY}")
     if any(device.node not in PE_NODES for device in table.devices):

@@ -181,7 +181,7 @@ def _add_release(commands: Any) -> None:
 def _names(text: str) -> list[str]:
     names = [name.strip() for name in text.split(",")]
     if not all(names):
-        raise argparse.ArgumentTypeError("write names with commas between them, as A,B")
+        raise argparse.ArgumentTypeError(f"{text!r} leaves a name empty: write names with commas between them, as A,B")
     return names
 
 

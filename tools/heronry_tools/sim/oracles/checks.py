@@ -83,7 +83,7 @@ class Checks:
             oracle.carried(channel, sent)
 
     def moved(self, moved: Moved) -> None:
-        """Report to the oracles that a PE has allowed the device of a module to move."""
+        """Report to the oracles that a PE has passed the command of a module to the module's device."""
         for oracle in self._of_moves:
             oracle.moved(moved)
 

@@ -105,11 +105,11 @@ class ExclusionCheck(Oracle):
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
-        """Make a module the holder of its exclusive outputs, since it has moved its device.
+        """Make a module the holder of its exclusive outputs, since its command has reached its device.
 
         It is a violation if the module had lost such an output to another holder without a handover since.
 
-        moved: the movement, with the module for which a PE has commanded it.
+        moved: the command, with the module that gave it and the PE that passed it to the device.
         """
         for thing in self._things_of[moved.module]:
             self._follow(moved.t_ns, thing, (moved.module, moved.pe))

@@ -131,7 +131,7 @@ class Oracle:
     # What modules do
 
     def moved(self, moved: Moved) -> None:
-        """Called when a PE has allowed the device of a module to move."""
+        """Called when a PE has passed the command of a module to the module's device."""
 
     def driven(self, driven: Driven) -> None:
         """Called after a step of a module that drives an output."""

@@ -1,8 +1,8 @@
 """The reports of a simulated PE about its modules: observed steps, and orders to devices.
 
 Every step of a module that drives an actuator, or is a branch of a DEMUX, is reported with its inputs (`Driven`). Of
-all other steps with inputs, every eighth is reported. Every order of the PE to a device is reported (`Moved`). After a
-step, the order to the module's device may come much later, or never.
+all other steps with inputs, every eighth is reported. Every command that the PE passes to a device is reported (`Moved`). After a
+step, the command to the module's device may come much later, or never.
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from heronry_agent.module import Datum
 
 
 class Moved(NamedTuple):
-    """A PE has allowed the device of a module to move."""
+    """A PE has passed the command of a module to the module's device."""
 
     t_ns: int
     pe: str
