@@ -61,7 +61,7 @@ class ArrivalTimes:
         self._empty_ns = self._looked_ns
 
     def age_ns(self, message: can.Message) -> int:
-        """Time in ns from the arrival of a message to the last `look`, 0 or more."""
+        """Return the age of a message in ns at the last call of `look`, counted from its arrival; 0 or more."""
         if isinstance(message, StampedMessage):
             return max(0, self._looked_ns - message.monotonic_ns)
         offset_ns = max(self._offset_ns or 0, self._offset_before_ns)

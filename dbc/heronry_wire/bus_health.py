@@ -54,14 +54,17 @@ class BusHealth:
             self._link_events.append(f"{self.name} is lost: {reason}; it is tried again until it is back")
 
     def back(self, now_ns: int) -> None:
-        """Note that the bus can be used again; makes an event if it was lost."""
+        """Note that the bus can be used again; if the bus was lost, make a link status event."""
         if self.off_since_ns is not None:
             seconds = (now_ns - self.off_since_ns) / _NS_PER_S
             self._link_events.append(f"{self.name} is back after {seconds:.1f} s")
             self.off_since_ns = None
 
     def reported(self, report: ControllerReport, now_ns: int) -> None:
-        """Take the state and the error counts of the controller, as an error frame gave them."""
+        """Count the errors and the state of the controller that an error frame has reported.
+
+        Makes a link status event if the state is one of `_BAD`.
+        """
         self.counts.update(report.kinds)
         if report.state is not None:
             self.counts[report.state.name.lower().replace("_", "-")] += 1

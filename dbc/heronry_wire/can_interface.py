@@ -76,8 +76,10 @@ def take_down_and_up(name: str) -> None:
 def obstacle(name: str, bitrate: int | None) -> str | None:
     """Give the reason why an interface should not be used now; None: there is no reason.
 
-    bitrate: bit rate that the bus must have; an interface with another bit rate is not used. Restarts an interface
-    whose controller is bus-off.
+    If the controller is bus-off and Linux is not set to restart it, restart the interface. If this succeeds,
+    there is no reason.
+
+    bitrate: bit rate that the bus must have; an interface with another bit rate is not used. None: any bit rate.
     """
     interface = read_interface(name)
     if interface is None or not interface.is_up:

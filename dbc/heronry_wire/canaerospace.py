@@ -172,7 +172,7 @@ class Status(NamedTuple):
 def pack_status(status: Status) -> int:
     """Encode a status as byte 2 of a data frame; raises WireError for a version outside 1..15."""
     if not 1 <= status.version <= 15:
-        raise WireError(f"version {status.version} does not fit into a frame: a variable has 1 to 15 versions")
+        raise WireError(f"version {status.version} does not fit into a frame: use a version from 1 to 15")
     return status.validity << 4 | status.version
 
 

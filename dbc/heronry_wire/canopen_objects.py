@@ -90,10 +90,11 @@ class Variable(NamedTuple):
 class Entry:
     """One object of the dictionary.
 
-    variables: of a VAR or DOMAIN one; of a RECORD those of sub-indices 1, 2, ...; of an ARRAY one that describes each
-        of the elements.
+    variables: for a VAR or DOMAIN, one variable; for a RECORD, those of sub-indices 1, 2, ...; for an ARRAY, one
+        variable that describes each of its elements.
     most: largest number of elements of an ARRAY.
-    count: the variable at sub-index 0 of an ARRAY or RECORD; None where sub-index 0 holds only the number of elements.
+    count: the variable at sub-index 0 of an ARRAY or RECORD; None where sub-index 0 holds only the number of
+        elements (ARRAY), or the highest sub-index (RECORD).
     """
 
     index: int
@@ -196,7 +197,7 @@ OBJECTS: tuple[Entry, ...] = (
         (Variable("Program", Type.DOMAIN, _WO),),
         1,
         _ONE_PROGRAM,
-        "code is installed on the node: refused with 0601 0000h",
+        "a write is refused with 0601 0000h: code is installed on the node, not over the bus",
     ),
     Entry(
         PROGRAM_CONTROL,

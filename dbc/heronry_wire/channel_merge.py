@@ -60,7 +60,7 @@ def latest_copy_ns(heartbeat_ns: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Copy:
-    """A frame as one channel has brought it, kept until the window for its copy is over.
+    """A frame that one channel has brought, kept as long as the same frame may still come on the other channel.
 
     at_ns: time of arrival
     is_taken: the node processed the frame when it arrived

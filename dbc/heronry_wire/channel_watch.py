@@ -45,7 +45,7 @@ class ChannelWatch:
         self._sign(self._heard_ns, channel, at_ns)
 
     def left(self, channel: int, at_ns: int) -> None:
-        """Note that a frame of this node has left on a channel."""
+        """Note that a channel has carried a frame that this node sent, at the time `at_ns`."""
         self._sign(self._left_ns, channel, at_ns)
 
     def lost(self, now_ns: int) -> frozenset[int]:

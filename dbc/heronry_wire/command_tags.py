@@ -83,7 +83,10 @@ class CommandSigner:
         self.number = -1  # of the last command
 
     def tag(self, frame: Frame) -> Frame | None:
-        """Give the frame TAG to send after `frame`; None where `frame` is no command of this manager."""
+        """Give a command the next number, and return the frame TAG to send after it.
+
+        None, and no number is used, if `frame` is no command of this manager.
+        """
         kind = self._kinds.get(frame.can_id)
         return None if kind is None else self._tag(kind, frame.data)
 
@@ -224,7 +227,12 @@ class CommandVerifier:
         return may
 
     def _sought(self, manager: int, fields: tuple[int, ...], held: deque[Held]) -> Held | Refusal:
-        """Try possible numbers for the newest held command; give the command if its TAG is valid for one of them."""
+        """Try possible numbers for the newest held command of a manager.
+
+        Returns the command if its TAG is valid for one of these numbers, and UNPROVEN if for none.
+
+        fields: the fields of the TAG: kind, the lowest bits of the number, tag.
+        """
         kind, low, tag = fields
         payload = held[-1].event.frame.data
         term = _term(kind, payload, 0)

@@ -95,7 +95,7 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
     except PackingError as error:
         raise SliceError(str(error)) from None
     if numbers.left():
-        raise SliceError(f"bytes after the end of the slice: {numbers.left()}")
+        raise SliceError("bytes follow the last number of the slice")
     modules = {module.module for module in decoded.modules}
     if decoded.encode() != body or len(modules) != len(decoded.modules):
         raise SliceError("the slice has an index out of order or given twice, or a number in more bytes than needed")

@@ -44,7 +44,7 @@ _PATIENCE_S: Final = 0.3
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal has come; raised in the main thread. `came` gives the exit code that the command must have."""
+    """Raised in the main thread after a signal has come; the function `came` gives the command's exit code."""
 
 
 class _State:
@@ -103,7 +103,10 @@ def came() -> int:
 
 
 def expect_none() -> None:
-    """Raise `Interrupted` if a signal has come; called before a result is written, as the signal may have spoilt it."""
+    """Raise `Interrupted` if a signal has come.
+
+    To be called before a result is written, since the signal may have spoilt the result.
+    """
     if _State.came:
         raise Interrupted
 

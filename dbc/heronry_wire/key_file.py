@@ -32,8 +32,8 @@ def read_key(file: Path) -> Key:
         raise KeyFileError(f"{file} holds no key; 'heronry key' makes one") from error
     if mode & _FOR_OTHERS:
         raise KeyFileError(
-            f"{file} can be read or changed by others (mode {stat.S_IMODE(mode):04o}): "
-            f"make a new key and keep it with 'chmod 600'"
+            f"{file} can be read or changed by others (mode {stat.S_IMODE(mode):04o}), so its key is no secret; "
+            "make a new key with 'heronry key', and give each copy of it the mode 0600"
         )
     if _TEXT.fullmatch(text) is None:
         raise KeyFileError(

@@ -64,7 +64,7 @@ class Layout:
             if field.name == name and at % 8 == field.bits % 8 == 0:
                 return at // 8, (at + field.bits) // 8
             at += field.bits
-        raise ValueError(f"{self.name} has no field {name} that consists of whole bytes")
+        raise ValueError(f"{self.name} has no field '{name}' that consists of whole bytes")
 
     def largest(self, name: str) -> int:
         """Give the largest number that a field can hold."""

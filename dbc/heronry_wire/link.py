@@ -240,7 +240,7 @@ class Link:
 
     @contextmanager
     def _surviving(self, now_ns: int) -> Iterator[None]:
-        """Within this context, take any exception of the bus as a loss of the bus."""
+        """Treat any exception that the bus raises in this context as a loss of the bus."""
         try:
             yield
         except Exception as error:  # noqa: BLE001 - a back-end may raise anything

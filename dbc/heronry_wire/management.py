@@ -1,34 +1,32 @@
 """The management protocol: every message between a manager and the PEs, and its bytes.
 
-Senders
-    The manager (node 126 or 127) sends LEASE and ALIVE every heartbeat period, PREPARE, SLICE and ACTIVATE when it
-    reconfigures, PING to a suspect PE, and CONTROL for an `Operation`. With a key, a TAG follows each of these commands
-    (`command_tags`). A PE sends STATE every heartbeat period (`state_frames`), and EMCY for a fault or a request. A
-    gateway also sends LINK (`gateway_report`). There are no other commands or reports.
+*Senders.* The manager (node 126 or 127) sends LEASE and ALIVE every heartbeat period, PREPARE, SLICE and ACTIVATE when
+it reconfigures, PING to a suspect PE, and CONTROL for an `Operation`. With a key, a TAG follows each of these commands
+(`command_tags`). A PE sends STATE every heartbeat period (`state_frames`), and EMCY for a fault or a request. A gateway
+also sends LINK (`gateway_report`). There are no other commands or reports.
 
-Reconfiguration: stage, then activate PREPARE names a new epoch and the digest of its configuration; if this is a
-    contingency, also its number. Then each PE stages its slice:
+*Reconfiguration: stage, then activate.* PREPARE names a new epoch and the digest of its configuration. If the
+configuration is a contingency, PREPARE also gives the number of the contingency. Then each PE stages its slice:
 
-    - A PE that has the contingency on board takes its slice from there.
-    - For each other PE, SLICE with index 0 gives the length and the digest of its slice. If the PE already runs a slice
-      with this digest, it stages this slice. If not, it collects the slice from the SLICE frames 1, 2, ..., with five
-      bytes each. They may come in any order, and doubled.
+- A PE that has the contingency on board takes its slice from there.
+- For each other PE, SLICE with index 0 gives the length and the digest of its slice. If the PE already runs a slice
+  with this digest, it stages this slice. If not, it collects the slice from the SLICE frames 1, 2, ..., with five
+  bytes each. They may come in any order, and doubled.
 
-    Page 1 of the state reports what is staged. ACTIVATE then carries a step. LEASE repeats the step, for a PE that
-    missed ACTIVATE. What a PE does at each step:
+Page 1 of the state reports what is staged. ACTIVATE then carries a step. LEASE repeats the step, for a PE that missed
+ACTIVATE. What a PE does at each step:
 
     BREAK    stops modules that the new slice lacks, rewires those that stay, sends no new data, reports BROKEN
     GO       starts the other modules, but holds DEMUX branches that are new on this PE; reports PARTIAL if it holds one
     GO_ALL   starts these branches, too; reports ACTIVE
 
-    A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. Every
-    command may be lost, late or doubled, since it names its epoch: a PE ignores an older epoch, a lower term, and a
-    step that it has already taken.
+A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. Every command
+may be lost, late or doubled, since it names its epoch: a PE ignores an older epoch, a lower term, and a step that it
+has already taken.
 
-Numbers
-    Epochs are compared modulo 2^16 (`is_newer`); 0 means that there is no epoch. A term is 1..4095 (PREPARE has no
-    room for more) and only rises; any other value is malformed. A digest is 24 bits. All numbers are big-endian, except
-    the error code in EMCY, which is little-endian as in CiA 301.
+*Numbers.* Epochs are compared modulo 2^16 (`is_newer`); 0 means that there is no epoch. A term is 1..4095 (PREPARE has
+no room for more) and only rises; any other value is malformed. A digest is 24 bits. All numbers are big-endian, except
+the error code in EMCY, which is little-endian as in CiA 301.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 

@@ -87,7 +87,7 @@ class ServiceMessage(NamedTuple):
 class Identification(NamedTuple):
     """The four bytes of an answer to IDS, each 0..255.
 
-    Distribution 0 and header type 0 mean those of CANaerospace V1.7.
+    `distribution` 0 is the distribution of CANaerospace V1.7, and `header_type` 0 is its header type.
     """
 
     hardware_revision: int

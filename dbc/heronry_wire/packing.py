@@ -36,7 +36,7 @@ class Unpacker:
             if byte < 0x80:
                 return number
             shift += 7
-        raise PackingError("the packed bytes end within a number, or a number in them has more than 70 bits")
+        raise PackingError("a number is cut off, or has more than 70 bits")
 
     def numbers(self) -> list[int]:
         """Decode a number n, and return the n numbers that follow it; raises PackingError."""
@@ -47,7 +47,7 @@ class Unpacker:
         length = self.number()
         found = self._data[self._at : self._at + length]
         if len(found) < length:
-            raise PackingError("the packed bytes end before the last byte of a text")
+            raise PackingError("an entry is cut off")
         self._at += length
         return found
 

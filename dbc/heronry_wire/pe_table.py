@@ -275,6 +275,6 @@ def _read_record(kind: Any, raw: dict[str, Any], where: str) -> Any:
     odd = sorted(set(raw) ^ names)
     if odd:
         raise TableError(
-            f"{where}: fields are missing or unknown: {', '.join(f'{key:.40}' for key in odd[:5])}; {_REMEDY}"
+            f"{where} has missing or unknown fields ({', '.join(f'{key:.40}' for key in odd[:5])}); {_REMEDY}"
         )
     return kind(**{f.name: _read(f.type, raw[f.name], f"{where}.{f.name}") for f in fields(kind)})

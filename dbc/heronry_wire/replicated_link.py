@@ -90,7 +90,10 @@ class ReplicatedLink:
 
     @property
     def nothing_waits(self) -> bool:
-        """Whether at least one open channel has no frame that waits for its controller; also true if none is open."""
+        """Whether at least one open channel has no frame that waits for the controller of this channel.
+
+        Also True if no channel is open.
+        """
         return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
 
     @property
@@ -107,7 +110,10 @@ class ReplicatedLink:
         return self._watch.lost(now_ns)
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
-        """Queue a frame on both channels; a copy that cannot start by `until_ns` is dropped."""
+        """Queue a copy of a frame on each channel.
+
+        until_ns: a copy whose transmission cannot start by this time is dropped; None: copies do not expire.
+        """
         there = [link for link in self.links if link.put(frame, until_ns)]
         if not there:
             self._departed.append(0)  # a caller that waits for the frame to leave the queue must not wait for ever

@@ -41,7 +41,7 @@ def owned_folder(folder: Path) -> Path:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        raise RuntimeFolderError(f"{error.filename or folder}: {error.strerror}") from error
+        raise RuntimeFolderError(f"the folder {error.filename or folder} cannot be made ({error.strerror})") from error
     return trusted_folder(folder)
 
 

@@ -60,7 +60,11 @@ class LatenessMeter:
     """Measures how late a driver's loop wakes; it has no clock, and gets all times from the loop."""
 
     def __init__(self, period_ns: int, now_ns: int, used_ns: int) -> None:
-        """period_ns: heartbeat period of the uplink. used_ns: processor time of this thread so far."""
+        """Begin to measure at `now_ns`.
+
+        period_ns: heartbeat period of the uplink.
+        used_ns: processor time of this thread so far.
+        """
         self._slack_ns, self._due_ns = slack_ns(period_ns), now_ns
         self._used_ns, self._woke_ns, self._worked_ns = used_ns, now_ns, 0
         self._is_waiting = False
@@ -68,9 +72,9 @@ class LatenessMeter:
     def waits(self, due_ns: int | None, now_ns: int | None = None) -> None:
         """Note that the loop begins to wait.
 
-        due_ns: until then at the latest; None: without a limit.
-        now_ns: the present time; None: what the loop has done since its last wake-up does not count, since some of it
-            is meant to take long.
+        due_ns: the time at which the wait ends at the latest; None: the wait has no limit, so it cannot be late.
+        now_ns: the present time; None: the work of the loop since its last wake-up does not count as lateness,
+            since some of this work is meant to take long.
         """
         self._is_waiting = due_ns is not None
         self._worked_ns = 0 if now_ns is None else now_ns - self._woke_ns

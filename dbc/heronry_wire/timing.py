@@ -82,9 +82,10 @@ def exact_bits(frame: Frame) -> int:
 
 @lru_cache(maxsize=4096)
 def _head(header: int, header_bits: int) -> tuple[int, int, int]:
-    """Give for a frame's header: length of the frame in bits, CRC and state of the stuffing after the header.
+    """Give three numbers for the header of a frame: the frame's length, the CRC, and the state of the stuffing.
 
-    The length leaves out the data, and the stuff bits after the header.
+    The length, in bits, contains neither the data nor the stuff bits after the header. The CRC and the state of the
+    stuffing (its index in `_STATES`) are those after the last bit of the header.
     """
     crc = 0
     for bit in f"{header:0{header_bits}b}":
@@ -158,9 +159,9 @@ class Response(NamedTuple):
 
 
 class _Stream(NamedTuple):
-    """A message, with its times as integers (`_on_one_denominator`).
+    """A message, all of whose times are integers in one unit (`_on_one_denominator`).
 
-    cost: the transmission time of its longest frame, as such an integer, too.
+    cost: the transmission time of the longest frame of the message.
     """
 
     cost: int
@@ -186,9 +187,10 @@ class _Window:
         self.due = due
 
     def admit(self, cost: int, period: int, jitter: int) -> None:
-        """Add a stream, and lengthen the window by its releases.
+        """Add a stream, and lengthen the window by the frames that the stream releases in it.
 
-        Those releases count that lie before the end of the time `ahead`, and in any case the first one, at -jitter.
+        The first release is at -jitter, and always counts. A later one counts if it lies before the end of the
+        window plus the time `ahead`; here the window has the length that it had before the call.
 
         cost: length of the frame. period: time between two releases. All times are integers, as in the class.
         """
@@ -298,7 +300,8 @@ def _levels(streams: list[_Stream], scale: int, blocking_bits: int, *, with_erro
 def _bounded(streams: list[_Stream], levels: list[_Level], interval: int) -> int:
     """Count the messages whose response time is bounded.
 
-    They are the first ones of `streams`, since priority falls with the index.
+    The messages in `streams` are in the order of their priority. If the response time of one is not bounded, the
+    response times of all messages after it are not bounded either. So the counted messages are the first ones.
 
     interval: time between two errors, in the unit of the times of `streams`; not used if there are no errors.
     """
@@ -325,7 +328,10 @@ def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_S
 def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
     """Give the longest response time of a message in its busy period, and how many instances this period has.
 
-    busy: length of the busy period. queue: the window of the first instance of the message.
+    All times are in the unit of the times of `stream`.
+
+    busy: length of the busy period.
+    queue: the window in which the first instance waits; its length is the time of this wait.
     """
     instances = -(-(busy + stream.jitter) // stream.period)
     worst = delay = queue.length

@@ -72,7 +72,7 @@ class BusSchedule:
     blocking_ns: int  # longest frame that may have started just before a message is due
 
     def share(self, message: ScheduledMessage) -> Fraction:
-        """Give the largest share of the bit rate that a message takes."""
+        """Give the share of this bus's bit rate that a message takes at most."""
         return Fraction(message.bits * _NS_PER_S, message.period_ns * self.bus.bitrate)
 
     @property
@@ -140,9 +140,9 @@ def _datum(
 
 
 def _arrives(hop: Hop, responses: _Responses) -> int | None:
-    """Give the longest time in ns from the source to the end of the hop before this one; None if it is unbounded.
+    """Give how late data may come to the bus of `hop`: the response time (ns) of the hop before; None: no bound.
 
-    The time is 0 for the first hop, and for a hop after a wireless bus, since wireless buses are not analysed.
+    The time is 0 if no hop comes before, and if the bus before is wireless, since wireless buses are not analysed.
     """
     before = responses.get((hop.producer, hop.variable, hop.after)) if hop.after is not None else None
     return 0 if before is None else before.response_ns
@@ -153,8 +153,8 @@ def _messages(
 ) -> tuple[ScheduledMessage, ...]:
     """Add the regular management frames to the data on a bus, with their response times if the bus is wired.
 
-    jitters: jitter of each message of `data` in ns; None for a jitter without a bound. With such a jitter, the messages
-        that have a lower priority than data get no response time.
+    jitters: jitter of each message of `data` in ns; None: the jitter of this message has no bound. If one has no
+        bound, management frames with a lower priority than data (CANopen heartbeats) get no response time.
     """
     above, below = _above(spec, bus), _below(spec, bus)
     if bus.kind == "wired":

@@ -167,7 +167,7 @@ class _DraftReader:
         return self._form("the spec", self._root.place, node, schema.HeaderForm, field_names(schema.SpecForm))
 
     def _single(self, key: str, form: type[F_co]) -> Element[F_co]:
-        """Read an element that a file has at most once."""
+        """Read an element that a file has at most once; a missing one is read as one without content."""
         entry = self._root.entries.get(key, yaml_source.Entry(self._root.place, _nothing_at(self._root.place)))
         return Element(key, entry.place, entry.node, self._form(key, entry.place, entry.node, form))
 

@@ -364,7 +364,12 @@ def _expressions(inputs: list[Reading]) -> tuple[Expression, ...]:
 
 
 def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
-    """Give the best and the worst version that a reference accepts."""
+    """Give the best and the worst version of a variable that a reference accepts.
+
+    A reference without a version accepts all versions.
+
+    versions: how many versions the variable has.
+    """
     if match["version"] is None:
         return 1, versions
     version = int(match["version"])

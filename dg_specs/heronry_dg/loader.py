@@ -266,7 +266,7 @@ def _phase(name: str, form: schema.PhaseForm, order: list[str]) -> Phase:
 
 
 def _by_phase(values: Mapping[str, V]) -> dict[str | None, V]:
-    """Convert a map by phase: its key `default`, for all phases that it does not name, becomes None."""
+    """Convert the keys of a map by phase: `default`, which stands for all phases without a key, becomes None."""
     return {None if phase == DEFAULT_PHASE else phase: value for phase, value in values.items()}
 
 

@@ -136,7 +136,10 @@ def _named(root: yaml_source.Node) -> Counter[str]:
 
 
 def _words(named: Counter[str]) -> Counter[str]:
-    """Count how often each word occurs in the names of a file."""
+    """Count how often each word occurs in the names of a file; a name consists of words joined by `_`.
+
+    named: how often each name occurs in the file.
+    """
     words: Counter[str] = Counter()
     for name, times in named.items():
         for word in name.split("_"):

@@ -192,7 +192,7 @@ class Function:
     def priority_in(self, phase: str | None) -> int:
         """Priority of the function in a phase, as the spec has it; 0: the function is not wanted.
 
-        `Situation.priority_of` gives the priority in flight, which a module may have changed.
+        `Situation.priority_of` gives the priority in flight, which a module or the operator may have changed.
         """
         return self.priority.get(phase, self.priority[None])
 

@@ -210,9 +210,9 @@ def _running_json(running: Running) -> Json:
 
 
 def _percent(share: Fraction) -> str:
-    """Write a share as an exact percentage.
+    """Write a limit, which is a share of an element's capacity, as an exact percentage.
 
-    The digits end, because every limit that a user can write is a finite decimal.
+    A finite number of digits is enough, because a user can write a limit only as a finite decimal.
     """
     percent = Decimal(share.numerator * 100) / share.denominator
     return f"{percent.normalize():f}%"
@@ -251,7 +251,7 @@ def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[Level
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
         raise PlanError("the plan's 'levels' and 'objective' contradict each other: make a new plan")
     if _field(document, "optimal", bool, "the plan") != all(one.proven for one in levels):
-        raise PlanError("the plan's 'optimal' does not agree with its levels: make a new plan")
+        raise PlanError("the plan's field 'optimal' does not agree with its field 'levels': make a new plan")
     return levels
 
 
@@ -378,7 +378,8 @@ def _document(text: str) -> Json:
     try:
         document = json.loads(text, object_pairs_hook=_fields, parse_constant=_no_constant)
     except json.JSONDecodeError as error:
-        hint = "; write the spec before the plan" if text.lstrip().startswith(("dg:", "#")) else ""
+        is_spec = text.lstrip().startswith(("dg:", "#"))
+        hint = "; if this file is the spec, name it before the plan on the command line" if is_spec else ""
         raise PlanError(f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg}){hint}") from None
     except RecursionError:
         raise PlanError("the file is nested too deeply to be a plan") from None
@@ -397,7 +398,10 @@ def _fields(pairs: list[tuple[str, object]]) -> Json:
         if key in fields:
             raise PlanError(f"{_shown(key)} is given twice in one JSON object")
         if not all(text.isprintable() for text in (key, value) if isinstance(text, str)):
-            raise PlanError(f"{_shown(key)}: {_shown(value)} holds characters that cannot be printed")
+            raise PlanError(
+                f"the key {_shown(key)} or its value {_shown(value)} has characters that cannot be printed: "
+                "make a new plan"
+            )
         fields[key] = value
     return fields
 

@@ -94,7 +94,8 @@ def memory_bytes(value: object) -> int:
         sentence = f"must be a size of memory, not {shown(value)}"
         raise UnfitError(rules.BAD_MEMORY, sentence, "write a size such as 64KiB or 2MiB, or a number of bytes")
     factor = _UNITS[match["unit"]]
-    return _whole(Decimal(match["number"]), factor, LARGEST_MEMORY // factor, f"a byte in {match['unit']}")
+    a_byte = f"1/{factor} {match['unit']} (a byte)"
+    return _whole(Decimal(match["number"]), factor, LARGEST_MEMORY // factor, a_byte)
 
 
 def positive_memory_bytes(value: object) -> int:

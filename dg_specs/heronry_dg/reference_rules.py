@@ -50,7 +50,7 @@ class _ReferenceRules:
         self._findings = findings
 
     def buses(self) -> None:
-        """Check that each bus leaves some bandwidth to data, and that a wired bus is no faster than CAN."""
+        """Check that each bus leaves some bandwidth to data, and that no wired bus is faster than CAN can be."""
         for bus, form in _whole(self._draft.buses):
             if form.max_load <= form.reserve:
                 sentence = f"'reserve' of bus '{bus.name}' leaves nothing of its 'max_load' to data"
@@ -182,8 +182,9 @@ class _ReferenceRules:
     def phases(self) -> None:
         """Check the names and rules of the phases, and the phases for which contingencies are to be made.
 
-        The name that stands for all other phases in maps by phase is refused. A phase rule must compare one number with
-        one threshold. Each phase that the section of contingencies names must exist.
+        - No phase may have the name that means, in a map by phase, all phases which the map does not name.
+        - A phase rule must compare one number with one threshold.
+        - Each phase that the section of contingencies names must exist.
         """
         for phase, form in _whole(self._draft.phases):
             if phase.name == DEFAULT_PHASE:

@@ -171,9 +171,10 @@ class ResponseTimes:
         return frozenset(found)
 
     def _delaying(self, hop: Hop, by_bus: Mapping[str, list[Hop]]) -> Iterator[Hop]:
-        """Give the hops that delay a hop directly.
+        """Give the hops that delay `hop` directly.
 
-        These are the more urgent hops on its bus, if the bus is wired, and the hop of its source on the bus before.
+        On a wired bus, these are the more urgent hops on the bus of `hop`. On any bus, it is also the hop by which
+        the data of the same source come to this bus, if there is one.
         """
         if self.spec.buses[hop.bus].kind == "wired":
             there = by_bus[hop.bus]

@@ -115,7 +115,10 @@ def transition(spec: Spec, before: Configuration | Placement, after: Configurati
 
 
 class Transitions:
-    """Finds transitions of one spec; values that depend on the spec alone are computed once."""
+    """Computes the transitions between configurations of one spec.
+
+    Values that depend on the spec alone are computed once.
+    """
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -191,7 +194,7 @@ class Transitions:
         }
 
     def _floods(self, runs: Placement) -> Iterator[tuple[Source, str]]:
-        """Give each source of the modules that run, with each PE, as if every PE read every source."""
+        """Yield (source, PE) for each source of the running modules and each PE: as if every PE read every source."""
         for module, (mode, _) in runs.items():
             for variable in self._spec.modules[module].modes[mode].gives:
                 yield from (((module, variable), pe) for pe in self._spec.pes)

@@ -253,7 +253,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Give those of a PE's states that differ in what the PE sends or forwards; of equal ones, only the first."""
+    """Leave out those states of a PE in which it sends and forwards the same as in an earlier state of `states`."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}
@@ -304,7 +304,10 @@ def _loads(
 
 
 def _sent(case: _Way, pe: str, state: str) -> Iterator[tuple[tuple[str, str], tuple[str, ...], int]]:
-    """Give each source that a PE publishes in a state, its buses, and its load in thousandths of a bit/s on each."""
+    """Give each source that a PE publishes in a state, with the buses on which the PE publishes it.
+
+    The last part is the load of the source on each of these buses, in thousandths of a bit/s.
+    """
     for module, mode in case.modules(pe, state).items():
         for variable in mode.gives:
             key = (pe, module, variable)
@@ -326,7 +329,12 @@ def _forwarded(case: _Way, key: tuple[str, str, str, str], state: str) -> frozen
 
 
 def _traffic(spec: Spec, runs: Placement, running: Configuration | Placement) -> _Traffic:
-    """Compute what each PE publishes and each gateway forwards, along the routes of the undamaged system."""
+    """Compute what each PE publishes and each gateway forwards, along the routes of the undamaged system.
+
+    runs: mode and PE of each module whose traffic counts.
+    running: the configuration whose wires count. If it is a placement, the wires are not known: then each
+        variable that a module gives counts as sent to every PE.
+    """
     whole = survivors(spec, Situation())
     publish: dict[tuple[str, str, str], frozenset[str]] = {}
     forward: dict[tuple[str, str, str, str], frozenset[str]] = {}

@@ -49,7 +49,11 @@ class Feasible:
                 yield module, mode
 
     def can_hold(self, needs: Expression | None, before: int) -> bool:
-        """Tell whether a gate expression could be met by modes that were not removed before round `before`."""
+        """Tell whether a gate expression could be met with the modes that were left at the beginning of round `before`.
+
+        needs: the expression; None: there is nothing to meet, so the answer is True.
+        before: a round in which modes that cannot run were removed (`Feasibility`).
+        """
         return needs is None or could_hold(needs, lambda leaf: self._could_be_given(leaf, before))
 
     def _could_be_given(self, leaf: Leaf, before: int) -> bool:
@@ -58,11 +62,11 @@ class Feasible:
 
 
 class Feasibility:
-    """Computes which modes could run with unlimited resources, in any situations of one phase.
+    """Computes, for any situations of one phase, which modes could run with unlimited resources.
 
     What these situations have in common is computed once. For each situation the modes that cannot run are
-    removed, round by round. Each round checks only the modes that read data of modes removed in the previous
-    round; the needs of all other modes are still met.
+    removed, round by round. After the first round, each round checks only the modes that read data of modes
+    removed in the previous round; the needs of all other modes are still met.
     """
 
     def __init__(self, spec: Spec, phase: str | None) -> None:
@@ -155,8 +159,8 @@ def _every_branch(found: Feasible, outputs: list[Module]) -> str:
 def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
     """Say why a module can run in none of `modes`, as a verb phrase.
 
-    branched: True if this phrase is a part of a list of alternatives; then the phrase names only the first
-        alternative of its own.
+    branched: True if this phrase becomes one entry of a list of alternatives; if the phrase has alternatives itself,
+        it then names only the first of them.
     """
     if module.name in found.left.failed_modules:
         return "has failed"
@@ -181,7 +185,7 @@ def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bo
 def _unmet(found: Feasible, needs: Expression | None, before: int) -> Leaf:
     """Find the first leaf that keeps an expression from holding.
 
-    Only modes that were not removed before round `before` may supply the leaves.
+    A mode that was removed in a round before `before` supplies no leaf.
     """
     while not isinstance(needs, Leaf):
         inputs = needs.inputs if needs is not None else ()

@@ -151,7 +151,7 @@ class _SliceBounds:
 
     @cached_property
     def _ways(self) -> Mapping[tuple[str, str], str]:
-        """For each pair of a gateway and another PE: the bus by which the gateway reaches the PE."""
+        """For each gateway and each other PE that it reaches: the first bus on the route to that PE."""
         left = survivors(self._spec, Situation())
         gateways = [pe.name for pe in self._spec.pes.values() if len(pe.buses) > 1]
         routes = ((here, there, left.route(here, there)) for here in gateways for there in self._spec.pes)

@@ -138,7 +138,10 @@ def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
 
 
 def place_at(node: Node, path: tuple[int | str, ...]) -> Place:
-    """Place of the value at a path, or of the last value before the path leaves the tree."""
+    """Give the place in the file of the value at a path.
+
+    If the path leaves the tree, give the place of the last value that the path reaches.
+    """
     return follow(node, path)[0].place
 
 

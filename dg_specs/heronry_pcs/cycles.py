@@ -63,9 +63,9 @@ class Cycles:
 
 
 def cycles(graph: Graph, search: Search = bounds_alone) -> Cycles:
-    """Find how long the longest component-cycle of a graph is, and whether it makes the graph cycle-bound.
+    """Find bounds of the length of a graph's longest component-cycle, and whether the graph is cycle-bound.
 
-    search: how to search a block of the graph.
+    search: finds the bounds for one block, where `bounds_alone` does not give the exact length.
     """
     touching = neighbors(graph)
     rings = [block for block in blocks(touching) if len(block) >= LEAST_CYCLE]

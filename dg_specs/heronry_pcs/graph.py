@@ -91,7 +91,7 @@ class Leaf:
     side: str | None = None  # the side of a cut on which it has to stay; None: either side
 
     def vertices(self) -> frozenset[str]:
-        """Vertices of its ports."""
+        """The vertices of this leaf: one for each port, named `LEAF.PORT`."""
         return frozenset(f"{self.name}.{port}" for port in self.ports)
 
 
@@ -152,7 +152,7 @@ class Graph:
         return frozenset(vertex for leaf in self.leaves.values() for vertex in leaf.vertices())
 
     def part(self, name: str) -> Part:
-        """Give the leaf or composite that has a name."""
+        """Give the leaf or the composite with the name `name`, as its vertices, edges and components."""
         leaf = self.leaves.get(name)
         return self.composites[name] if leaf is None else Part(leaf.vertices())
 

@@ -113,7 +113,13 @@ class _Reader:
     def _object(
         self, value: Any, path: _Path, subject: str, known: Sequence[str], required: Sequence[str] = ()
     ) -> dict[str, Any]:
-        """Give the known fields of an object; a field that is unknown, given twice or missing is reported."""
+        """Give the known fields of the object `value`; report each field that is unknown, given twice or missing.
+
+        If `value` is no object, this is reported, too, and the result is empty.
+
+        subject: what messages call the object.
+        known, required: the fields that the object may have, and those that it must have.
+        """
         if not isinstance(value, _Object):
             self._refuse(path, f"{subject} must be an object, not {shown(value)}", "write {...}")
             return {}

@@ -34,8 +34,8 @@ class Loops:
     def through(self, vertices: frozenset[str]) -> bool:
         """Tell whether some loop leads through these vertices and also outside.
 
-        A loop does so if at least one of its members (or leaves) lies completely within these vertices, and at least
-        one does not.
+        A loop does so if all vertices of at least one of its homes are among these vertices, and those of at least one
+        other home are not.
         """
         return any(count < len(self.found[loop]) for loop, count in self._within(vertices).items())
 
@@ -47,7 +47,7 @@ class Loops:
         return not self._controlling.isdisjoint(self._within(vertices))
 
     def join(self, members: Collection[frozenset[str]]) -> bool:
-        """Tell whether some loop goes through all of these members: it has a home within each of them.
+        """Tell whether one loop goes through all of these members: each member contains a home of this loop.
 
         members: the vertices of each member.
         """
@@ -75,7 +75,7 @@ def is_plant(graph: Graph, name: str) -> bool:
 
 
 def home(graph: Graph, vertex: str) -> str:
-    """Give the smallest member of the graph (a leaf or composite) that holds a vertex, by name.
+    """Give the name of the smallest member of the graph (a leaf or composite) that holds a vertex.
 
     If no member holds the vertex, give the name of the leaf to which the vertex belongs.
     """

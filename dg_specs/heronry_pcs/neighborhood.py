@@ -36,15 +36,15 @@ def neighbors(graph: Graph) -> Mapping[str, set[str]]:
 
 
 def _crossings(graph: Graph) -> set[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Give for each edge a pair: the members that hold its start, and the members that hold its end.
+    """Give a pair for each edge: the members of the graph that hold its start, and the members that hold its end.
 
-    Two edges with the same pair give it once.
+    If several edges have the same pair, the result has this pair once.
     """
     return {(graph.holders.get(start, ()), graph.holders.get(end, ())) for start, end in graph.edges}
 
 
 def subsumed(graph: Graph) -> Mapping[str, list[str]]:
-    """Members that each member subsumes (head of this file), in the order of names."""
+    """Give for each member the sorted names of the members that it subsumes (head of this file)."""
     return {name: sorted(_subsumed_by(graph, name)) for name in graph.members}
 
 

@@ -70,9 +70,10 @@ def _leads(edge: Edge, graph: Graph, other: Graph) -> bool:
 
 
 def _refuse_clash(graph: Graph, other: Graph) -> None:
-    """Raise PcsError for the first name that stands for different parts in two graphs.
+    """Raise PcsError if a name stands for different parts in two graphs; the error names the first such name.
 
-    Leaves come first, then composites.
+    Names of leaves in both graphs come first, in alphabetical order. Then come the names that are a composite in at
+    least one of the graphs.
     """
     for name in sorted(graph.leaves.keys() & other.leaves.keys()):
         if graph.leaves[name] != other.leaves[name]:
@@ -85,7 +86,7 @@ def _refuse_clash(graph: Graph, other: Graph) -> None:
 
 
 def removal(graph: Graph, edges: Collection[Edge]) -> Graph:
-    """Remove edges, and prune the rest (`cprune`); an edge that the graph lacks is ignored.
+    """Remove edges, and prune the resulting graph (`cprune`); an edge that the graph lacks is ignored.
 
     The graph must be a `configuration` (`needs:configuration`). The ends of all edges must be in the graph's
     space (`unknown:V`); the edges are checked in the order of their names.

@@ -49,7 +49,10 @@ def plan_graph(spec: Spec, configuration: Configuration) -> Graph:
 
 
 def sides_of(spec: Spec) -> dict[str, str]:
-    """Give for each PE the first PE of its side in the spec's order; a side is a set of PEs that wired buses join."""
+    """Give for each PE the name of its side: the PE of this side that comes first in the spec.
+
+    A *side* is a largest set of PEs that are joined by wired buses.
+    """
     first: dict[str, str] = {}
     for name in spec.pes:
         if name not in first:

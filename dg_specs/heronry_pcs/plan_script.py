@@ -99,11 +99,11 @@ class _Space:
                     ports.setdefault(name, set()).add(port)
 
     def pick(self, name: str, image: str) -> Leaf | None:
-        """Give the leaf of the module `name` in the mode and on the PE that an image selects.
+        """Give the leaf of the module `name` in the mode and on the PE that `image` selects.
 
-        If the image leaves out the mode, this is the first mode whose leaf has a port for each edge that the script
-        creates at the module. If the image leaves out the PE, this is the first possible PE, and the module
-        is added to `free`. Returns None if there is no such module, or the image selects no mode and PE of it.
+        If `image` names no mode, the first mode is taken whose leaf has a port for each edge that the script
+        creates at the module. If `image` names no PE, the first possible PE is taken, and the module is added
+        to `free`. None: there is no such module, or `image` selects no mode of it on a possible PE.
         """
         module = self._spec.modules.get(name)
         if module is None:
@@ -128,7 +128,7 @@ class _Space:
                 yield (mode, pe), (image_of(module, mode, pe), *short)
 
     def place(self, name: str, image: str) -> Place:
-        """Give the mode and PE with which the leaf of module `name` has the image `image`."""
+        """Give the mode and PE that `image` names: the image of a leaf of the module `name`."""
         module = self._spec.modules[name]
         places = product(module.modes, self._spec.pes)
         return next((mode, pe) for mode, pe in places if image_of(module, mode, pe) == image)
@@ -165,11 +165,11 @@ def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Confi
 def _placed(
     spec: Spec, now: Situation, configuration: Configuration, free: list[str], most_placements: int
 ) -> Configuration:
-    """Choose the PEs of the modules in `free`: the legal choice that publishes the fewest bits per second.
+    """Place the modules in `free` on those PEs on which the whole configuration publishes the fewest bits per second.
 
-    If no choice is legal, the one that publishes the fewest bits per second is taken. If there are more than
-    `most_placements` choices, the configuration stays as it is. CPU (level 7 of the objective) need not be
-    compared: it is the same for every choice, since a module takes the same CPU on every PE.
+    Legal choices come before all others: a choice that is not legal is taken only if no choice is legal. If there
+    are more than `most_placements` choices, the configuration stays as it is. CPU (level 7 of the objective) need
+    not be compared: it is the same for every choice, since a module takes the same CPU on every PE.
     """
     hosts = [hosts_when_all_is_up(spec, spec.modules[name]) for name in free]
     if not free or prod(map(len, hosts)) > most_placements:

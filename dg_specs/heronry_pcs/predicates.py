@@ -65,7 +65,7 @@ def is_edge_contained(graph: Graph) -> bool:
 
 
 def is_whole(graph: Graph) -> bool:
-    """Tell whether the graph has, of every leaf, either all ports or none; the same must hold for each member."""
+    """Tell whether the graph, and also each of its members, has of every leaf either all ports or none."""
     ports = {name: len(leaf.ports) for name, leaf in graph.leaves.items()}
     return all(_has_whole_leaves(part.vertices, ports) for part in (graph.own, *graph.members.values()))
 
@@ -91,7 +91,10 @@ def is_disjoint(graph: Graph) -> bool:
 
 
 def is_pruned(graph: Graph) -> bool:
-    """Tell whether each edge of a graph leads from one member to another, and no member holds both ends of it."""
+    """Tell whether each edge of a graph leads from one member of the graph to another.
+
+    No member may hold both ends of one edge.
+    """
     return all(_leads_between(graph, start, end) for start, end in graph.edges)
 
 

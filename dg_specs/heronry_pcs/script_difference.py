@@ -1,9 +1,14 @@
 """Writes the script that turns one graph into another: it deletes and creates components and edges.
 
-A leaf whose ports or image differ is deleted and created again. The script yields the leaves and edges of the new graph
-under three conditions; if one fails, interpreting the script gives an error. The old graph's space must have the leaves
-of the new graph, with the same ports and images (PCS204). The name of each created leaf must be a NAME of the script
-language (PCS101). No new edge may lie inside a leaf (PCS208). Composites are not compared.
+A leaf whose ports or image differ is deleted and created again. Composites are not compared.
+
+The script yields the leaves and edges of the new graph under three conditions; if one fails, interpreting the
+script gives an error:
+
+- The space of the old graph (the set of leaves, see graph.py) has the leaves of the new graph, with the same
+  ports and images (PCS204).
+- The name of each created leaf is a NAME of the script language (PCS101).
+- No new edge lies inside a leaf (PCS208).
 """
 
 from collections.abc import Iterable, Iterator
@@ -14,10 +19,10 @@ from heronry_pcs.script_syntax import NAME
 
 
 def difference(old: Graph, new: Graph) -> str:
-    """Write the script from `old` to `new`.
+    """Write the script that turns the graph `old` into `new`.
 
     Each graph must be a component_graph, whole and edge_contained, and each leaf whose ports are in the graph must be a
-    member (`leaves`); raises PcsError `needs:P` for the first of these that does not hold.
+    member (`leaves`). Raises PcsError `needs:P`; P is the first of these four names whose condition does not hold.
     """
     for graph in (old, new):
         _check(graph)

@@ -75,7 +75,7 @@ class Inputs(Mapping[str, Datum]):
     @overload
     def get(self, variable: str, /, default: Datum | T) -> Datum | T: ...
     def get(self, variable: str, /, default: Datum | T | None = None) -> Datum | T | None:
-        """Return the datum of a variable, or `default` if it has none; faster than `Mapping.get`."""
+        """Return the datum of a variable, or `default` if the variable has none; faster than `Mapping.get`."""
         return self._best.get(variable, default)
 
     def __iter__(self) -> Iterator[str]:

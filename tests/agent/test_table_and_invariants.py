@@ -31,7 +31,7 @@ def with_version(version: int) -> PeTable:
         (replace(TABLE, variables={**TABLE.variables, "rate": VariableEntry("FLOTE", None)}), "no CANaerospace type"),
         (with_source(variable="nothing"), "no CANaerospace type"),
         (with_source(identifier=1536), "share an identifier"),
-        (with_source(period_ns=0), "no period"),
+        (with_source(period_ns=0), "the period of"),
         (replace(TABLE, ports=(replace(TABLE.ports[0], heartbeat_ns=0),)), "heartbeat period of bus"),
         (replace(TABLE, devices=(DeviceEntry("x", "sensor", 12),)), "not a PE"),
         (replace(TABLE, sources=TABLE.sources[:1]), "but the table has no source for it"),

@@ -162,7 +162,7 @@ def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
 
 def test_a_plan_is_optimal_when_all_its_levels_are() -> None:
     document = json.loads(chute_plan().to_json()) | {"optimal": True}
-    with pytest.raises(PlanError, match="the plan's 'optimal' does not agree with its levels: make a new plan"):
+    with pytest.raises(PlanError, match="the plan's field 'optimal' does not agree with its field 'levels'"):
         read_plan(json.dumps(document), FIGURE_3)
 
 
@@ -245,8 +245,8 @@ WIRED = '{"modules": {"a": {"pe": "p", "mode": "m", "inputs": {"0.1": %s}}}}'
             "modules.a.inputs[\"0.1\"]: 'version' is true and must be an integer",
         ),
         ('{"modules": {}, "modules": {}}', '"modules" is given twice in one JSON object'),
-        ('{"modules": {"a\\nb": {}}}', '"a\\nb": {} holds characters that cannot be printed'),
-        ('{"modules": {"\\ud800": {}}}', '"\\ud800": {} holds characters that cannot be printed'),
+        ('{"modules": {"a\\nb": {}}}', 'the key "a\\nb" or its value {} has characters that cannot be printed'),
+        ('{"modules": {"\\ud800": {}}}', 'the key "\\ud800" or its value {} has characters that cannot be printed'),
     ],
 )  # fmt: skip
 def test_what_is_malformed_is_named(text: str, sentence: str) -> None:
@@ -293,7 +293,7 @@ def test_a_situation_of_another_spec_and_a_spec_in_place_of_a_plan_are_told() ->
     document = json.loads(chute_plan().to_json()) | {"spec": "0" * 64, "phase": "glide"}
     with pytest.raises(PlanError, match=r"^the plan is of another spec than elevator_and_chute: no phase is named"):
         read_situation(json.dumps(document), FIGURE_3)
-    with pytest.raises(PlanError, match=r"this is not JSON .*; write the spec before the plan$"):
+    with pytest.raises(PlanError, match=r"this is not JSON .*; if this file is the spec, name it before the plan"):
         read_configuration("dg: 1\nname: x\n")
 
 

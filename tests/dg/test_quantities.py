@@ -59,7 +59,7 @@ def test_decimal_text_is_converted_exactly(read: Callable[[object], object], tex
         (quantities.period_ns, Decimal("1e-7"), "must not be finer than a nanosecond, but 1E-7 is finer"),
         (quantities.period_ns, 0, "must be more than 0, not 0"),
         (quantities.memory_bytes, Decimal("0.5"), "must not be finer than a byte, but 0.5 is finer"),
-        (quantities.memory_bytes, "0.3KiB", "must not be finer than a byte in KiB, but 0.3 is finer"),
+        (quantities.memory_bytes, "0.3KiB", "must not be finer than 1/1024 KiB (a byte), but 0.3 is finer"),
         (quantities.memory_bytes, "64KB", "must be a size of memory, not '64KB'"),
         (quantities.memory_bytes, "64 KiB", "must be a size of memory, not '64 KiB'"),
         (quantities.memory_bytes, "-1KiB", "must be a size of memory, not '-1KiB'"),

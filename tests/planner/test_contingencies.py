@@ -150,7 +150,7 @@ def test_numbers_come_back(numbers: list[int]) -> None:
 
 
 def test_a_text_that_ends_too_early_is_found() -> None:
-    with pytest.raises(PackingError, match="within a text"):
+    with pytest.raises(PackingError, match="an entry is cut off"):
         Unpacker(pack([3, 1])).text()
 
 

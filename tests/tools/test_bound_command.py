@@ -64,7 +64,7 @@ def test_every_class_is_shown_with_its_worst_element_and_what_it_is_made_of(
     code, out, err = run(capsys, "elevator_and_chute", "--decide", "30")
     assert (code, err) == (0, "")
     lines = out.splitlines()
-    assert lines[0] == "elevator_and_chute: decide is given"
+    assert lines[0] == "elevator_and_chute: 'decide' is given"
     lost = next(line for line in lines if line.startswith("PE lost, can0")).split()
     total, detect, decide, distribute, activate, lease = map(float, lost[3:9])
     assert total == pytest.approx(detect + decide + distribute + activate + lease, abs=0.3)
@@ -82,7 +82,7 @@ def test_every_class_is_shown_with_its_worst_element_and_what_it_is_made_of(
 
 def test_without_a_figure_deciding_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = run(capsys, "elevator_and_chute")
-    assert out.splitlines()[0].endswith("decide is measured on this machine, all other times are bounds")
+    assert out.splitlines()[0].endswith("'decide' is measured on this machine, and all other times are bounds")
     assert json.loads(run(capsys, "elevator_and_chute", "--json")[1])["decide_is"] == "measured"
 
 

@@ -50,6 +50,6 @@ def test_an_event_that_does_not_come_ends_the_wait(monkeypatch: pytest.MonkeyPat
         os.fdopen(reading, "rb") as pipe,
         os.fdopen(writing, "wb"),
         Fleet(SPEC, FILE, run_folder()) as fleet,
-        pytest.raises(SystemExit, match="no done or idle in 0 s, after nothing"),
+        pytest.raises(SystemExit, match="no event 'done' or 'idle' came in 0 s; the last event was 'nothing'"),
     ):
         AwaitedEvents(fleet, pipe).wait("done", "idle")

@@ -73,7 +73,7 @@ def test_a_module_that_hangs_has_failed_after_the_limit(folder: str, capsys: pyt
     assert "module_runner.py" not in err
     with pytest.raises(SystemExit, match="2"):
         main(["module", "try", f"{folder}:Hanging", "--limit", "0"])
-    assert "0 is no limit; write seconds" in capsys.readouterr().err
+    assert "0 cannot be the limit; write a number of seconds" in capsys.readouterr().err
 
 
 def test_code_that_hangs_when_it_is_imported_has_failed(

@@ -146,7 +146,7 @@ def test_the_next_plan_changes_little_of_what_runs(capsys: pytest.CaptureFixture
         ),
         (("verify", "elevator_and_chute", "{}"), "plan.json: the plan has no 'modules'"),
         (("verify", "elevator_and_chute", "[1]"), "must be an object"),
-        (("verify", "elevator_and_chute", "\xff"), "is not UTF-8 text: save the file as UTF-8"),
+        (("verify", "elevator_and_chute", "\xff"), "is not UTF-8 text; save the file as UTF-8"),
         (("verify", "elevator_and_chute", "\xef\xbb\xbf{}"), "plan.json: the plan has no 'modules'"),
         (("verify", "elevator_and_chute", '{"modules": {}, "down": ["pe:tail"]}'), "did you mean 'tail_pe'"),
     ],

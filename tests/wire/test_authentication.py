@@ -122,7 +122,7 @@ def test_a_key_that_others_may_read_or_change_is_refused(tmp_path: Path, mode: i
     file = tmp_path / "fleet.key"
     make_key(file)
     file.chmod(mode)
-    with pytest.raises(KeyFileError, match=f"by others .mode {mode:04o}.: make a new key"):
+    with pytest.raises(KeyFileError, match=f"by others .mode {mode:04o}., so its key is no secret; make a new key"):
         read_key(file)
 
 

@@ -261,7 +261,7 @@ def test_other_codes_in_byte_2_are_malformed() -> None:
     assert read_codes[0x10] == Malformed("the datum states no version (low nibble of byte 2 is 0)")
     assert read_codes[0x51] == Malformed("validity 5 is not defined")
     for version in (0, 16):
-        with pytest.raises(WireError, match="1 to 15 versions"):
+        with pytest.raises(WireError, match="a version from 1 to 15"):
             pack_status(Status(version, Validity.VALID))
 
 

@@ -139,12 +139,12 @@ def test_any_bytes_are_the_one_way_to_write_a_slice_or_an_error(body: bytes) -> 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("00", "the packed bytes end"),
-        ("01 07 00 01", "the packed bytes end"),
+        ("00", "a number is cut off"),
+        ("01 07 00 01", "a number is cut off"),
         ("01 02 00 00 00 00", "the table of this PE has no mode 0 of module 2"),
         ("01 01 02 00 00 00", "the table of this PE has no mode 2 of module 1"),
         ("00 00 00 00 00", "more bytes than needed"),
-        ("00 00 00 00 00 00", "bytes after the end of the slice: 1"),
+        ("00 00 00 00 00 00", "bytes follow the last number of the slice"),
         ("00 00 00 00", "more bytes than needed"),
         ("8080808080808080808000 00 00 00", "has more than 70 bits"),
         ("8000 00 00 00", "more bytes than needed"),

@@ -190,7 +190,7 @@ def test_an_initial_value_may_be_whatever_a_variable_can_hold(initial: Json) -> 
         (
             (),
             {"format": 1},
-            "table: fields are missing or unknown: adjustable, bus_names, command_period_ns, contingencies",
+            "table has missing or unknown fields (adjustable, bus_names, command_period_ns, contingencies",
         ),
         ((), [], "not of format 1"),
     ],

@@ -81,5 +81,5 @@ def test_only_a_field_of_whole_bytes_has_a_span() -> None:
     layout = Layout("X", Field("a", 4), Field("b", 4), Field("c", 8))
     assert layout.span("c") == (1, 2)
     for name in ("a", "b", "d"):
-        with pytest.raises(ValueError, match=f"X has no field {name} that consists of whole bytes"):
+        with pytest.raises(ValueError, match=f"X has no field '{name}' that consists of whole bytes"):
             layout.span(name)

@@ -1,9 +1,11 @@
 """Instructions to `heronry check` in the comments of a spec: ignore a finding on a line, or make a warning an error.
 
-altitude: {type: FLOAT}  # dg: ignore[DG240] read by the ground station DG240 is ignored on this line; the text after
-    the bracket is the reason # dg: ignore[DG240, DG241] read by the ground station on a line of its own: both codes are
-    ignored on the next line that is neither empty nor a comment # dg: error[DG401] above the first line of the spec:
-    the warning DG401 counts as an error in the whole spec
+There are three forms:
+
+`altitude: {type: FLOAT}  # dg: ignore[DG240] read by the ground station` DG240 is ignored on this line; the text after
+    the bracket is the reason `# dg: ignore[DG240, DG241] read by the ground station`, on a line of its own both codes
+    are ignored on the next line that is neither empty nor a comment `# dg: error[DG401]`, above the first line of the
+    spec the warning DG401 counts as an error in the whole spec
 
 An instruction begins at the first `# dg:` of a line, even inside a quoted text. Two kinds of findings cannot be
 ignored: those that stop a spec from being loaded, and those about the instructions themselves.
@@ -57,7 +59,10 @@ def lines_of(data: bytes) -> Iterator[str]:
 
 
 def read_instructions(data: bytes, known: Mapping[str, Rule], findings: Findings) -> Instructions:
-    """Read the instructions in a file; an instruction that cannot be followed gives a finding."""
+    """Read the comments of a file that instruct `heronry check`.
+
+    An instruction that cannot be followed gives a finding.
+    """
     reader = _Reader(known, findings)
     if _MAY_HAVE_ONE.search(data):
         reader.read(list(lines_of(data)))

@@ -151,7 +151,7 @@ def _watched(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
 
 
 def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
-    """Find rules of phases that can never fire, though some module gives their variable."""
+    """Report each phase rule that can never fire although some module gives its variable."""
     for phase in subject.spec.phases.values():
         if phase.when is None or phase.when.variable not in wiring.givers:
             continue
@@ -163,7 +163,7 @@ def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None
 
 
 def _circles(subject: Subject, findings: Findings) -> None:
-    """Find rules that lead around a circle of phases and whose conditions all hold at one value of their variable.
+    """Report phases whose rules lead from one to the next in a circle, and all hold at one value of a variable.
 
     While the variable has that value, each of its messages would change the phase.
     """

@@ -121,7 +121,7 @@ def _too_many(subject: Subject, findings: Findings) -> None:
 
 
 def _standard_identifiers(subject: Subject, findings: Findings) -> None:
-    """Compare every variable that has a standard identifier with CANaerospace's list of these identifiers."""
+    """Check each variable that has a standard identifier against CANaerospace's list; add a finding per mistake."""
     for variable in subject.spec.variables.values():
         if variable.identifier is None:
             continue
@@ -199,9 +199,11 @@ def _starved(subject: Subject, findings: Findings, response: Response, level: st
 
 
 def _possible_hops(spec: Spec) -> dict[str, list[Hop]]:
-    """Give for each wired bus every source that is sent there in at least one configuration.
+    """Give for each wired bus every source that may have to be sent there.
 
-    For each source, the mode is the one in which its module gives the variable at the fastest rate.
+    These are the sources for which the bus lies between a PE on which the producer may run and a PE on which
+    another module that reads the variable may run. The mode of a hop is the one in which the producer gives
+    the variable at the fastest rate.
     """
     left = survivors(spec, Situation())
     hosts = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}

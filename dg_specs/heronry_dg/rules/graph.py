@@ -39,7 +39,11 @@ def _voter(needs: str) -> str:
 
 
 def _lamps(first: str, second: str) -> str:
-    """Write a spec with DEMUX `light` and two displays; `first` and `second` are fields of the displays."""
+    """Write a spec with DEMUX `light` and two displays.
+
+    first: fields of the module `display`, as YAML text.
+    second: fields of the module `second_display`, as YAML text.
+    """
     return (
         f"{_LAMPS}  display: {{device: lamp, {first}, {RUNS}}}\n"
         f"  second_display: {{device: second_lamp, {second}, {RUNS}}}\n"

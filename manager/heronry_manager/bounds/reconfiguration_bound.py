@@ -150,7 +150,7 @@ class Bounds:
             return Bound(case, None, decide_ns, note=str(error))
 
     def _detected(self, case: Case, decide_ns: int) -> Bound:
-        """Begin the bound of a case with the longest time until the manager knows of the fault or the return."""
+        """Begin the bound of a case with the longest time until the manager knows of the fault or a PE's return."""
         times = self._times(Burst(reports=1) if not case.silent and not case.returns else QUIET)
         found = Bound(case, None, decide_ns)
         if case.returns:
@@ -227,9 +227,9 @@ class Bounds:
         )
 
     def _activating(self, burst: Burst) -> Burst:
-        """Give the frames on the buses during a step of activation.
+        """Give the frames on the buses during a step of activation: one more broadcast and answer than `burst`.
 
-        Of the slices only those for PEs beyond a radio count, since these PEs may still be receiving them.
+        Of the slices, only those for PEs beyond a radio count, since these PEs may still be receiving slices.
 
         burst: the frames on the buses while the slices went out.
         """
@@ -243,9 +243,10 @@ class Bounds:
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
         """Give the number of SLICE frames for one PE: one head, and as many bodies as its slice needs.
 
-        - If several PEs are lost or return, the longer of two slices counts: that in `before`, or that in `after`.
-        - Otherwise the slice in `after` counts. A PE that did not return, and has the same slice in `before`, gets
-          no bodies.
+        - If several PEs are lost or return together, the PE may need its slice in `before` or that in `after`; the
+          longer one counts.
+        - Otherwise its slice in `after` counts. It needs no bodies if it has the same slice in `before`, unless the
+          PE itself returns.
         """
         node = self._spec.pes[pe].node_id
         length = len(after.slices[node])
@@ -283,7 +284,10 @@ class Bounds:
         return max((sum(times[bus].command_ns + times[bus].answer_ns for bus in path) for path in paths), default=0)
 
     def _repeated(self, pes: Iterable[str], times: _Times) -> str | None:
-        """Say that one of these PEs may answer so late that the manager repeats its command; None: none does."""
+        """Say that one of these PEs may answer a command so late that the manager repeats the command.
+
+        None: no PE may answer so late.
+        """
         for pe in pes:
             if self._round_trip([pe], times) >= self._period_ns(pe):
                 return f"{pe} may answer later than a heartbeat period, so that the command is repeated"

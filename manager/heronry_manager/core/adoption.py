@@ -60,10 +60,11 @@ class Adoption:
         return self._adopted(newest, plan, compiled)
 
     def of_remembered(self, runs: Runs | None, now: Situation) -> Reconfiguration | None:
-        """Give the remembered or overheard epoch `runs` as one to adopt, if the PEs run it; None otherwise.
+        """Give the remembered or overheard epoch `runs` as one to adopt, if the PEs run this epoch; None if not.
 
-        A PE that runs nothing, or is missing, does not prevent the adoption; it is treated as a fault. The memory does
-        not say which limits the radios had when the plan was made. So the plan counts as made for the limits in `now`.
+        A PE that runs nothing, or is missing, does not prevent the adoption; such a PE is treated as a fault. The
+        memory does not say which limits the radios had when the plan was made. So the plan counts as made for the
+        limits in `now`.
         """
         if runs is None:
             return None

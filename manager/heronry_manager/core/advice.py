@@ -19,7 +19,7 @@ from heronry_manager.core.turn import Turn
 
 
 class Advice:
-    """Reports, as events, what a manager that only advises would deploy; it commands nothing."""
+    """Reports, as events, what a manager that only advises would deploy; this manager commands nothing."""
 
     def __init__(self, turn: Turn, health: Health, deployment: Deployment) -> None:
         self._turn, self._health, self._deployment = turn, health, deployment
@@ -28,8 +28,8 @@ class Advice:
     def advise(self, plan: Plan, unknown: int | None, overheard: Runs | None) -> None:
         """Report the changes that deploying this plan would make.
 
-        unknown: the epoch that the PEs run, if this manager does not know its configuration: then the event reports
-            this epoch, and no changes. None: what runs is known, or nothing runs.
+        unknown: the epoch that the PEs run, whose configuration this manager does not know. Then the event
+            reports this epoch, and no changes. None: what runs is known, or nothing runs.
         overheard: the configuration that another manager was heard to activate. If `unknown` is the epoch of this
             configuration, nothing is reported, since `follow` will adopt the epoch.
         """

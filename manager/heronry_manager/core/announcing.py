@@ -52,7 +52,7 @@ class Announcer:
         return phase
 
     def look(self) -> list[Fact]:
-        """List the facts that hold now, and forget those that have ended: if they hold again, they count as new."""
+        """List the facts that hold now, and forget all others: a fact that holds again later counts as new."""
         fields = map(self._situation.failed.field, self._situation.failed.elements)
         held = sorted(field for field in fields if field is not None)
         facts = self._phase() + [(Operation.HOLDS, *field) for field in held]

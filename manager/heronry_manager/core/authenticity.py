@@ -154,7 +154,7 @@ class _Overheard:
 
 
 class Authenticity:
-    """Tags the commands of one manager with its key, and checks what PEs and other managers send."""
+    """Tags the commands of one manager with its key, and verifies the tags in the frames of PEs and other managers."""
 
     def __init__(
         self,
@@ -167,8 +167,8 @@ class Authenticity:
     ) -> None:
         """Begin without any session.
 
-        digest_of: gives the digest of an epoch by its number; None: the epoch is not known. A standby manager knows the
-            epochs of the manager that it follows.
+        digest_of: gives the digest of the epoch with a number, or None if this manager does not know the epoch.
+            A standby manager knows the epochs of the manager that it follows.
         speaks: tells whether this manager sends LEASE; only a manager that sends LEASE sends RENEW.
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
@@ -281,8 +281,8 @@ class Authenticity:
     def _forget(self, peer: _Peer, emergency: bytes) -> None:
         """Forget an EMCY; if no page 0 has proven it, every frame that brought it counts as forged.
 
-        These frames also count in `unproven`, which the status shows. EMCYs with a code in `_SENT_ONCE` are an
-        exception: no page 0 proves these EMCYs, so they may be genuine.
+        These frames also count in `unproven`, which the status shows. Only for an EMCY with a code in `_SENT_ONCE`
+        they do not: no page 0 proves such an EMCY, so it may be genuine.
         """
         heard = peer.held.pop(emergency)
         if heard == _PROVEN:
@@ -306,10 +306,11 @@ class Authenticity:
             self._overheard[manager].append(_Overheard(self._by_node[order.node], session, control))
 
     def _follow(self, manager: int, tag: bytes) -> None:
-        """Find another manager's WELCOME that this TAG proves, among those kept, and open its session with the PE.
+        """Open the session that another manager offers with a WELCOME, if this TAG proves the WELCOME.
 
-        The session is not opened if the same or a newer session of the PE is known. No effect if the TAG proves
-        no WELCOME.
+        Only the WELCOMEs of `manager` that were kept are tried. The session is with the PE to which the WELCOME
+        was sent. It is not opened if the same or a newer session of this PE is known. No effect if the TAG proves
+        none of these WELCOMEs.
         """
         kind, _, proof = decode_tag(tag) or (None, 0, 0)
         for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:

@@ -17,7 +17,7 @@ from heronry_wire.sansio import Send
 
 
 class Beacon:
-    """Builds the manager's regular frames, and numbers them."""
+    """Builds the manager's regular frames, and numbers the ALIVEs."""
 
     def __init__(self, node: int, period_ns: int, first_ns: int) -> None:
         """Set the first beat to be due at `first_ns`, and then one beat in each `period_ns` (nanoseconds)."""
@@ -27,7 +27,11 @@ class Beacon:
         self._sequence = 0
 
     def beat(self, now_ns: int, lease: Lease, alive: frozenset[int], suspects: frozenset[int]) -> list[Send]:
-        """Give the frames of one beat: `lease`, an ALIVE that names the nodes `alive`, a PING to each of `suspects`."""
+        """Give the frames of one beat, and set the time at which the next beat is due (`next_ns`).
+
+        The frames are `lease`, an ALIVE that names the nodes `alive`, and a PING to each of the nodes `suspects`.
+        The manager's CANopen heartbeat follows if it is due.
+        """
         pings = [self.ping(lease.term, node) for node in sorted(suspects)]  # with the number of this ALIVE
         frames = [self._send(Command.LEASE, lease.encode()), self.alive(lease.term, alive), *pings]
         if now_ns >= self._canopen_ns:

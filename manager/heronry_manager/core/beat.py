@@ -38,7 +38,7 @@ _ALL_NODES = 0
 
 
 class Beat:
-    """Sends what an active manager sends of its own accord: each beat, and ALIVE and PING between two beats."""
+    """Sends the beats of an active manager, and the frames that cannot wait for a beat: ALIVE, PING and facts."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
         self._settings, self._turn, self._known = settings, turn, known
@@ -72,7 +72,7 @@ class Beat:
             self._tell_accepted(fact[1])
 
     def ping(self, pe: str) -> None:
-        """Send a PING to a PE, which answers it with its state."""
+        """Send a PING to a PE; the PE answers with its state."""
         self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:

@@ -114,9 +114,10 @@ class ChangedPriorities:
         return self._change(PriorityChanged(function, priority, by_operator=True), _OPERATOR)
 
     def requested(self, pe: str, incarnation: int, request: Emergency) -> list[str] | None:
-        """Decide on a PE's request for a priority; gives the causes of a new plan, none if no priority changes.
+        """Decide on a PE's request for a priority; gives the causes of a new plan.
 
-        None: the request must not be acknowledged yet, so that the PE repeats it.
+        An empty list: the request is acknowledged, but changes no priority. None: it must not be acknowledged,
+        so that the PE repeats it.
         """
         index, number = divmod(request.index, PRIORITY_REQUEST_NUMBERS)
         if index >= len(self._functions):
@@ -210,10 +211,10 @@ class ChangedPriorities:
         return [] if change is None else [change]
 
     def answered(self, pe: str, incarnation: int, index: int) -> None:
-        """Note that the active manager has acknowledged a request.
+        """Note that the active manager has acknowledged a PE's request for the priority of a function.
 
-        If the active manager has announced the priority of that function immediately before, it has executed the
-        request. Then the number of the request is remembered.
+        If the active manager has announced the priority of the same function immediately before, it has executed
+        the request. Then the number of the request is remembered.
 
         index: index of the function and number of the request, in one number as in CONTROL.
         """

@@ -174,7 +174,7 @@ class Deployment:
         return "it runs nothing although it was configured" if seen.configured else None
 
     def _placed_since(self, known: Reconfiguration) -> Iterable[Mapping[str, set[str]]]:
-        """Yield the tokens that each epoch newer than `known` places on the PEs."""
+        """Yield one mapping for each epoch newer than `known`: by PE, the tokens that this epoch places there."""
         return () if known is self.current else self.epochs.placed_since(known)
 
     def staging(self, pe: str, page: StatePage1) -> str | None:
@@ -316,9 +316,10 @@ class Deployment:
         return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]
 
     def advance(self) -> Reconfiguration | None:
-        """Command the next step of each epoch that need not wait any more.
+        """Send the next step of each epoch for which nothing is left to wait.
 
-        Returns the epoch that is completed now; None if none is completed.
+        A staged epoch gets its first ACTIVATE and becomes the current one; the current epoch gets its next step.
+        Returns the current epoch if it is completed now; None if not.
         """
         if self.next is not None and self.next.all_staged():
             self._activate(self.next)

@@ -75,7 +75,7 @@ class Epochs:
         return self._compiler.configuration(configuration)
 
     def decoded(self, runs: Runs) -> Configuration:
-        """Decode the configuration of an epoch that the journal has, or that another manager has announced."""
+        """Decode the configuration of an epoch, as the journal keeps it or as another manager has announced it."""
         return self._code.decode(bytes.fromhex(runs.row))
 
     # Making an epoch
@@ -161,7 +161,10 @@ class Epochs:
 
 
 def module_changes(before: Configuration | None, after: Configuration) -> ModuleChanges:
-    """List how two configurations differ; `before` is None if nothing ran."""
+    """List the modules that are moved, started and stopped between two configurations.
+
+    before: the former configuration; None: nothing ran.
+    """
     old: Mapping[str, Running] = {} if before is None else before.modules
     new = after.modules
     return ModuleChanges(

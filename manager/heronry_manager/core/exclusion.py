@@ -122,8 +122,8 @@ class Exclusion:
     def waits(self) -> bool:
         """Tell whether `said` must be called when the next ALIVE is on the bus.
 
-        This is so while there is a PE that ALIVE no longer names, or may not name, and no ALIVE without this PE
-        has been on the bus yet.
+        This is so while there is a PE that the present ALIVE does not name, but that an earlier ALIVE has named, or
+        may have named, and no ALIVE without this PE has been on the bus yet.
         """
         return bool(self._unsaid)
 
@@ -164,7 +164,7 @@ class Exclusion:
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:
-        """Record that an available PE holds no token, since it is a new incarnation, or runs nothing any more."""
+        """Record that a PE holds no token: it is available, and has restarted or runs nothing any more."""
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
@@ -176,13 +176,15 @@ class Exclusion:
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
-        """Let a PE hold every token that can be placed on it, since it may run a configuration of another manager."""
+        """Record that a PE may hold every token that it could get, since it may run another manager's configuration."""
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
-        """Give the available PEs that must give up a token which `placed` gives to another PE.
+        """Give the available PEs that must give up a token, since `placed` gives this token to another PE.
 
-        The manager waits until they report BROKEN.
+        The manager waits until these PEs report BROKEN.
+
+        placed: tokens by PE.
         """
         return {pe for pe in available if self._rivals(pe, placed)}
 
@@ -219,7 +221,10 @@ class Exclusion:
         return max(ends, default=None)
 
     def _rivals(self, pe: str, placed: Mapping[str, set[str]]) -> set[str]:
-        """Give the tokens that `pe` holds for something that `placed` gives to another PE."""
+        """Give the tokens that the PE `pe` holds, and whose exclusive thing `placed` has on another PE.
+
+        A token that `placed` also gives to `pe` itself is left out.
+        """
         mine = placed[pe]
         others = {_exclusive_thing(token) for other, tokens in placed.items() for token in tokens if other != pe}
         return {token for token in self._holds[pe] - mine if _exclusive_thing(token) in others}

@@ -82,8 +82,10 @@ class Following:
         *,
         on_board: ContingencyNumbers | None = None,
     ) -> None:
-        """Wait `patience_ns` for the first LEASE of any manager.
+        """Begin before any LEASE was heard.
 
+        patience_ns: before the first LEASE, the PEs count as orphaned only after this time in ns; if some PE runs
+            a configuration, after three times T_lease if that is sooner.
         on_board: the configurations that PREPARE can name by number; None: there are none.
         """
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
@@ -106,9 +108,10 @@ class Following:
         self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE named them
 
     def heard(self, node: int, message: ManagementMessage) -> Changes:
-        """Learn from another manager's command; gives the changes of the situation that the command announces.
+        """Learn from a command of another manager; gives the changes of the situation that the command announces.
 
-        Only a LEASE is taken from any manager; any other command counts only from the manager that is followed.
+        A LEASE is taken from any manager. Every other command counts only if the followed manager sends it; an
+        ALIVE or a CONTROL must also have the term of this manager.
         """
         if isinstance(message, Lease):
             self._lease(node, message)
@@ -184,7 +187,13 @@ class Following:
         return self._digests.get(epoch)
 
     def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
-        """Note from page 0 of a PE what the PE runs, and whether it hears a manager."""
+        """Note from page 0 of a PE whether the PE hears a LEASE.
+
+        If this manager follows no manager (`node` is None) and the PE is configured, the aircraft is taken to be in
+        flight. Then this manager waits for a LEASE no longer than it does in flight (`is_orphaned`).
+
+        is_proven: False: the tag of the page is not valid; such pages are noted apart from the proven ones.
+        """
         said = self._said if is_proven else self._unproven
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
         if self.node is None and page.state is not PeState.UNCONFIGURED:
@@ -220,9 +229,9 @@ class Following:
         return self._available
 
     def unbelieved(self) -> frozenset[str]:
-        """Give the PEs that are heard, but have proven no state to this manager.
+        """Give the PEs that were heard of late, but have proven no state to this manager in this time.
 
-        If a manager is known, only PEs in its last ALIVE count.
+        If the active manager's last ALIVE has named any PEs, only the PEs that it named are given.
         """
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
         return frozenset(speak & self._available if self._available else speak)

@@ -164,7 +164,7 @@ class Health:
         return self._records[pe].incarnation
 
     def said_incarnation(self, pe: str, since_ns: int) -> int | None:
-        """Give a PE's boot count, proven or not, if it has not changed since `since_ns`; None otherwise."""
+        """Give the boot count that a PE reported last, proven or not; None if it has changed after `since_ns`."""
         record = self._records[pe]
         return record.said if record.said_since_ns <= since_ns else None
 
@@ -280,7 +280,10 @@ class Health:
         self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
 
     def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
-        """Wait `window_ns` for PEs that were available to the previous manager, but have proven nothing to this one."""
+        """Wait `window_ns` for those of these PEs that are not available; a PE with a latched fault is not awaited.
+
+        pes: PEs that were available to the previous manager, but have proven nothing to this one.
+        """
         for record in map(self._records.__getitem__, sorted(pes)):
             if not record.barred and not self.is_available(record.name):
                 record.move(StandingEvent.AWAITED_AGAIN)
@@ -289,9 +292,9 @@ class Health:
                 self._window_closes_ns = now_ns + window_ns
 
     def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
-        """Make those of these PEs that are in their hold-down (RETURNING) available now; returns the changes.
+        """Make those of the PEs `pes` that are in their hold-down (RETURNING) available now; returns the changes.
 
-        They were available to the previous manager, and run its configuration.
+        These PEs were available to the previous manager, and run the configuration of that manager.
         """
         return [
             self._join(record, now_ns, StandingEvent.INHERITED, "it was available to the previous manager")

@@ -58,7 +58,7 @@ class HeldOutputs:
     def status(self, pe: str) -> dict[str, Any] | None:
         """Give the modules whose outputs a PE holds back, the cause, and the time since then in ns.
 
-        None: this PE has not reported for longer than T_lease that it holds outputs back.
+        None: the PE holds no outputs back, or has not done so for longer than T_lease.
         """
         held = self._held.get(pe)
         if held is None or not held.is_told:

@@ -48,7 +48,7 @@ _WORSE = "it is worse at level 1 than the plan for this situation"
 
 
 class HeldScript:
-    """Keeps, for one mastership, the configurations that the operator's scripts order to run and to stay."""
+    """Keeps, for one mastership, the target that a script has asked for, and the target that is held."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn
@@ -58,7 +58,7 @@ class HeldScript:
 
     @property
     def is_asked(self) -> bool:
-        """Tell whether an ordered configuration waits to be compared with the best plan."""
+        """Tell whether the operator has ordered a configuration that still has to be compared with the best plan."""
         return self._asked is not None
 
     def status(self) -> dict[str, Any]:
@@ -85,9 +85,9 @@ class HeldScript:
         self._turn.emit("script_ended", reason=reason)
 
     def release(self) -> bool:
-        """Release the operator's scripts: refuse the one that is asked, and end the one that is held.
+        """Release the operator's scripts: refuse the ordered one that waits, and end the held one.
 
-        Returns False if there is neither.
+        Returns False if there is neither an ordered nor a held one.
         """
         was_asked, was_held = self.is_asked, self.target is not None
         if was_asked:
@@ -101,7 +101,7 @@ class HeldScript:
         self._turned("this mastership has ended", is_legal=False)
 
     def situation_changed(self, now: Situation, cause: str) -> None:
-        """Refuse an ordered configuration that is not held yet; end a held one that is not legal any more."""
+        """Refuse the ordered configuration that waits; end the held one if it is not legal in the situation `now`."""
         if not self.is_asked and self.target is None:
             return
         broken = [] if self.target is None else verify(self._spec, now, self.target)
@@ -117,10 +117,12 @@ class HeldScript:
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
         """Choose what to deploy: the configuration of a script, or `known`, the plan for this situation.
 
-        The configuration that the operator has just ordered is compared with `known` first, then that of the held
-        script. If a configuration is worse than `known` at level 1, the order is refused, or the held script ends.
-        Returns a plan of the first configuration that is not worse. Returns None if there is none; then the caller
-        has to deploy `known`.
+        1. If the operator has just ordered a configuration, it is compared with `known`. If it is worse at level 1,
+           the order is refused; otherwise this configuration becomes the held one, and a plan of it is returned.
+        2. Then the configuration of the held script is compared with `known`. If it is worse at level 1, the script
+           ends; otherwise a plan of this configuration is returned.
+
+        Returns None if neither is left; then the caller has to deploy `known`.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

@@ -96,7 +96,7 @@ class PeAsked:
 
 @dataclass(frozen=True, slots=True)
 class TargetAsked:
-    """The operator has ordered, by a script, that the legal configuration `target` be flown."""
+    """The operator has ordered, by a script, that the PEs run the configuration `target`, which is legal."""
 
     target: Configuration
 

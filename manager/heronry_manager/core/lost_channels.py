@@ -57,10 +57,7 @@ class LostChannels:
         self._told_ns[key] = self._turn.now_ns
 
     def beat(self) -> None:
-        """Forget what a PE has reported as lost if it has not repeated the report for CHANNEL_FORGOTTEN_NS.
-
-        Done for each PE and each channel.
-        """
+        """Forget each report of a lost channel that its PE has not repeated for CHANNEL_FORGOTTEN_NS."""
         for key in [key for key, at_ns in self._told_ns.items() if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS]:
             self._forget(key)
 

@@ -161,8 +161,8 @@ class Claim:
     def learns_for(self, leases: int) -> None:
         """Listen for `leases` times T_lease from now on.
 
-        A manager that only advises calls this when it first hears an active manager: before it advises, it has to learn
-        the facts that the active manager announces.
+        A manager that only advises calls this when it first hears an active manager: before it advises, it has
+        to learn the facts that the active manager announces.
         """
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
@@ -196,7 +196,7 @@ class Claim:
         return True
 
     def commands(self) -> bool:
-        """Note that a plan is requested; tells whether it is the first plan of this term."""
+        """Note that the manager requests a plan; tells whether this is the first plan of the present term."""
         is_first = self.state is Mastership.STARTING
         if is_first:
             self._move(MastershipEvent.COMMANDS)
@@ -233,7 +233,9 @@ class Claim:
     def gives_way_to(self, node: int, lease: Lease) -> bool:
         """Decide on a LEASE of another manager; returns True if this manager gives way and stands by from now on.
 
-        Where the setting `standby` is off, this manager does not stand by, but ends; then the answer is False.
+        Returns False if this manager need not give way, and wherever the setting `standby` is off. With `standby`
+        off this manager ends instead of standing by: at once if it is still listening, otherwise once LEASEs have
+        shown that the other manager is active (`_is_contradicted_again`).
         """
         is_listening, term = self.state is Mastership.LISTENING, self._turn.term
         is_double = node == self._settings.node and lease.term == term  # a manager does not receive its own frames

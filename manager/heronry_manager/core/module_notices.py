@@ -58,7 +58,7 @@ class ModuleNotices:
         raise NotImplementedError
 
     def _over(self, module: str, by: str) -> None:
-        """Report the end of a notice as an event; a class that does not override this method reports no end."""
+        """Do nothing at the end of a notice; a subclass may override this method and report the end as an event."""
 
 
 class Disagreements(ModuleNotices):

@@ -92,7 +92,11 @@ class _Reading:
 
 @dataclass(slots=True)
 class ObjectReader:
-    """The SDO client of a manager; it calls `ask` with each frame to send. Call `tick` at `next_ns` (ns)."""
+    """The SDO client of a manager.
+
+    ask: is called with each frame to send.
+    next_ns: the time in ns at which to call `tick`.
+    """
 
     ask: Callable[[Send], None]
     next_ns: int = NEVER_NS
@@ -101,7 +105,9 @@ class ObjectReader:
     _left_until_ns: dict[int, int] = field(default_factory=dict)  # by node: another client has it
 
     def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int, *, tries: int = 1) -> None:
-        """Queue an object for reading; `take` is called once, with its value, or with None if it cannot be read.
+        """Queue an object for reading; `take` is called once, with the value of the object.
+
+        `take` is called with None if the object cannot be read, or if too many objects wait already.
 
         tries: largest number of tries; another try follows only if the last one gave no value.
         """
@@ -116,7 +122,7 @@ class ObjectReader:
         self._begin_next(now_ns)
 
     def heard(self, node: int, message: bytes, now_ns: int) -> None:
-        """Process an answer of a PE's SDO server; an answer to no request of this manager is dropped."""
+        """Process an answer of a PE's SDO server; drop the answer if this manager awaits none from this PE."""
         reading = self._now
         if reading is None or reading.node != node:
             return

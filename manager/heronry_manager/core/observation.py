@@ -45,7 +45,10 @@ class Observations:
             seen.hears = False
 
     def take(self, pe: str, page: StatePage0) -> Observed | None:
-        """Note page 0 of a PE; gives what is now known of the PE, or None if the page is late."""
+        """Note page 0 of a PE, and return what is now known of the PE.
+
+        Returns None, and notes nothing, if the page is late: a newer page of this PE was noted before.
+        """
         seen = self.of[pe]
         if seen.is_late(page):
             return None

@@ -41,7 +41,7 @@ class OnBoard:
 
 
 class ContingencyNumbers:
-    """Gives the numbers of the configurations on board, and tells which PEs hold them."""
+    """Gives the number of each configuration on board, and tells which PEs hold their slice of it."""
 
     def __init__(self, spec: Spec, made: Contingencies, held: Iterable[OnBoard]) -> None:
         self._code = ConfigurationCode(spec)

@@ -125,7 +125,7 @@ class Overheard:
             return None
 
     def know(self, configuration: Configuration) -> int:
-        """Keep every slice of a configuration, so that it need not be heard later.
+        """Keep every slice of a configuration, so that these slices need not be heard later.
 
         Gives the digest of the configuration.
         """

@@ -1,4 +1,4 @@
-"""The objects of a manager's core that act: each is made once, after the objects that it needs."""
+"""Makes the objects of a manager's core that process frames, each after the objects that it needs."""
 
 from heronry_manager.core.beat import Beat
 from heronry_manager.core.knowledge import Knowledge

@@ -118,7 +118,10 @@ class PeDetails:
         self._read(pe, MODULE_TRACEBACKS, self._position(pe, element), take)
 
     def look_at_standstills(self, pe: str, look: Look) -> None:
-        """Read how often the computer of a PE has stood still, and for how long; `look`: the reason for reading."""
+        """Read how often the computer of a PE has stood still, and for how long.
+
+        look: why this is read; the reason decides whether new standstills are reported in an event.
+        """
         if look is Look.TELL:
             self._untold.add(pe)
         found: dict[str, int] = {}

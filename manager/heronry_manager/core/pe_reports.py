@@ -58,7 +58,10 @@ class PeReports:
                 pass
 
     def unproven(self, pe: str, page: StatePage0) -> None:
-        """Process a page 0 that is not believed: it may still show that the PE lives, and that it hears a manager."""
+        """Process a page 0 that is not believed.
+
+        The page may still show that the PE lives, and that the PE hears a manager.
+        """
         self._known.health.spoke(pe, page.incarnation, self._turn.now_ns)
         self._known.following.state(pe, page, is_proven=False)
 

@@ -86,12 +86,15 @@ class Planning:
 
     @property
     def is_owed(self) -> bool:
-        """Tell whether the manager waits for an answer, or will repeat a request that failed."""
+        """Tell whether the manager waits for the planner's answer, or will repeat a request that failed."""
         return self.waiting or self.again_ns is not None
 
     @property
     def idle(self) -> bool:
-        """Tell whether no plan is awaited, no request will be repeated, and no cause of a change is left."""
+        """Tell whether there is no plan to wait for and no change left to plan for.
+
+        So no plan is awaited, no failed request will be repeated, and no cause of a request is kept.
+        """
         return not self.is_owed and not self.causes and not self.gathered
 
     def is_due_again(self) -> bool:
@@ -156,7 +159,7 @@ class Planning:
     def target_refused(self) -> None:
         """Note that the script is refused.
 
-        The plan that was requested for comparison with the script now counts as requested in the background.
+        The causes of the plan that was requested for comparison with the script become those of a background request.
         """
         self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
@@ -167,7 +170,7 @@ class Planning:
         self.gathered.clear()
 
     def done(self, causes: tuple[Cause, ...]) -> None:
-        """Drop these causes of a new plan, since the configuration that runs now was planned for them."""
+        """Drop these causes for a new plan, since the configuration that runs now was planned because of them."""
         self.causes = [cause for cause in self.causes if cause not in causes]
 
 

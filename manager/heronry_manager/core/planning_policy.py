@@ -78,7 +78,7 @@ class ImmediatePlanner(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A plan to be made ahead: for this situation, while this configuration runs."""
+    """The request for a plan ahead: for the situation `now`, while the placement `running` runs."""
 
     now: Situation
     running: Placement
@@ -206,8 +206,8 @@ class PlanningPolicy:
     def _made_before(self, request: RequestPlan) -> Plan | None:
         """Find a contingency that answers this request; None if there is none.
 
-        No contingency answers while a radio is limited or a priority is changed, or while a script of the operator is
-        asked for or held: contingencies are made without these.
+        Contingencies are made without limited radios, changed priorities and scripts of the operator. So no contingency
+        answers while a radio is limited or a priority is changed, or while a script is asked for or held.
         """
         if self._contingencies is None or request.target is not None or request.now.limits or request.now.priorities:
             return None

@@ -69,9 +69,10 @@ class Reactions:
         self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
 
     def discount_losses(self) -> None:
-        """Discount the losses of PEs, since this manager itself heard nothing.
+        """Discount the last loss of each PE that was lost while this manager itself heard nothing.
 
-        If one of these losses has put a PE into quarantine, the quarantine ends.
+        If a PE is still in quarantine after that, the memory gets its new number of losses; if it is not any more, the
+        memory gets the end of the quarantine.
         """
         health = self._known.health
         for pe in health.discount_losses():

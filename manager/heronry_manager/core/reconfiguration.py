@@ -218,9 +218,9 @@ class Reconfiguration:
             self._ask(progress, now_ns)
 
     def not_on_board(self, pe: str, now_ns: int) -> None:
-        """Note from page 1 that a PE does not hold the contingency that PREPARE names, and send it its slice.
+        """Note that by its page 1 a PE does not hold the contingency that PREPARE names; send this PE its slice.
 
-        This has no effect if the PE has staged the slice, or is to get it already.
+        This has no effect if the PE has staged the slice, or if the slice is being sent to the PE already.
         """
         progress = self._progress.get(pe)
         if progress is not None and not progress.staged and not progress.needs_slice:
@@ -300,9 +300,9 @@ class Reconfiguration:
         self._progress.clear()
 
     def tick(self, now_ns: int) -> list[str]:
-        """Repeat the commands that PEs have not answered in time.
+        """Repeat the commands that PEs have not answered in time; the caller calls this at `next_deadline_ns`.
 
-        Gives the PEs that have not answered within the patience; their silence causes no repetition any more.
+        Returns the PEs that have not answered within the patience. For these PEs no command is repeated any more.
         """
         self._pace(now_ns)
         waiting = self._waiting_for()
@@ -336,7 +336,10 @@ class Reconfiguration:
         return min(deadlines, default=None)
 
     def _enter(self, event: StageEvent, now_ns: int) -> None:
-        """Enter the next stage, and command its step, which every PE must report from now on."""
+        """Enter the stage to which `event` leads, and command the step of this stage.
+
+        Each PE owes a report of this step from now on.
+        """
         self._move(event)
         self._broadcast_ns = now_ns
         for progress in self._progress.values():

@@ -59,7 +59,8 @@ class Replanning:
     def need(self, change: PlanNeeded) -> None:
         """Abandon the epoch that is being prepared, and request a new plan as soon as possible.
 
-        In a storm of changes, the present request or epoch may be finished first.
+        In a storm of changes, the request or epoch that is under way may be finished first; the change is then
+        kept for the next request. No effect if this manager stands by.
         """
         if self._claim.state is Mastership.STANDBY:
             return
@@ -78,7 +79,11 @@ class Replanning:
             self.ask()
 
     def _finishes_first(self) -> bool:
-        """Tell whether a storm of changes is in progress, in which the present request or epoch is finished first."""
+        """Tell whether a new change must wait until the present request or epoch is finished.
+
+        This is so only during a storm (see storms.py), and only in two cases: an epoch is being prepared, and its
+        configuration may still be deployed; or no epoch is being prepared, and a plan is awaited.
+        """
         if not self._storms.rages:
             return False
         opened = self._known.deployment.next
@@ -97,7 +102,7 @@ class Replanning:
     def limit(self, change: LimitChanged) -> None:
         """React to a changed limit of a radio.
 
-        Request a plan, unless nothing is under way and the running plan is still the best one.
+        Keep the running plan if it is still the best one and nothing is under way. In all other cases request a plan.
         """
         plan = self._known.deployment.plan
         if plan is not None and self.planning.idle and self._known.situation.spares(plan):
@@ -106,10 +111,10 @@ class Replanning:
             self.need(PlanNeeded(change.cause))
 
     def need_higher_epoch(self, pe: str) -> None:
-        """Request a plan, and so a newer epoch, if a PE runs an epoch newer than this manager's.
+        """Request a plan, which brings a newer epoch, if the PE `pe` runs a newer epoch than this manager has opened.
 
-        Do nothing while an answer of the planner is awaited, or a failed request will be repeated. See *overtaken* in
-        `deployment`.
+        Do nothing if this manager is not active, while an answer of the planner is awaited, or while a failed
+        request waits to be repeated. See *overtaken* in `deployment`.
         """
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
@@ -197,10 +202,10 @@ class Replanning:
             deployment.prepare(answer.plan, self.planning.causes)
 
     def _weighed(self, answer: PlanReady) -> PlanReady:
-        """Return the answer to deploy: the given one, or one with the configuration of a script as its plan.
+        """Return the answer to deploy: the given one, or one whose plan is the configuration of a script.
 
-        The configuration of a script, asked or held, is taken unless it is worse at level 1 than the plan in
-        `answer`. Without such a script, the given answer is returned.
+        A script that the operator has just ordered is tried first, then the held script: its configuration is
+        taken unless it is worse at level 1 than the plan in `answer`. If none is taken, `answer` is returned.
         """
         script, deployment = self._known.script, self._known.deployment
         was_asked = script.is_asked
@@ -222,7 +227,7 @@ class Replanning:
             self._settle()
 
     def _runs_already(self, plan: Plan) -> bool:
-        """Tell whether the PEs run this plan already; another term may have deployed it."""
+        """Tell whether the PEs run this plan already, even if it was deployed in another term."""
         deployment = self._known.deployment
         may_adopt = deployment.current is None or self._settings.advise
         return deployment.runs(plan) or (may_adopt and deployment.adopts(plan))
@@ -230,10 +235,10 @@ class Replanning:
     # What runs
 
     def advance(self) -> None:
-        """Command the next step of each epoch that need not wait any more.
+        """Command the next step of each epoch for which nothing is left to wait for.
 
         If an epoch is completed, drop its causes, and decide what to request next (`_settle`). If the epoch that
-        was being prepared is activated, a storm ends.
+        was being prepared has been activated, tell `storms`: a storm of changes ends with an activation.
         """
         was_next = self._known.deployment.next
         done = self._known.deployment.advance()
@@ -244,9 +249,9 @@ class Replanning:
             self._settle()
 
     def look_at_what_runs(self) -> None:
-        """In a manager that advises: find out whether the PEs run a configuration that was advised or overheard.
+        """In a manager that only advises: find out whether the PEs run a configuration that was advised or overheard.
 
-        If what they run has just become known, decide whether it may stay (`_weigh`).
+        If such a configuration has just become known as the running one, decide whether it may stay (`_weigh`).
         """
         known = self._known
         is_reigning = self._claim.state is Mastership.ACTIVE
@@ -255,7 +260,10 @@ class Replanning:
             self._weigh()
 
     def _weigh(self) -> None:
-        """Keep the adopted configuration if it may stay and no plan is awaited; else request a plan now."""
+        """Decide whether the PEs keep the configuration that has become known to run.
+
+        They keep it if it may stay (`_may_stay`) and no plan is awaited. Otherwise a plan is requested.
+        """
         if self._may_stay() and not self.planning.waiting:
             self.planning.causes.clear()
             self._settle()

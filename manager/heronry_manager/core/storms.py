@@ -43,14 +43,16 @@ class Storms:
         self._restarts += 1
 
     def over(self) -> None:
-        """Count from zero again, since an epoch was activated or everything runs as planned: a storm is over."""
+        """Count from zero again, since an epoch was activated or everything runs as planned; this ends a storm."""
         self._restarts = 0
 
     @property
     def rages(self) -> bool:
-        """Tell whether there is a storm: changes have ended too many epochs or requests for plans in succession.
+        """Tell whether there is a storm.
 
-        In a storm changes are gathered until the epoch or the request for a plan that is under way is finished.
+        There is one if changes have ended at least `_RESTARTS` epochs or requests for plans in succession, and
+        the first of these ended at least `_STORM_NS` ago. In a storm changes are gathered until the epoch or the
+        request for a plan that is under way is finished.
         """
         return self._restarts >= _RESTARTS and self._turn.now_ns - self._since_ns >= _STORM_NS
 

@@ -25,7 +25,7 @@ from heronry_wire.protocol_times import LEARNS_LEASES
 
 
 class Succession:
-    """Carries out, for the whole core, that this manager becomes active, stands by, or stops sending."""
+    """Changes all parts of the core when this manager becomes active, stands by, or stops sending."""
 
     def __init__(self, parts: Parts) -> None:
         self._settings, self._turn, self._claim, self._known = parts.settings, parts.turn, parts.claim, parts.known

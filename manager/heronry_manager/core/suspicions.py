@@ -52,8 +52,8 @@ class Suspicions:
     def bus(self, bus: str, by: str) -> None:
         """Note that the PE `by` reports a failure of a bus.
 
-        If the report is new, emit two events: one with the report and with this manager's own evidence for or
-        against it, and one with the conclusion.
+        If the report is new, emit two events: the first has the report, and the evidence of this manager that the bus
+        carries frames or does not. The second has the conclusion.
         """
         element = f"bus:{bus}"
         if not self._note(element, by):

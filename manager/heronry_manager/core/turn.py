@@ -27,9 +27,10 @@ class Encodable(Protocol):
 
 
 class Turn:
-    """The present call of the core of manager `node`.
+    """Holds what the objects of a manager's core share during one call of the core (head of this file).
 
-    A `silent` manager sends nothing on the bus, and remembers nothing.
+    node: node-ID of the manager.
+    silent: whether the manager sends nothing on the bus, and remembers nothing.
     """
 
     def __init__(self, node: int, now_ns: int, *, term: int, memory: Memory = NOTHING, silent: bool = False) -> None:
@@ -63,6 +64,9 @@ class Turn:
         self.ask(Emit(make_event(kind, self.now_ns, **data)))
 
     def end(self) -> list[ManagerAction]:
-        """End the present call of the core; gives all actions that were requested in this call, in order."""
+        """Return all actions that were requested since the last call of this method, in order, and forget them.
+
+        If `seal` is set, it adds the TAGs.
+        """
         actions, self._actions = self._actions, []
         return actions if self.seal is None else self.seal(actions)

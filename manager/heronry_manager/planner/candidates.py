@@ -47,7 +47,7 @@ class Candidate:
         return (self.module.modes[name] for name in self.hosts)
 
     def pes(self) -> tuple[str, ...]:
-        """Give the PEs that could carry at least one of the possible modes."""
+        """Give the PEs that could carry the module in at least one of its possible modes."""
         return tuple(dict.fromkeys(pe for hosts in self.hosts.values() for pe in hosts))
 
 

@@ -49,9 +49,9 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Give an upper bound of the sum into which the group's levels are merged.
+        """Give an upper bound of the sum into which the levels of the constructor's `group` are merged.
 
-        From then on, choices with a smaller sum are ruled out.
+        From then on, choices whose sum is below this bound are ruled out.
 
         None: the effort was used up before the best sum was proven; no choice is ruled out then.
         """
@@ -87,10 +87,10 @@ class Choosing(Choice):
             self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
 
     def _add_capacities(self) -> None:
-        """Limit the CPU, memory and flash of modes to the room on the PEs that can run these modes.
+        """Let choices take no more CPU, memory and flash than the PEs have.
 
-        There is one limit for all PEs together. For the PEs that can run a mode there is another limit: it covers all
-        modes that can run only on these PEs.
+        One limit is for all modes, on all PEs together. Each mode gives another limit, for the set of PEs that can
+        run this mode: all modes that can run only on PEs of this set must fit on these PEs together.
         """
         modules = self.possible.modules
         everywhere = frozenset(self.possible.left.pe_cpu_millis)

@@ -185,10 +185,10 @@ class PlannerClient:
         self._process.send(request_line(self._inside))
 
     def _ended(self, reason: str) -> list[Planned | Failed]:
-        """Kill the process if it still runs, and return the request that it had as failed.
+        """Kill the planner's process if it still runs, and report the request that was sent to it as failed.
 
-        It is called when the process has ended, or has written a line that is no answer. The next request starts
-        another process.
+        This is called when the process has ended, or has written a line that is no answer. The next request starts
+        another process. Returns an empty list if the process had no request.
         """
         request = self._inside
         code = self._stop(kill=True)
@@ -208,7 +208,10 @@ class PlannerClient:
         return [] if request is None else [self._outcome(request, answer)]
 
     def _outcome(self, request: Request, answer: Solution | Refusal) -> Planned | Failed:
-        """Turn an answer of the process, which has verified its plan, into the answer to the caller."""
+        """Convert the answer of the planner's process to the answer for the caller.
+
+        The process has verified its plan. A plan with names that the spec does not have becomes a failure.
+        """
         if isinstance(answer, Refusal):
             return Failed(request.number, answer.reason)
         try:

@@ -117,10 +117,12 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model the condition that a message leaves in time; tell whether `published` violates it.
+        """Add to the model the condition that the message of `hop` leaves in time.
 
-        Returns False, and adds nothing, if this was called for the message before, or if the condition would have
-        more than MOST_MOMENTS moments.
+        Tells whether the messages in `published` violate this condition.
+
+        Returns False, and adds nothing, in two cases: this was called for this hop before; the condition would
+        have more than MOST_MOMENTS moments.
         """
         if hop in self._stated:
             return False
@@ -160,12 +162,13 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition under which a message that takes two buses meets its deadline; times in ns.
+        """Return the condition under which a message that takes two buses, one after the other, meets its deadline.
 
-        The demand of the condition is the time for which more urgent messages keep the two buses busy.
+        In this condition all times are in ns. Its demand is the time for which more urgent messages keep the two
+        buses busy before the message leaves.
 
-        before, first: the hop on the first bus, and the moment at which the message leaves there.
-        hop, then: the hop on the second bus, and the moment at which the message leaves there.
+        before: the hop on the first bus. first: the moment at which the message leaves the first bus.
+        hop: the hop on the second bus. then: the moment at which the message leaves the second bus.
         """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
@@ -227,10 +230,10 @@ class Deadlines:
 
 
 def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[frozenset[Hop]]:
-    """Return small sets of published hops; the hops of each set together make a message late.
+    """Return small sets of published hops such that the hops of one set together make a message late.
 
-    The list is empty if all deadlines are met. A late message adds no set if all hops of an earlier set are among the
-    hops on which the late message depends (`Late.causes`).
+    The list is empty if all deadlines are met. There is one set for each late message. But a message adds no set if
+    it depends (`Late.causes`) on all hops of a set that is already in the list.
     """
     conflicts: list[frozenset[Hop]] = []
     for late in times.late(published):

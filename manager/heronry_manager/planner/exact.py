@@ -160,7 +160,10 @@ class Search:
         )
 
     def _fix_leading_at_bound(self, group: list[Level]) -> list[Level]:
-        """Fix the first levels of a group that already stand at their bounds; return the other levels."""
+        """Fix the first levels of a group, as long as they stand at their bounds already.
+
+        Return the first level that does not stand at its bound, and all levels of the group after this level.
+        """
         for number, level in enumerate(group):
             if level.value(self._key) < level.high:
                 return group[number:]
@@ -240,7 +243,7 @@ class Search:
         return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
-        """Work out an upper bound for each level of a group; keep it if it is lower than the level's present bound.
+        """Work out an upper bound for each level of a group; a bound is kept only if it is lower than the known one.
 
         bound: upper bound that the solver has proven for the sum into which the levels of the group are merged.
         """

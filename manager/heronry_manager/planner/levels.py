@@ -44,7 +44,8 @@ class Kind(Enum):
 class Level:
     """A quantity to maximise: the sum of `terms`, which lies in `low`..`high`.
 
-    `position` and `offset` give its place in the objective: `Objective.key()[position]` is the sum plus `offset`.
+    In the key of an objective, the level stands at the index `position`: `Objective.key()[position]` is the
+    sum of `terms` plus `offset`.
     """
 
     position: int
@@ -55,7 +56,7 @@ class Level:
     offset: int = 0
 
     def value(self, key: Sequence[int]) -> int:
-        """Return the value of this level in `key`, the key of a configuration's objective."""
+        """Return the sum of this level's terms in a configuration whose objective has the key `key`."""
         return key[self.position] - self.offset
 
 
@@ -89,13 +90,14 @@ def merged(group: list[Level]) -> Terms:
 
 
 def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
-    """Yield an upper bound for each level of a group.
+    """Yield an upper bound for each level of a group, in the order of the levels.
 
-    bound: upper bound on the merged sum of the group. key: the key of the best configuration that was found.
+    bound: upper bound on the merged sum of the group (`merged`).
+    key: the key of the best configuration found so far.
 
-    Each yielded bound holds for all configurations that are no worse than `key` at the earlier levels. If the bound
-    equals the value in `key`, the level is proven. After the first level that is not proven, nothing follows from the
-    merged sum: the bound of each further level is its own `high`.
+    The bound of a level holds for all configurations that are no worse than `key` at the levels before it. A
+    level is proven if its bound equals its value in `key`. Once a level is not proven, the merged sum says
+    nothing about the levels after it: their bounds are their own `high`.
     """
     weights = _weights(group)
     room = bound - sum(weight * level.low for weight, level in zip(weights, group, strict=True))
@@ -217,8 +219,9 @@ def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int
 def _changes(placing: Placing, running: Placement | None) -> Level:
     """Make the level of changes: minus the number of modules that change; an empty level if `running` is None.
 
-    The offset counts every running module as changed. A module that stays in its mode on its PE adds 1 to it,
-    and a new module subtracts 1. A module that cannot stay adds nothing, since its change cannot be avoided.
+    The offset of the level is minus the number of running modules. Each module that stays in its mode on its PE
+    adds 1 to the level, and each new module subtracts 1. A running module that cannot stay has no term, since
+    its change cannot be avoided.
     """
     if running is None:
         return _level(6, Kind.SUPPLYING, ())

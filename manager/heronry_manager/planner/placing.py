@@ -1,12 +1,12 @@
 """The first variables of the model (which module runs in which mode on which PE), and the rules on these variables.
 
-There is one boolean variable for each possible (module, mode, PE). `on` (per mode), `at` (per PE) and `runs` (per
-module) are sums of these variables; a sum with a single term is that variable itself.
+There is one boolean variable for each possible (module, mode, PE). `on` (per module and mode), `at` (per module
+and PE) and `runs` (per module) are sums of these variables; a sum with one term is that variable itself.
 
 This part of the model ensures these rules of docs/semantics.md, section 3:
 
-    semantics rule 1   place: a PE that cannot run the module has no variable
-    semantics rule 4   at most one branch, and one end, of a DEMUX
+    semantics rule 1   place: for a PE that cannot run a mode, there is no variable of this mode
+    semantics rule 4   of one DEMUX, at most one branch runs, and at most one end
     semantics rule 7   CPU, memory and flash of each PE
     semantics rule 8   placement rules
 """

@@ -78,9 +78,9 @@ class Publishing:
             self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
 
     def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
-        """Yield key and hop of each message on the bus of `hop` that is more urgent than the message of `hop`.
+        """Yield each message on the bus of `hop` that is more urgent than that of `hop`: its key, and a hop for it.
 
-        The yielded hops begin on that bus.
+        A yielded hop names no bus before this one (its `after` is None).
 
         identifiers: identifier of each (producing module, variable); the lower one is more urgent.
         """
@@ -96,9 +96,10 @@ class Publishing:
         return hop.producer, hop.variable, rate_mhz, hop.bus
 
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
-        """Return literals, of which one is true if and only if the data of a hop come from its previous bus.
+        """Return literals that tell whether the data of a hop come to its bus from the bus `hop.after`.
 
-        None: the hop has no previous bus, or its data always come from there.
+        If the data come from that bus, exactly one literal is true, otherwise none.
+        None: `hop.after` is None, or the data come from that bus wherever the producer runs.
         """
         if hop.after is None:
             return None
@@ -116,10 +117,11 @@ class Publishing:
             yield literal, rates.get((producer, variable, bus)) == rate_mhz
 
     def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
-        """Add constraints: if a link leads from one side of `bus` to another, its source is published on `bus`.
+        """Add constraints: if a link leads from one side of `bus` to another side, its source is published on `bus`.
 
         link: consumer, producer, variable.
         literals: the possible wires of the link; one is true if the link is wired, and none if not.
+        sides: all sides of `bus`, each as the PEs on it.
         """
         consumer, producer, variable = link
         if consumer == producer:
@@ -176,7 +178,7 @@ class Publishing:
 
 
 def _sides(left: Survivors, bus: str) -> list[Side]:
-    """Split the PEs that are up into sides: the sets of PEs that are connected without `bus`."""
+    """Give the sides of a bus: the sets of PEs that are up and reach one another by routes without this bus."""
     sides: dict[Side, None] = {}
     for pe in left.pe_cpu_millis:
         sides[frozenset(other for other in left.pe_cpu_millis if bus not in (left.route(pe, other) or ()))] = None
@@ -184,5 +186,5 @@ def _sides(left: Survivors, bus: str) -> list[Side]:
 
 
 def _origins(left: Survivors, first: str, then: str) -> set[str]:
-    """Return the PEs whose data reach the bus `then` directly from the bus `first`, on some route."""
+    """Return the PEs from which some route leads over the bus `first` and directly on to the bus `then`."""
     return {origin for (origin, _), route in left.routes.items() if (first, then) in pairwise(route)}

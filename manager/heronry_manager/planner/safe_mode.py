@@ -21,7 +21,10 @@ from heronry_manager.planner.exact import DEFAULT_EFFORT, Search
 
 
 def safe_mode(spec: Spec, phase: str | None, running: Placement) -> Configuration:
-    """Find the safe mode of a phase, which differs as little as possible from `running`, the fault-free placement."""
+    """Find the safe mode of a phase: the configuration of its critical functions with the fewest changes.
+
+    running: the phase's fault-free placement, against which the changes are counted.
+    """
     reduced = _critical_alone(spec, phase)
     wanted = {output for function in reduced.functions.values() for output in function.outputs}
     luxuries = {output for function in spec.functions.values() for output in function.outputs} - wanted
@@ -35,9 +38,10 @@ def safe_mode(spec: Spec, phase: str | None, running: Placement) -> Configuratio
 
 
 def _best(spec: Spec, reduced: Spec, now: Situation, running: Placement) -> Configuration:
-    """Find the best configuration for the reduced spec.
+    """Find the best configuration of the reduced spec in the situation `now`.
 
-    Deadlines are checked with the identifiers of the whole spec.
+    spec: the whole spec; deadlines are checked with its identifiers.
+    running: the placement against which changes are counted.
     """
     search = Search(candidates(reduced, now), running, ResponseTimes(spec), DEFAULT_EFFORT)
     search.run()

@@ -15,10 +15,11 @@ def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
 
     A search is a function that sets up a solver; its argument is the limit of the search, in deterministic time.
 
-        short search    SERVING and SUPPLYING: if some configuration reaches the bound of the linear relaxation, this
-                        search soon finds it
-        core search     SUPPLYING: deadlines, places and CPU together may exclude every such configuration. For this
-                        case the core search looks for sets of inputs that cannot be wired together
+        short search    SERVING and SUPPLYING: if some configuration reaches the bound of the linear
+                        relaxation, this search soon finds it
+        core search     SUPPLYING: deadlines, places and CPU together may exclude every configuration that
+                        reaches the bound. For this case the core search looks for sets of inputs that cannot
+                        be wired together
         full search     all kinds: searches the whole model
     """
     if kind is Kind.SERVING:
@@ -30,7 +31,11 @@ def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
 
 
 def new_solver(kind: Kind, effort: float) -> CpSolver:
-    """Set up a search of the whole model for levels of this kind; `effort`: its limit, in deterministic time."""
+    """Set up a search of the whole model, with more probing than `light_solver`.
+
+    kind: the kind of the levels for which the search is made; for SERVING, the presolve is longer, too.
+    effort: limit of the search, in deterministic time.
+    """
     solver = light_solver(effort)
     solver.parameters.cp_model_probing_level = 2
     if kind is Kind.SERVING:  # thorough presolve, since choosing and packing have failed
@@ -41,7 +46,9 @@ def new_solver(kind: Kind, effort: float) -> CpSolver:
 def core_solver(effort: float) -> CpSolver:
     """Set up a search that finds sets of inputs that cannot be wired together.
 
-    The linear relaxation gives no bound for such sets. effort: limit of the search, in deterministic time.
+    The search does not use the linear relaxation, which gives no bound for such sets.
+
+    effort: limit of the search, in deterministic time.
     """
     solver = light_solver(effort)
     solver.parameters.optimize_with_core = True
@@ -79,7 +86,7 @@ def light_solver(effort: float) -> CpSolver:
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
     """Yield two searches with different settings; the second may find a solution where the first finds none.
 
-    In both searches the hint fixes which modules run, and in which modes.
+    Both searches keep every value that the model's hint gives: which modules run, and in which modes.
     effort: the limit of each search, in deterministic time.
     """
     quick = light_solver(effort)

@@ -55,7 +55,7 @@ class Scope:
             yield from self.of_size(size)
 
     def sizes(self) -> range:
-        """Give the possible numbers of faults in a set, from 0 on."""
+        """Give the possible sizes of a fault set: from 0 to `faults`, at most the number of elements."""
         return range(min(self.faults, len(self.elements)) + 1)
 
     def of_size(self, size: int) -> Iterator[FaultSet]:
@@ -92,11 +92,11 @@ Ask = Callable[[int, list[Question]], Iterable[Answer]]
 
 @dataclass(slots=True)
 class Tally:
-    """How many fault sets were settled in which way.
+    """How many questions of a sweep were settled in which way; a question is a fault set in one phase.
 
-    searched: by the planner.
-    by_plan: by inheriting the plan for the set without one of its elements.
-    by_twin: by the plan of a set that leaves the same choice.
+    searched: by a search of the planner.
+    by_plan: by the plan for a fault set with one element less, which is still the best plan.
+    by_twin: by the plan for another fault set, after which the planner has the same choice.
     """
 
     searched: int = 0
@@ -104,7 +104,7 @@ class Tally:
     by_twin: int = 0
 
     def pruned_share(self) -> float:
-        """Give the share of all fault sets that needed no search, from 0 to 1."""
+        """Give the share of the questions that needed no search, from 0 to 1; 0 if there was no question."""
         total = self.searched + self.by_plan + self.by_twin
         return (self.by_plan + self.by_twin) / total if total else 0.0
 
@@ -121,7 +121,10 @@ class Sweep:
         self._used: dict[int, frozenset[str]] = {}  # by `id` of an outcome; outcomes are kept, so it is unique
 
     def run(self, ask: Ask) -> None:
-        """Find the plan for every fault set in every phase; `ask` gives the plans that need a search."""
+        """Find the plan for each fault set in each phase, then the plan for the loss of each place in use (if wanted).
+
+        ask: gives the plans that need a search.
+        """
         for size in self._scope.sizes():
             questions, twins = self._open(size)
             for question, outcome in ask(size, questions):
@@ -191,10 +194,7 @@ class Sweep:
         return twin
 
     def _inherited(self, phase: Phase, down: FaultSet, lost: frozenset[str]) -> Outcome | None:
-        """Of the plans for the fault sets with one fault less, give the first that uses no element of `lost`.
-
-        None: there is no such plan.
-        """
+        """Give the first plan for all faults of `down` but one that uses no element of `lost`; None: there is none."""
         for element in sorted(down):
             outcome = self.outcomes[phase, down - {element}]
             if self._used[id(outcome)].isdisjoint(lost):
@@ -214,9 +214,9 @@ def places_in_use(spec: Spec, configuration: Configuration) -> list[str]:
 
 
 def what_is_left(left: Survivors) -> object:
-    """Give all that plans can use after faults, as one value.
+    """Give all that plans can use after faults, as one value that can be compared.
 
-    If this value is equal for two fault sets, the best plans are equal, too.
+    If two fault sets leave equal values, they have the same best plan in a phase.
     """
     return (
         tuple(left.hosts(module) for module in left.spec.modules.values()),

@@ -54,9 +54,9 @@ class Wiring:
         self._purpose()
 
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
-        """Yield each wire's variable with the value that it has for this configuration.
+        """Yield each wire's variable with the value that the variable has for this configuration.
 
-        The other variables follow from these.
+        A wire without a variable of its own is left out. The values of all other variables follow.
         """
         for (consumer, mode, path), wires in self.wires.items():
             running = configuration.modules.get(consumer)
@@ -93,7 +93,10 @@ class Wiring:
         return [held]
 
     def _wire(self, leaf: Leaf, where: tuple[str, str, str], above: IntVar) -> None:
-        """Add constraints: while `above` is true, a leaf is wired to exactly one source."""
+        """Add constraints: a leaf is wired to exactly one source while `above` is true, and to none otherwise.
+
+        where: module, mode and path of the leaf.
+        """
         sources = self._possible.sources(where[0], where[1], leaf)
         if len(sources) == 1:
             self._forced.add(where)
@@ -104,7 +107,9 @@ class Wiring:
     def _offer_leaf(self, leaf: Leaf, where: tuple[str, str, str], above: IntVar) -> list[IntVar]:
         """Add constraints: a leaf is wired to at most one source while `above` is true, and to none otherwise.
 
-        Return one literal for each source.
+        Return one literal for each source, which is true if the leaf is wired to this source.
+
+        where: module, mode and path of the leaf.
         """
         made = self._new_wires(leaf, where, self._possible.sources(where[0], where[1], leaf))
         if made:

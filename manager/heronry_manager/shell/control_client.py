@@ -37,7 +37,10 @@ def call(path: Path, order: Spoken) -> Answer:
         except OSError as error:
             raise ControlError(f"{path}: {error.strerror}") from error
     if answer is None:
-        raise ControlError(f"the process that answers on {path} is no manager of this version of heronry")
+        raise ControlError(
+            f"the process that answers on {path} is no manager of this version of heronry; "
+            "restart the manager with this version"
+        )
     return answer
 
 
@@ -87,7 +90,10 @@ def find_socket(name: str | None) -> Path:
 
 
 def _is_listened_on(path: Path) -> bool:
-    """Tell whether a process listens on a path; a manager that is killed leaves its socket behind."""
+    """Tell whether a process listens on the socket at a path.
+
+    A socket without a process may be left there, since a manager that is killed does not remove its socket.
+    """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(PATIENCE_S)
         try:

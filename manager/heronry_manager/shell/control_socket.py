@@ -131,7 +131,10 @@ class ControlSocket:
                 self._reserve = os.open(os.devnull, os.O_RDONLY)
 
     def _accept(self) -> socket.socket:
-        """Accept a caller; if the process has no descriptor left, the reserved one is used."""
+        """Accept a caller; if the process has no file descriptor left, close the reserved one first.
+
+        Raises OSError if the caller cannot be accepted.
+        """
         try:
             return self._listener.accept()[0]
         except OSError as error:
@@ -142,10 +145,10 @@ class ControlSocket:
         return self._listener.accept()[0]
 
     def _has_room(self) -> bool:
-        """Tell whether one more caller can be accepted; if not, try to make room first.
+        """Make room for one more caller if there is none; tell whether one more caller can be accepted now.
 
         To make room, the caller that has been idle for longest is dropped. A caller that waits for an answer is never
-        dropped; if all do, the answer is False.
+        dropped; if all callers wait for an answer, the result is False.
         """
         if len(self._callers) < MOST_CALLERS and self._reserve is not None:
             return True

@@ -64,7 +64,7 @@ class Followers:
         return list(self._of)
 
     def writers(self) -> list[socket.socket]:
-        """Give the sockets for which lines wait; such a socket becomes writable when its client reads on."""
+        """Give the sockets for which lines wait; such a socket becomes writable when its reader reads earlier lines."""
         return [one for one, follower in self._of.items() if follower.waiting]
 
     def heard(self, caller: socket.socket) -> None:

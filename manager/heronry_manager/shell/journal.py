@@ -62,7 +62,11 @@ class JournalError(HeronryError):
 
 
 def written(number: int, content: list[str | int]) -> bytes:
-    """Encode one line of the journal, in its two copies."""
+    """Encode one line of the journal; it is written twice, as two equal copies.
+
+    number: number of the line, from 0.
+    content: the head of the journal, or a record.
+    """
     line = checked_line([number, *content])
     return line + b"\n" + line
 

@@ -82,7 +82,11 @@ class PlannerProcesses:
         return self._carry_out(self._policy.step(told))
 
     def poll(self) -> list[PlanReady | PlanFailed]:
-        """Return the answers that have arrived for the core; the policy keeps those of the pre-planner."""
+        """Return the answers that have arrived for the core.
+
+        All answers of both processes are given to the policy (`planning_policy`), which decides what goes to the
+        core. The plans of the pre-planner stay with the policy.
+        """
         ahead = _answers(self._pre_planner, self._ahead_until_ns)
         answers = _answers(self._planner, self._until_ns)
         events: list[FromPlanner] = [

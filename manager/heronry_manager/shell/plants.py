@@ -23,9 +23,9 @@ class Plants:
         self._spec = spec
 
     def after(self, told: Mapping[str, Any], plan: Plan | None) -> dict[str, Any] | None:
-        """Give the event on plants to send after the core's event `told`; None if there is none.
+        """Give the event on plants that follows the core's event `told`; None if none follows.
 
-        plan: the plan that runs now.
+        plan: the plan that runs now; None: no plan is known to run.
         """
         if told["event"] not in _RUNS or plan is None or not self._spec.plants:
             return None

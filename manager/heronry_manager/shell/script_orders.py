@@ -27,7 +27,10 @@ class ScriptSaid:
     order: FlyScript
 
     def target(self, spec: Spec, core: ManagerCore) -> OperatorSaid:
-        """Give the order for the core: it contains the configuration that the script makes, instead of the script."""
+        """Give the order for the core, in which the configuration that the script makes replaces the script.
+
+        If the script cannot be applied, the order gives the reason instead.
+        """
         return OperatorSaid(self.number, target_of(self.order.text, spec, core))
 
 

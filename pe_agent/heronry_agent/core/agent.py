@@ -276,6 +276,6 @@ class AgentCore:
 
 
 def _start_notes(table: PeTable, secret: Secret | None) -> tuple[str, str]:
-    """Return what is logged at the start: which PE this is, and which key the commands to it need."""
+    """Return two texts to log at the start: which PE this is, and which key it has, or that it has none."""
     key = "no key: any node on the bus can command this PE" if secret is None else f"{secret.key!r}"
     return f"PE {table.name} of {table.spec}, node {table.node_id}", key

@@ -116,7 +116,8 @@ class Authenticity:
 
         facts: returns the values that the next state frame of this PE reports.
         pending: returns every EMCY that the manager has not acknowledged yet.
-        saw_epoch: called with each epoch number that a manager has certainly activated, whether now or earlier.
+        saw_epoch: called with the number of an epoch if a command with a right tag shows that a manager has activated
+            this epoch, now or earlier.
         """
         self._turn, self._index, self._mastership, self._facts, self._key = turn, index, mastership, facts, secret.key
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns

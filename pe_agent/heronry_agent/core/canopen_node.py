@@ -134,7 +134,7 @@ class CanopenNode:
             self._serve(event.frame.data)
 
     def _serve(self, request: bytes) -> None:
-        """Answer an SDO request now, and set when the next one may be answered."""
+        """Answer an SDO request now, and set the time at which the next SDO request may be answered at the earliest."""
         pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
         self._turn_ns = self._turn.now_ns + 2 * pause_ns
         self._sdo.segment_ns = pause_ns

@@ -86,7 +86,10 @@ class CommandAcceptance:
                 yield management_id(manager, command), partial(self._command, manager, command)
 
     def _counts(self, manager: int, term: int, event: Received) -> bool:
-        """Tell whether to accept a command with this term; notes a new term, and counts a command that is refused."""
+        """Tell whether to accept a command: it must come over the uplink, and its term must not be stale.
+
+        Notes a new term, and counts a command that is refused.
+        """
         if event.port != self.index.uplink:
             self.turn.count("command from beyond", event.frame.can_id)
             return False
@@ -224,9 +227,10 @@ class CommandAcceptance:
         return None
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
-        """Withdraw the unsent data frames of each source that has changed.
+        """Withdraw the unsent data frames of each source that has changed for this PE.
 
-        A source has changed if this PE no longer sends or forwards its data, or if another node gives them now.
+        A source has changed in two cases: this PE no longer sends or forwards its data, or the data now come from
+        another node than before.
 
         before, after: what the PE sends before and after an activation step.
         """

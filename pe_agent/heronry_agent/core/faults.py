@@ -122,14 +122,18 @@ class Faults:
         return self._pend(emergency, now_ns)
 
     def tell_again(self, kind: ElementKind, index: int, now_ns: int) -> list[Frame]:
-        """Report the fault of an element once more, unless it was cleared; returns the frames to send now."""
+        """Report the uncleared fault of an element once more; returns the frames to send now.
+
+        Returns no frames if the element has no fault, or its fault was cleared.
+        """
         told = self._told.get((kind, index))
         return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
         """Report once more the uncleared faults that were found or acknowledged at `since_ns` or later.
 
-        Returns the frames to send now.
+        A fault whose report is not acknowledged yet is left out, since this report is repeated anyway. Returns the
+        frames to send now.
         """
         told = [emergency for emergency, at_ns in self._told.values() if at_ns >= since_ns]
         return [frame for one in told if _key(one) not in self._pending for frame in self._pend(one, now_ns)]

@@ -70,7 +70,10 @@ class Gateway:
         return {identifier for _, identifier in self._rising}
 
     def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
-        """Set which data to forward: (producing node, bit mask of ports) by source, as in a slice."""
+        """Set which data to forward, and to which ports.
+
+        forward: index of a source -> (node that produces its data, bit mask of the ports), as in a slice.
+        """
         sources = self._table.sources
         self._data = {sources[source].identifier: entry for source, entry in forward.items()}
         up = 1 << self._uplink

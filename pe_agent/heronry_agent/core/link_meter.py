@@ -54,8 +54,9 @@ _NUMBERED = frozenset((Use.STATE, Use.STANDARD_DATA, Use.ALLOCATED_DATA, Use.ACT
 class _Period:
     """What was counted in one heartbeat period.
 
-    Counted are bits and time while this node had a frame in the controller, and the frames from beyond the radio: those
-    that were due, and those that came.
+    Two numbers are for the time in which a frame of this node was in the controller: the bits that the radio
+    carried meanwhile, and the length of this time. Two other numbers are for the frames from beyond the radio:
+    how many should have come, and how many came.
     """
 
     bits: int = 0  # carried while a frame of this node was in the controller
@@ -135,7 +136,7 @@ class LinkMeter:
         return quick if quick * _QUICK_SHARE <= long else long
 
     def delivered_percent(self) -> int:
-        """Percentage of the frames sent by nodes beyond the radio that have arrived here."""
+        """Percentage of the frames from beyond the radio that have arrived here in the last ten heartbeat periods."""
         return self._delivered(RADIO_WINDOW_PERIODS) // 10
 
     def _carried(self, periods: int) -> int:

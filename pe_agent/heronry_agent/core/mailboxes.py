@@ -101,7 +101,10 @@ class Mailboxes:
         self._wires: dict[int, tuple[_Wire, ...]] = {}
 
     def rewire(self, wanted: Slice) -> None:
-        """Make the mailboxes that a new slice needs; a source that stays on its PE keeps its mailbox and datum."""
+        """Make the mailboxes that a new slice needs, and wire the leaves of its modules to them.
+
+        If a source has a mailbox already and its producer stays on the same PE, it keeps mailbox and datum.
+        """
         read = {source for module in wanted.modules for source in module.sources if source is not None}
         self.boxes = {source: self._box(source, wanted.remote.get(source, self._index.node)) for source in sorted(read)}
         self._wires = {
@@ -110,7 +113,11 @@ class Mailboxes:
         }
 
     def inputs(self, module: int, now_ns: int) -> Mapping[str, tuple[str, Datum]]:
-        """Return the present inputs of a module: (variable, datum) by path of the leaf, without absent data."""
+        """Return the present inputs of a module: (variable, datum) by path of the leaf.
+
+        Until the first datum of a leaf has come, the initial value of the leaf is its datum, if it has one. A leaf
+        without a fresh datum is left out.
+        """
         seen = {}
         for wire in self._wires[module]:
             datum = wire.box.read(wire.best, wire.worst, now_ns)

@@ -118,9 +118,11 @@ class NetworkManagement:
             self.next_ns = now_ns + time_ms * _NS_PER_MS if time_ms else NEVER_NS
 
     def tick(self, now_ns: int, *, configured: bool, managed: bool) -> list[Send]:
-        """Return the frames that are due, one for each port, or none.
+        """Return the frames that are due, one for each port; an empty list if none are due.
 
-        These are boot-up frames at first and after a reset, and heartbeats after that.
+        The first frames after the start and after a reset are boot-up frames; all later ones are heartbeats.
+
+        configured, managed: as for `state`, which gives the NMT state that a heartbeat reports.
         """
         if now_ns < self.next_ns:
             return []

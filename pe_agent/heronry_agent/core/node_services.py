@@ -74,7 +74,7 @@ class NodeServices:
         return answer_to(port, request, now_ns)
 
     def tick(self, now_ns: int) -> tuple[list[Send], bool]:
-        """Return the answers that are due, and whether STS demands pages 0 and 1 of the state now."""
+        """Return the answers that are due, and whether pages 0 and 1 of the state are due because of an STS request."""
         is_state_due = now_ns >= self._state_due_ns
         if is_state_due:
             self._state_due_ns, self._stated_ns = NEVER_NS, now_ns

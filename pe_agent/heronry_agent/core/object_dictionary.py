@@ -41,11 +41,12 @@ class ObjectDictionary:
         bytes_writers: Mapping[Place, BytesWriter],
         takes_bytes: Callable[[], bool],
     ) -> None:
-        """Take the functions that read and write the values, by place: (index, sub-index).
+        """Take the functions that read and write the values; a place is (index, sub-index).
 
-        readers: return the value of a variable.
-        arrays: return the elements of an array, by index.
-        number_writers, bytes_writers: write a value; they return None, or the reason why they refuse it.
+        readers: by place, a function that returns the value of a variable.
+        arrays: by index of an array, a function that returns the elements of the array.
+        number_writers, bytes_writers: by place, a function that writes a value, and returns None, or the reason
+            why it refuses the value.
         takes_bytes: tells whether values of any length are accepted now; called before the first byte comes.
         """
         self._node = node
@@ -143,7 +144,7 @@ class Locked:
 
 
 def _needed() -> Iterator[Place | int]:
-    """Yield the objects for whose values the constructor needs a function.
+    """Yield each object for which the constructor must be given a function that returns the object's value.
 
     A variable is given by its index and sub-index. An array whose number of elements changes at run time is
     given by its index.

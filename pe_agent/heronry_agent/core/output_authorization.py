@@ -94,7 +94,10 @@ class OutputAuthorization:
         return now_ns <= self.until_ns(now_ns)
 
     def until_ns(self, now_ns: int) -> int:
-        """Time in ns at which the authorization ends if no frame comes; before now if there is no authorization."""
+        """Time in ns at which the authorization ends if no frame comes.
+
+        It is before `now_ns` if exclusive outputs are not authorized now.
+        """
         if not self._named or self._overtaken or self._heard_ns is None:
             return now_ns - 1
         if not self._is_past(self._doubted_ns, now_ns) or not self._is_past(self._clashed_ns, now_ns):
@@ -159,7 +162,10 @@ class OutputAuthorization:
             self.revoked()
 
     def neighbour_runs(self, epoch: int, running: int) -> None:
-        """Note the epoch that another PE reports; with a key this counts only while this PE is in doubt."""
+        """Note that another PE reports `epoch`; this PE is overtaken if its own epoch, `running`, is older.
+
+        With a key, the report counts only while this PE is in doubt.
+        """
         if not self._has_key or self._doubted_ns is not None:
             self.saw_epoch(epoch, running)
 

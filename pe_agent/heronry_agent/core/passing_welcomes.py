@@ -16,7 +16,7 @@ _MOST = 40
 
 
 class PassingWelcomes:
-    """The WELCOMEs that have been forwarded, and whose TAGs have not come yet."""
+    """Forwards WELCOMEs for other nodes and their TAGs, and remembers which of the TAGs have not come yet."""
 
     def __init__(self, turn: Turn, gateway: Gateway, lease_ns: int) -> None:
         self._turn, self._gateway, self._lease_ns = turn, gateway, lease_ns
@@ -28,7 +28,7 @@ class PassingWelcomes:
         self._turn.out += self._gateway.toward(node, welcome)
 
     def wait(self) -> bool:
-        """Tell whether the TAG of a forwarded WELCOME may still come."""
+        """Tell whether a TAG of a forwarded WELCOME may still come; forgets WELCOMEs that are older than T_lease."""
         while self._nodes and self._turn.arrived_ns - self._nodes[0][1] > self._lease_ns:
             self._nodes.popleft()
         return bool(self._nodes)

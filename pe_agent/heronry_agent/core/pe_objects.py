@@ -60,10 +60,11 @@ _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What `PeObjects` and `CanopenNode` need of an agent.
+    """The parts of an agent that `PeObjects` and `CanopenNode` use.
 
     facts: returns the present content of the state frames.
-    take_table: takes a table that differs from the present one, or returns an abort code; None: no such table is taken.
+    take_table: takes a table that differs from the present one, and returns None, or the abort code with which
+        it refuses. If `take_table` is None, such a table is always refused.
     authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     """
 
@@ -87,7 +88,7 @@ class PeObjects:
         self._entries = tuple(parts.index.modules.values())
 
     def dictionary(self) -> ObjectDictionary:
-        """Return the object dictionary of this PE, which calls the functions of this object."""
+        """Return the object dictionary of this PE; it reads and writes values by functions of this `PeObjects`."""
         return ObjectDictionary(
             self._parts.index.node,
             readers={

@@ -72,7 +72,7 @@ class _Watch:
         return not self.armed
 
     def holds(self, now_ns: int) -> bool:
-        """Tell whether the rule has fired and is not armed again, while the variable of the rule still gets values."""
+        """Tell whether the rule has fired and is not armed again, and its variable still gets values."""
         return not self.armed and now_ns - self.seen_ns <= self.longest_break_ns
 
     def _is_beyond(self, value: float) -> bool:
@@ -125,9 +125,10 @@ class PhaseRequests:
         return self._fire(module, [watch for watch in fired if self._phase in watch.rule.origins] or fired, now_ns)
 
     def entered(self, phase: int, now_ns: int) -> list[Frame]:
-        """Note the phase that the manager announces; returns the frames of the requests that follow from a new phase.
+        """Note the phase that the manager announces; returns the frames of the requests that follow from it.
 
-        If the phase is new, a rule fires again if its condition still holds and it may be applied in this phase.
+        If the phase is new, a rule that has fired before requests its phase once more, provided that its condition
+        still holds and that the rule may be applied in the new phase.
         """
         if phase == self._phase:
             return []

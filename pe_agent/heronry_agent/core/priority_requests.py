@@ -29,7 +29,7 @@ class PriorityRequests:
     def requested(self, module: int, function: int, priority: int, now_ns: int) -> list[Frame]:
         """Request a priority of a function for a module; returns the frames to send.
 
-        Returns no frames if the last request of this module for this function was the same.
+        Returns no frames if the module's last request for this function was for the same priority.
         """
         wanted = self._requested.setdefault(module, {})
         if wanted.get(function) == priority:

@@ -27,7 +27,7 @@ _PATIENCE_PERIODS = 5
 
 
 class RadioPort:
-    """A port of a gateway, on the side that is farther from the manager, that leads to a radio."""
+    """A port by which a gateway sends over a radio, away from the manager."""
 
     def __init__(self, port: int, index: TableIndex, now_ns: int) -> None:
         """Begin to measure the bandwidth of the radio, and to report it to the manager.
@@ -84,7 +84,10 @@ class RadioPort:
         return out
 
     def _reports(self, now_ns: int) -> list[Send]:
-        """Return the report to the manager if a period has ended or the radio has just gone; else an empty list."""
+        """Return the report on the radio to the manager, if it is due now; else an empty list.
+
+        It is due when a heartbeat period of the radio has ended, and when the radio has just gone.
+        """
         is_gone, is_due = now_ns >= self._meter.gone_ns, now_ns >= self._report_ns
         self._meter.gone = self._meter.gone or is_gone
         if is_due:

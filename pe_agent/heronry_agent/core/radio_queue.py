@@ -48,7 +48,7 @@ class Bucket:
     _rest: int = 0  # the fraction of a bit beyond `bits`, in billionths
 
     def fill(self, now_ns: int) -> None:
-        """Add the bits gained since the last call."""
+        """Add the bits that the bucket has gained since the last call, at `rate`; it holds at most `burst` bits."""
         gained = self.rate * (now_ns - self.filled_ns) + self._rest
         self.bits, self._rest = self.bits + gained // _NS_PER_S, gained % _NS_PER_S
         if self.bits >= self.burst:
@@ -103,7 +103,7 @@ class RadioQueue:
         return len(self._waiting)
 
     def pace(self, rate: int, now_ns: int) -> None:
-        """Set the bandwidth to `rate` bit/s."""
+        """Set the bandwidth that the queue may use to `rate` bit/s; data and management each get a part of it."""
         for bucket in (self._data, self._management):
             bucket.fill(now_ns)
         self._data.rate = rate * self._data_per_mille // 1000

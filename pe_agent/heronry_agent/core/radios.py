@@ -1,8 +1,8 @@
 """The radios of a gateway: every frame to a radio is queued first (protocol rule 9).
 
 Each radio has its own queue and its own measurement of the bandwidth (`radio_port`). The measurement uses every frame
-that comes from the radio. At the end of each call, the core has a list of actions. The frames to radios are taken out
-of this list and queued. Then those queued frames that may be sent now are added to the list.
+that comes from the radio. Each call of the core by its driver ends with a list of actions. `passed` takes the frames to
+radios out of this list, and queues them. Then it adds to the list those queued frames that may be sent now.
 """
 
 from heronry_agent.core.radio_port import RadioPort

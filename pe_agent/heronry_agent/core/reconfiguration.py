@@ -90,9 +90,9 @@ class Reconfiguration:
     def advance(self, target: Configured, step: Step) -> Moves | None:
         """Take an activation step of `target`; returns the modules to stop and to start.
 
-        Returns None if the step was taken before.
+        Returns None if this step or a later one of `target` was taken before.
 
-        target: the running configuration, or the staged one.
+        target: the running configuration, or the staged one, which then becomes the running one.
         """
         rewire = target is not self.running
         if not rewire and step <= self.step:

@@ -220,7 +220,7 @@ class RunningModules:
             self._turn.count("stale answer", event.module)
 
     def measured(self, event: StepMeasured) -> None:
-        """Process how long an unfinished step has taken; if its module hangs, end the partition."""
+        """Take the duration so far of an unfinished step; if this shows that its module hangs, end the partition."""
         if not self.schedule.hangs(event.module, event.release, event.spent_ns, self._turn.now_ns):
             return
         partition = self._index.modules[event.module].partition
@@ -288,7 +288,7 @@ class RunningModules:
             self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, index, 0)
 
     def entered(self, phase: int) -> None:
-        """Note the mission phase that the manager announces; send the requests of the phase rules that fire now."""
+        """Note the mission phase that the manager announces; send what `phase_rules` request in a new one."""
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
@@ -353,7 +353,7 @@ class RunningModules:
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """Restart all modules of a partition that has ended; a module that fails too often is given up instead.
+        """Restart all modules of a partition that has ended; give up those that have failed too often.
 
         culprit: index of the module that counts as failed; None: every module of the partition does.
         """
@@ -374,7 +374,7 @@ class RunningModules:
         return f", with {', '.join(names[:_MOST_NAMES])}{more}," if names else ""
 
     def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
-        """Return, by the index of each module, the indices of the modules on this PE whose outputs the module reads."""
+        """Return, for the index of each module that reads from modules on this PE, the indices of those modules."""
         here = {self._index.modules[module.module].name: module.module for module in wanted.modules}
         chains = {}
         for module in wanted.modules:
@@ -385,7 +385,7 @@ class RunningModules:
         return chains
 
     def _drive(self, running: _Running, writes: tuple[Value, ...]) -> None:
-        """Execute the commands of a module to its device, if this output is authorized now."""
+        """Execute the commands of a module to its device; those of a DEMUX branch only if it is authorized now."""
         if writes and running.entry.demux and not self._output_authorization.allows(self._turn.now_ns):
             self._turn.count("write held", running.entry.index)
             self._held_ns = self._turn.now_ns
@@ -414,7 +414,7 @@ class RunningModules:
         self._tell(self.phase_requests.gave(running.entry.index, variable, value, self._turn.now_ns))
 
     def _put_out(self, source: int, frame: Frame, running: _Running) -> None:
-        """Store a datum in the mailbox of its source, and send it on the buses that the slice names."""
+        """Store a datum in the mailbox of its source, and send it on the buses that the slice names, if authorized."""
         box = self.mailboxes.boxes.get(source)
         if box is not None:
             box.put(frame.data, self._turn.now_ns)

@@ -73,7 +73,7 @@ class _Grid:
 
 @dataclass(slots=True)
 class _Step:
-    """A step that has begun and has not been answered."""
+    """A step that has begun, and whose end the partition has not reported yet."""
 
     module: int
     release: int
@@ -95,9 +95,10 @@ class Schedule:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns of what comes first: a step can begin, or an unanswered step is to be measured.
+        """Time in ns at which a step can begin, or an unanswered step is to be measured, whichever comes first.
 
-        NEVER_NS if there is neither. A module cannot begin a step while its partition computes one.
+        NEVER_NS if no step can begin and none is unanswered. A module cannot begin a step while its partition computes
+        one.
         """
         if self._next_ns is None:
             self._next_ns = self._find_next()
@@ -199,10 +200,11 @@ class Schedule:
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
 
     def overdue(self, now_ns: int) -> list[tuple[int, int]]:
-        """Return (module, release) of each unanswered step whose duration the caller must have measured now.
+        """Return (module, release) of each unanswered step that the caller must measure now.
 
-        A step is measured first when the time that it may spend (`hung_ns`) has passed since it began, then at the
-        time that `hangs` sets. If `hangs` is not called, the step is measured again after the time `hung_ns`.
+        To measure a step is to find out how long it has taken so far. A step is measured first when the time that
+        it may spend (`hung_ns`) has passed since it began, then at the time that `hangs` sets. If `hangs` is not
+        called, the step is measured again after the time `hung_ns`.
         """
         found = [step for steps in self._steps.values() for step in steps.values() if step.look_ns <= now_ns]
         for step in found:
@@ -212,7 +214,10 @@ class Schedule:
         return [(step.module, step.release) for step in found]
 
     def hangs(self, module: int, release: int, spent_ns: int, now_ns: int) -> bool:
-        """Tell whether a step that has spent `spent_ns` so far hangs; if it does not, plan its next measurement."""
+        """Tell whether a step that has spent `spent_ns` so far hangs, and plan when to measure it next.
+
+        Returns False, and plans nothing, if this step is not under way.
+        """
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -250,7 +255,8 @@ class Schedule:
     def _release_ns(self, grid: _Grid) -> int:
         """Give the time in ns until which a module waits for its step.
 
-        This is its due time. While the module waits for another one whose outputs it reads, its patience is added.
+        This is the time at which the step is due. `patience_ns` of the module is added while the module waits for
+        another module whose outputs it reads.
         """
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns

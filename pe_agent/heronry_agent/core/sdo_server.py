@@ -129,7 +129,11 @@ class _Phase(Enum):
 
 @dataclass(slots=True)
 class _Download:
-    """A segmented download under way; `length` is the announced length, `room` the longest allowed."""
+    """A segmented download under way.
+
+    length: number of bytes that the client has announced; None: the client has announced no number.
+    room: the greatest number of bytes that the object can take.
+    """
 
     index: int
     sub_index: int
@@ -141,7 +145,10 @@ class _Download:
 
 @dataclass(slots=True)
 class _Upload:
-    """A segmented upload under way; the next segment begins at `at`."""
+    """A segmented upload under way.
+
+    at: the index in `data` at which the next segment begins.
+    """
 
     index: int
     sub_index: int
@@ -241,7 +248,10 @@ class SdoServer:
         return self._acknowledge(transfer)
 
     def _await(self, now_ns: int, wake_ns: int = NEVER_NS) -> None:
-        """Restart the time-out of the transfer; `wake_ns` is when `tick` is due, if that is before the time-out."""
+        """Restart the time-out of the transfer, and set when `tick` is due.
+
+        wake_ns: time in ns at which `tick` is due if the time-out does not come first; NEVER_NS: at the time-out.
+        """
         self._limit_ns = now_ns + TIME_OUT_NS
         self.next_ns = min(self._limit_ns, wake_ns)
 
@@ -272,9 +282,9 @@ class SdoServer:
         return with_data(DOWNLOAD_ANSWER, index, sub_index)
 
     def _write(self, index: int, sub_index: int, data: bytes, answer: int) -> bytes:
-        """Write a complete value to its object, and end the transfer.
+        """Write a complete value to its object, and end the transfer; returns the message to send.
 
-        Returns the command byte `answer` as a message, or an abort.
+        This message has the command byte `answer`, or is an abort if the value is refused.
         """
         refusal = self._objects.write(index, sub_index, data)
         if refusal is not None:
@@ -401,7 +411,7 @@ class SdoServer:
         return with_number(answer, index, sub_index, len(data))
 
     def _send_segment(self, transfer: _BlockUpload, now_ns: int) -> bytes:
-        """Send the next segment of the block; the one after it is due after `segment_ns`."""
+        """Send the next segment of the block; if the block has another segment, that one is due `segment_ns` later."""
         start = transfer.at + transfer.sent * SEGMENT_BYTES
         part = transfer.data[start : start + SEGMENT_BYTES]
         transfer.sent += 1

@@ -59,7 +59,7 @@ class TableIndex:
             try:
                 decode_slice(body, self.leaf_counts)
             except SliceError as error:
-                raise TableError(f"a contingency in the table is not a slice of this PE ({error}); {_REMEDY}") from None
+                raise TableError(f"the slice of a contingency in the table is damaged ({error}); {_REMEDY}") from None
 
     def leaf_variables(self, module: int, mode: int) -> tuple[str, ...]:
         """Return the variable of each leaf of a mode, in the order that slices use."""
@@ -99,16 +99,25 @@ def _elements(table: PeTable) -> dict[str, tuple[ElementKind, int]]:
     return devices | modules | pes | buses
 
 
+def _check_sources(table: PeTable) -> None:
+    holders: dict[int, str] = {}
+    for source in table.sources:
+        name = f"{source.variable} of module {source.module}"
+        if source.identifier in holders:
+            raise TableError(f"in the table {holders[source.identifier]} and {name} share an identifier; {_REMEDY}")
+        if source.period_ns <= 0:
+            raise TableError(f"in the table the period of {name} is not above 0; {_REMEDY}")
+        holders[source.identifier] = name
+
+
 def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
-    if len({source.identifier for source in table.sources}) != len(table.sources):
-        raise TableError(f"two sources share an identifier; {_REMEDY}")
+    _check_sources(table)
     for port in table.ports:
         if port.heartbeat_ns <= 0:
             raise TableError(f"in the table the heartbeat period of bus {port.bus} is not above 0; {_REMEDY}")
-    if any(source.period_ns <= 0 for source in table.sources):
-        raise TableError(f"a source has no period; {_REMEDY}")
-    if any(device.node not in PE_NODES for device in table.devices):
-        raise TableError(f"a device is on a node that is not a PE; {_REMEDY}")
+    odd = [device for device in table.devices if device.node not in PE_NODES]
+    if odd:
+        raise TableError(f"the table puts device {odd[0].name} on node {odd[0].node}, which is not a PE; {_REMEDY}")
     for module in table.modules:
         for mode in module.modes:
             for variable, version in mode.gives.items():

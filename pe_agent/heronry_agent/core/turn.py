@@ -41,7 +41,10 @@ class Turn:
         return self.out
 
     def arrived(self, age_ns: int, late_ns: int) -> None:
-        """Set the age of the frame that this call handles; if it exceeds `late_ns`, this process was paused."""
+        """Set the age in ns of the frame that the core handles in its present call.
+
+        If the age exceeds `late_ns`, this process was paused, and frames from before now may be outdated.
+        """
         self.arrived_ns = self.now_ns - age_ns
         if age_ns > late_ns:
             self.held_until_ns = self.now_ns

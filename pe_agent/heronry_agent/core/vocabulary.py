@@ -175,7 +175,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Hand a value from another PE's output echo to the plant: the actuator `device` was commanded to `value`."""
+    """Tell the plant that another PE has commanded the actuator `device` to `value`, by that PE's output echo."""
 
     device: str
     value: float

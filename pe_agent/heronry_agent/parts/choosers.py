@@ -23,7 +23,8 @@ _BLAMING = 3  # versions that must be present for a report
 class FailOver(Module):
     """Gives the value of the first of several variables that is present.
 
-    A subclass sets `sources` (the variables, the best first) and `output`, and may set `patience_ns`.
+    A subclass sets `sources` (the variables, the best first) and `output`. It may set `patience_ns`: how long
+    a better source must have been present before the output changes to it.
     """
 
     sources: ClassVar[tuple[str, ...]]  # variables, the best first
@@ -37,7 +38,11 @@ class FailOver(Module):
         self._enough = max(1, -(-self.patience_ns // ctx.period_ns))
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Return the value of the source in use; no value if no source is present."""
+        """Return the value of the source in use; no value if no source is present.
+
+        If the source in use is absent, the best present one replaces it at once. A better source than the one
+        in use replaces it after having been present for `patience_ns`.
+        """
         heard = {source: value for source in self.sources if (value := number(inputs, source)) is not None}
         self._present = {source: self._present[source] + 1 if source in heard else 0 for source in self.sources}
         if self._taken not in heard:

@@ -30,7 +30,7 @@ class RateLimiter(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Return the last output, moved towards the input by no more than the limit allows in one period.
 
-        Returns no output without an input.
+        The first output is the input itself. While the input is absent, nothing is returned.
         """
         wanted = number(inputs, self.source)
         if wanted is None:

@@ -45,13 +45,15 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
         found: Callable[[int], DeviceDriver] = offered[name].load()
     except Exception as error:
         raise DeviceDriverError(
-            f"device driver '{name}' cannot be loaded ({one_line(error)}); is it installed here?"
+            f"device driver '{name}' cannot be loaded ({one_line(error)}); install its package again, with all it needs"
         ) from error
     return found
 
 
 def open_drivers(table: PeTable, origin_ns: int, name: str = PLANT) -> dict[str, DeviceDriver]:
-    """Start the device driver `name`; return it under the name of each device of the modules of the table.
+    """Start the device driver `name` once, and return it for each device of the modules in the table, by device.
+
+    Returns an empty mapping, and starts nothing, if no module of the table has a device.
 
     origin_ns: take-off time of the simulated flight, in ns of the monotonic clock.
 

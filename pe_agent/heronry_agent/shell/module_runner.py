@@ -144,7 +144,7 @@ class ModuleRunner:
         return None
 
     def stop(self, module: int, *, keep: bool = False) -> None:
-        """Drop the object of a module; with `keep`, keep it, so that the next `start` can continue it."""
+        """Stop a module. Its object is dropped or, with `keep`, put aside, so that the next `start` can continue it."""
         self._kept.pop(module, None)
         held = self._running.pop(module, None)
         if keep and held is not None:

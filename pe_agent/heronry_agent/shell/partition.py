@@ -116,7 +116,7 @@ def _print(failure: Failure) -> None:
 
 
 def die_with(agent: int) -> None:
-    """Have the kernel kill this process when the process `agent` ends; exit if it has ended already."""
+    """Have the kernel kill this process when the process `agent` ends; exit if `agent` has ended already."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != agent:
         sys.exit(1)

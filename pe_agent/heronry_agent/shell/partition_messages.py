@@ -206,12 +206,15 @@ def _stepped(answer: Done) -> bytes:
     try:
         body = layout.values.pack(*flat, *(number for _, number in (*result.reports, *result.priorities)))
     except struct.error:
-        raise Uncarriable(f"one of {values!r:.60} has more than 64 bits") from None
+        raise Uncarriable(f"a step gives {values!r:.60}, and one of these values has more than 64 bits") from None
     return _STEPPED.pack(_Kind.STEPPED, answer.module, answer.release, answer.ended_ns, len(head)) + head + body
 
 
 def _type(value: object) -> str:
-    """Return the letter for the type of a value, followed by the length of a text, bytes or a tuple."""
+    """Return the type of a value as a letter; for a text, bytes or a tuple, its length follows.
+
+    The length of a text is in bytes of UTF-8. Raises Uncarriable for a value of any other type.
+    """
     match value:
         case float():
             return "f"
@@ -243,7 +246,7 @@ def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
     """
     head = b"".join([_list(names, _text) for names in shape])
     if len(head) > _LIST:
-        raise Uncarriable(f"a step gives {len(head)} bytes of names, too many for one answer")
+        raise Uncarriable(f"the names in the results of a step take {len(head)} bytes, but may take at most {_LIST}")
     return head, _layout(*shape)
 
 
@@ -291,7 +294,7 @@ def decode_answer(packet: bytes) -> Answer:
     try:
         return _done(packet) if packet[:1] == _STEPPED_KIND else _decode_other(_Reader(packet))
     except (struct.error, LookupError, ValueError) as error:
-        return Garbled(f"a packet cannot be read: {error}")
+        return Garbled(f"a packet cannot be read ({error})")
 
 
 def _done(packet: bytes) -> Done:
@@ -343,7 +346,7 @@ def _text(text: object) -> bytes:
         raise Uncarriable(f"a name is {text!r:.60}, which is not text")
     data = text.encode("utf-8", "replace")
     if len(data) > _LIST:
-        raise Uncarriable(f"a text has {len(data)} bytes, too many for one answer")
+        raise Uncarriable(f"the name that begins with {text[:20]!r} has {len(data)} bytes, but may have {_LIST}")
     return _COUNT.pack(len(data)) + data
 
 
@@ -370,7 +373,7 @@ class _Reader:
         """Read `length` bytes."""
         found = self.packet[self.at : self.at + length]
         if len(found) != length:
-            raise ValueError("it ends too early")
+            raise ValueError("a text in it is cut off")
         self.at += length
         return found
 

@@ -55,7 +55,7 @@ class WaitingCore:
     """The core of a node that waits for its table; `table` is None until it has come."""
 
     def __init__(self, node: int, bitrate: int, now_ns: int, secret: Secret | None = None) -> None:
-        """Begin to wait; the first deadline is `now_ns`.
+        """Begin to wait for the table; `now_ns` is the time in ns of the first deadline.
 
         node: node-ID of this PE, 92..125; raises TableError for another one.
         bitrate: bit rate of the bus in bit/s.

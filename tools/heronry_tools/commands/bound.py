@@ -143,7 +143,8 @@ def _print(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_mea
     from heronry_tools.console.text_tables import Bad, Table, print_tables  # noqa: PLC0415
 
     named = f", phase {phase}" if phase is not None else ""
-    how = "decide is measured on this machine, all other times are bounds" if is_measured else "decide is given"
+    measured = "'decide' is measured on this machine, and all other times are bounds"
+    how = measured if is_measured else "'decide' is given"
     rows: list[Sequence[Cell]] = []
     for bound in _worst(bounds):
         total: Cell = Bad("no bound") if bound.total_ns is None else _ms(bound.total_ns)

@@ -66,7 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _is_kept(schedule: "BusSchedule") -> bool:
-    """Tell whether the messages of a bus fit its budget and meet their deadlines."""
+    """Tell whether the data on a bus fit its budget, and all messages meet their deadlines.
+
+    Deadlines count only on a wired bus that is up.
+    """
     late = schedule.bus.kind == "wired" and any(m.slack_ns is None or m.slack_ns < 0 for m in schedule.messages)
     return schedule.data <= schedule.data_limit and not (late and schedule.is_up)
 

@@ -87,7 +87,9 @@ def add_parsers(subparsers: Any) -> None:
 def _codes(text: str) -> list[str]:
     codes = [code.strip() for code in text.split(",")]
     if not all(codes):
-        raise argparse.ArgumentTypeError("write codes or beginnings of codes, for example DG2,DG401")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} leaves a code empty: write codes or beginnings of codes, for example DG2,DG401"
+        )
     return codes
 
 
@@ -182,7 +184,10 @@ def _specs_below(folder: Path) -> list[Path]:
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         found += [Path(where, name) for name in sorted(files) if name.endswith((SUFFIX, *SUFFIXES))]
     if not found:
-        raise UserError(f"{folder}: there is no *{SUFFIX} in this folder, and no *{SUFFIXES[0]}")
+        raise UserError(
+            f"{folder}: there is no *{SUFFIX} in this folder or below it, nor a *{SUFFIXES[0]}; "
+            "name another folder, or a file"
+        )
     return found
 
 

@@ -89,7 +89,10 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fly the cases; returns the exit code."""
+    """Fly the cases and print the violations, or with `--count` only print the number of cases.
+
+    Returns the exit code: 1 if an oracle was violated in any case, otherwise 0.
+    """
     go_on_compiled_if_asked(arguments)
     from heronry_tools.sim.flight.campaign import fly_all  # noqa: PLC0415 - the solver is slow to import
     from heronry_tools.sim.flight.exhaustive import fly_case  # noqa: PLC0415
@@ -117,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
-    """Give the number of single faults that can be injected into each story."""
+    """Give for each story how many single faults can be injected into it."""
     from heronry_tools.sim.flight.exhaustive import single_cases, stories  # noqa: PLC0415
 
     setup = _setup(arguments)

@@ -333,7 +333,7 @@ def _number(text: str, option: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise UserError(f"{option}: '{text}' is not a number") from None
+        raise UserError(f"{option}: '{text}' is not a number; write one from 0 to {_MOST}, for example 20") from None
     if not 0.0 <= value <= _MOST:
         raise UserError(f"{option}: {value:g} is not between 0 and {_MOST}")
     return value

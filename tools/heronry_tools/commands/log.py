@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     writers = {".mcap": write_mcap, ".mf4": write_mf4}
     file: Path = arguments.file
     if file.suffix.lower() not in writers:
-        raise UserError(f"{file}: the ending selects the format; name the file *.mcap or *.mf4")
+        raise UserError(f"the ending of {file} names no format; name the file *.mcap or *.mf4")
     expect_writable(file)
     key = None if arguments.key is None else read_key(arguments.key)
     recording = open_recording(arguments.recording, arguments.spec, key)

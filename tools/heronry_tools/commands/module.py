@@ -69,7 +69,9 @@ def _limit(text: str) -> float:
     except ValueError:
         limit_s = 0.0
     if not 0 < limit_s <= _LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text} is no limit; write seconds, more than 0 and at most {_LONGEST_S}")
+        raise argparse.ArgumentTypeError(
+            f"{text} cannot be the limit; write a number of seconds, more than 0 and at most {_LONGEST_S}"
+        )
     return limit_s
 
 

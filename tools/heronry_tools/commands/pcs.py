@@ -262,9 +262,9 @@ def run_edit(arguments: argparse.Namespace) -> int:
 
 
 def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
-    """Give the graph that an operation makes, and the view that the operation makes.
+    """Give the graph after the operation that `arguments` name, and the view after it: the members in it, sorted.
 
-    The view is None if the operation does not work on a view.
+    The view is None if the operation does not work on a view. Only `contract` and `expand` do.
     """
     from heronry_pcs import operations, views  # noqa: PLC0415
     from heronry_pcs.names import COMPONENT_HINT, is_component  # noqa: PLC0415

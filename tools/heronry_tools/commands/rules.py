@@ -96,7 +96,7 @@ def run_rules(arguments: argparse.Namespace) -> int:
 
 
 def run_explain(arguments: argparse.Namespace) -> int:
-    """Explain one code; returns the exit code."""
+    """Explain the rule with the code or name that the user gives; returns the exit code of the program."""
     from heronry_dg.check.rules_page import explained  # noqa: PLC0415
     from heronry_pcs.file_rules import RULES as GRAPH_RULES  # noqa: PLC0415
     from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415

@@ -248,9 +248,9 @@ def _lines_of(file: Path) -> list[str]:
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
-    """Tell whether a flight has violated an oracle.
+    """Tell whether a flight has a violation of any rule but MISSED.
 
-    A fault that the user named, and that was not injected (MISSED), is no violation.
+    MISSED means that a fault which the user named was not injected.
     """
     from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
 
@@ -358,5 +358,5 @@ def share(text: str) -> float:
     """Read a share of lost frames, from 0 to 0.5; raises ArgumentTypeError for any other text."""
     probability = read_share(text)
     if probability is None:
-        raise argparse.ArgumentTypeError(f"{text} is not a number from 0 to 0.5: write the share of lost frames")
+        raise argparse.ArgumentTypeError(f"{text} is not a share of lost frames; write a number from 0 to 0.5")
     return probability

@@ -40,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     spec = load_spec(arguments.spec)
     if (arguments.pe is None) == (arguments.all is None):
-        raise UserError("name one PE, or write --all DIR")
+        what = "neither a PE nor --all is given" if arguments.all is None else "both a PE and --all are given"
+        raise UserError(f"{what}: either name one PE, or write --all DIR for the tables of all PEs")
     if arguments.pe is not None:
         expect_pe(spec, arguments.pe)
     made = contingencies_of(spec, arguments.contingencies)

@@ -67,7 +67,10 @@ def exit_code(program: Callable[[], int | None], name: str, command: str | None 
 
 
 def _flushed(program: Callable[[], int | None]) -> int:
-    """Run the program and flush standard output, so that a failure to write can still be reported."""
+    """Run the program and flush standard output; returns the program's exit code, 0 for None.
+
+    Because of the flush, output that cannot be written raises its error here, where it can still be reported.
+    """
     try:
         return program() or 0
     finally:

@@ -46,5 +46,6 @@ def read_text(file: str) -> str:
     try:
         text = sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise UserError(f"{file}: byte {error.start} is not UTF-8 text: save the file as UTF-8") from error
+        name, remedy = ("standard input", "give UTF-8") if file == "-" else (file, "save the file as UTF-8")
+        raise UserError(f"{name}: byte {error.start} is not UTF-8 text; {remedy}") from error
     return text.removeprefix("\ufeff")

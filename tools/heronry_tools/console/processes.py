@@ -31,9 +31,12 @@ R = TypeVar("R")
 
 @contextmanager
 def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of `jobs` processes, each of which calls `begin(beginning)` first; raises UserError if one dies.
+    """Yield a pool of `jobs` worker processes, each of which calls `begin(beginning)` first.
 
-    The first task starts the workers, so the caller must submit it inside `held_back`.
+    The pool starts the workers when it gets its first task. So the caller must submit this task inside
+    `held_back`; then the workers inherit the blocked signals.
+
+    Raises UserError if a worker has ended or was killed.
     """
     others = {child.pid for child in active_children()}
     try:

@@ -83,7 +83,10 @@ def spec_text(text: str) -> SpecText:
 
 
 def spec_path(text: str) -> Path:
-    """Give the file that SPEC names, for a command whose processes read the file again; raises UserError."""
+    """Give the path of the spec file that `text` names, for a command that reads the file more than once.
+
+    Raises UserError if `text` names standard input, a pipe or a version in git, or no file of a spec.
+    """
     if text == "-" or _is_pipe(text) or _is_in_git(text):
         raise UserError(
             f"{text}: this command reads the spec more than once; save it as a *.dg.yaml file, and name that file"
@@ -117,11 +120,14 @@ def _from_git(text: str) -> bytes:
     try:
         done = subprocess.run(["git", "cat-file", "blob", text], capture_output=True, check=False)
     except FileNotFoundError:
-        raise UserError(f"{text}: REV:PATH needs git, which is not installed; name a *.dg.yaml") from None
+        raise UserError(
+            f"there is no file '{text}', and the form REV:PATH needs git, which is not installed; name a *.dg.yaml"
+        ) from None
     if done.returncode == 0:
         return done.stdout
     why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2].removeprefix("fatal: ")
-    raise UserError(f"{text}: {why} (git); PATH is relative to the top of the repository, ./PATH to this folder")
+    remedy = "in REV:PATH, write PATH from the top of the repository, or ./PATH from this folder"
+    raise UserError(f"{text}: {why} (git); {remedy}")
 
 
 def expect_pe(spec: "Spec", name: str) -> None:

@@ -15,7 +15,10 @@ class BusLoads:
         self._row: dict[str, float | None] = {f"load_{bus}": None for bus in self._bits}
 
     def columns(self) -> dict[str, float | None]:
-        """Return the loads, averaged over the last second and renewed once a second; None in the first second."""
+        """Return the load of each bus by name of the column, as a share of the bit rate.
+
+        A load is the average over the last second, and is renewed once a second; None in the first second.
+        """
         passed_ns = self._simulation.now_ns - self._since_ns
         if passed_ns >= NS_PER_S:
             for bus, wires in self._simulation.wiring.wires.items():

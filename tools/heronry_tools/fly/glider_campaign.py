@@ -25,9 +25,9 @@ def missions(spec: Spec, first: GliderMission, runs: int, *, one_fault: bool) ->
 def summary(landings: Sequence[GliderLanding]) -> dict[str, Any]:
     """Return the statistics of many flights as JSON data.
 
-    The entry `kept` has the share of acceptable landings among some of the flights. These are the flights in which no
-    parachute opened, and whose last plan has modules that steer by the route. The entry `from_home_m` has the median
-    and the greatest distance of the landings from home, in m.
+    The entry `kept` has the share of acceptable landings among the flights in which no parachute opened, and whose last
+    plan has modules that steer by the route. The entry `from_home_m` has the median and the greatest distance of the
+    landings from home, in m.
     """
     kept = [landing for landing in landings if landing.guided and not landing.chute]
     far = sorted(landing.from_home_m for landing in landings if landing.from_home_m is not None)

@@ -44,7 +44,7 @@ class Happenings:
         return next((time_s - struck_s for time_s in self.reconfigured_s if time_s >= struck_s), None)
 
     def inject_due(self, time_s: float, height_m: float) -> None:
-        """Inject the faults that are due at this time of the flight, or below this height."""
+        """Inject each fault whose time of the flight has come, or below whose height the aircraft is now."""
         for blow in list(self._due):
             by_time = blow.at_s is not None and time_s >= blow.at_s
             if by_time or (blow.below_m is not None and height_m < blow.below_m):

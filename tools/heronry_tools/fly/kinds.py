@@ -45,7 +45,7 @@ class Kind:
     figures: Callable[[dict[str, Any]], str]
 
     def dispersed(self, landing: Any) -> Landing:
-        """Return the part of one result that the report of many flights shows."""
+        """Return from the result of one flight what the report of many flights shows."""
         wind = landing.mission.wind().speed_m_per_s
         return Landing(
             landing.mission.seed, landing.touchdown, wind, getattr(landing, "height_bias_m", None), self.site
@@ -78,6 +78,6 @@ def aircraft_of(spec: Spec) -> Name:
         if device in spec.devices:
             return name
     raise UserError(
-        f"the spec '{spec.name}' does not have the devices of an aircraft with a flight dynamics model; "
-        f"such aircraft are {' and '.join(_KNOWN_BY)}"
+        f"spec '{spec.name}' cannot be flown with this command: it does not have the devices of an aircraft with a "
+        f"flight dynamics model; name a spec of {' or '.join(_KNOWN_BY)}"
     )

@@ -42,10 +42,11 @@ class LatencyProbe:
         return STEP_DEG_PER_S if self._is_up else 0.0
 
     def commanded(self, device: str, value: Value, now_ns: int) -> None:
-        """Note a command to an actuator; an elevator command that answers a step of the pitch rate gives a latency.
+        """Note a command to an actuator; if the elevator answers a step of the pitch rate by it, record the latency.
 
-        A command answers the step if it differs from the elevator command before it by `_ANSWER_DEG` or more. The
-        latency is not recorded if it is `_LOST_NS` or longer.
+        An elevator command is the answer if it differs from the elevator command before it by `_ANSWER_DEG` or more.
+        A latency of `_LOST_NS` or more is not recorded.
+
         now_ns: time of the flight, like that of the samples.
         """
         if not device.startswith("elevator") or not isinstance(value, (int, float)):

@@ -50,9 +50,9 @@ class FlightPlant(Protocol):
         """
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Advance to `now_ns`, and return the reading of a device; None if it does not answer.
+        """Advance to `now_ns`, and return the reading of a device; None if the device does not answer.
 
-        A servo gives the last command that it has accepted, None before the first one.
+        The reading of a servo is the last command that the servo has accepted; None before the first one.
         """
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:

@@ -67,8 +67,8 @@ class Servos:
     def fail(self, servo: str, how: str, offset: float) -> None:
         """Make a servo fail; `how` is a `Failure`.
 
-        The surface that the servo holds stops ("dead", "stuck"), or floats ("loose"). With "bias" it moves with the
-        next command, which is then wrong by `offset`.
+        If this servo was the last to be driven at its surface, the surface stops ("dead", "stuck") or floats
+        ("loose"). With "bias", each command from the next one on is wrong by `offset`.
         """
         self.failed[servo] = how, offset
         surface = self.surfaces[self.pushes[servo]]

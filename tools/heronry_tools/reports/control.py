@@ -99,7 +99,11 @@ def _place(error: ScriptError) -> str:
 
 
 def trial_text(statements: int, errors: int, violations: Sequence[str]) -> str:
-    """Write the result of trying a script: a sentence, and what is not legal in the configuration that it leads to."""
+    """Write the result of trying a script: a sentence, then one line for each violation.
+
+    statements, errors: the number of statements that were read, and of errors in them.
+    violations: what is not legal in the configuration to which the script leads; not written if there are errors.
+    """
     if errors:
         return f"{statements} statements read, {errors} errors: nothing is done\n"
     illegal = "".join(f"not legal: {violation}\n" for violation in violations)

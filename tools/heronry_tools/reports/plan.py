@@ -39,7 +39,10 @@ def _headline(spec: Spec, plan: Plan, planner: str) -> str:
 
 
 def _proof(plan: Plan) -> str:
-    """Write which levels of a plan are proven; empty if the plan is proven to be the best, or has no bounds at all."""
+    """Write which levels of a plan are proven, and the bounds of the others.
+
+    The text is empty if the plan is proven to be the best, or if none of its levels has a bound.
+    """
     if plan.optimal or all(one.bound is None for one in plan.levels):
         return ""
     proven = ", ".join(one.level for one in plan.levels if one.proven)

@@ -144,7 +144,11 @@ def _standstills(counts: Mapping[str, int] | None) -> str:
 
 
 def _unproven(authentic: Mapping[str, Any] | None) -> str:
-    """Write how many frames of a PE the manager refused, and how many frames the PE refused."""
+    """Write what is wrong with the proofs of one PE; an empty text if nothing is, or without a key.
+
+    This is: that its states are not believed, how many states of the PE the manager refused, how many reports
+    in its name were never proven, and how many commands the PE refused.
+    """
     if authentic is None:
         return ""
     said = "" if authentic["is_believed"] else "; its states carry no valid proof"

@@ -164,7 +164,7 @@ class Story:
                 pass
 
     def _follow(self, event: Mapping[str, Any]) -> None:
-        """Note from an event the plan that runs or is being deployed, an abandoned epoch, or that a PE has joined."""
+        """Record what an event says about the running or next plan, an abandoned epoch, or a PE that has joined."""
         match event["event"]:
             case "plan_ready":
                 self._next = event["plan"]
@@ -227,7 +227,7 @@ class Story:
         yield Line(words, "bad")
 
     def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Give a line for a suspected PE only when the PE is lost, since most suspected PEs answer."""
+        """Give a line when a PE is lost; give none when a PE is only suspected, since most suspected PEs answer."""
         pe = event["pe"]
         if event["event"] == "pe_lost":
             pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
@@ -328,8 +328,8 @@ class Story:
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give a line for the outage of a function, in two cases.
 
-        - The outage is over.
-        - The outage lasts, and the plan serves the function.
+        - The function is heard again.
+        - The function is still silent, although the plan serves it.
 
         An outage that is `gathered` gets no line here, since one line (`_outages`) reports it together with others.
         """

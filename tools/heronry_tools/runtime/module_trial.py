@@ -51,7 +51,7 @@ class Trial:
     def document(self) -> dict[str, Any]:
         """Give the trial as plain data for JSON. Bytes become hexadecimal digits.
 
-        A request to go back to the spec's own priority of a function has None instead of a number.
+        A module may request that a function gets the priority of the spec again: then None stands for the priority.
         """
         failure = None
         if self.failure is not None:
@@ -82,7 +82,8 @@ def requested_priorities(step: Result) -> list[tuple[str, int | None]]:
 def expect_there(image: str) -> None:
     """Raise UnknownImageError if the code of an image is neither on Python's path nor in the present folder.
 
-    Code that exists, but fails when it is imported, raises nothing here: the trial finds the failure again.
+    If the code exists, but cannot be imported, nothing is raised here: the trial imports the code, too, and
+    reports why that fails.
     """
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
@@ -136,7 +137,10 @@ def _own_frames(frame: FrameType) -> list[traceback.FrameSummary]:
 
 @contextmanager
 def _limited(limit_s: float) -> Iterator[None]:
-    """Raise _TooLongError in the `with` block after `limit_s` seconds, then every `_AGAIN_S` seconds until it ends."""
+    """Raise _TooLongError in the `with` block after `limit_s` seconds.
+
+    Raise it again every `_AGAIN_S` seconds until the block ends.
+    """
 
     def end(_number: int, frame: FrameType | None) -> None:
         raise _TooLongError(frame)

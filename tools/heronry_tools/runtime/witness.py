@@ -115,9 +115,9 @@ class Witness:
         return sorted(found, key=lambda outage: outage.from_ns)
 
     def forget(self) -> None:
-        """Drop the recorded outages, which are over, and all pairs in `rivals`.
+        """Drop all recorded outages and all pairs in `rivals`, so that a witness can run for days without more memory.
 
-        So a witness can run for days without more memory.
+        An outage is recorded when it is over; so an outage that still lasts is kept.
         """
         self.rivals.clear()
         for watched in self._watched.values():

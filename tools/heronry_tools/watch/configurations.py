@@ -66,7 +66,7 @@ class Situations:
         self._spec, self._graphs = spec, LiveGraphs(spec)
 
     def first(self, snapshot: Snapshot) -> Snapshot:
-        """Return the snapshot with all elements of the spec; of these elements nothing is known yet."""
+        """Return the snapshot with every PE, bus, function and module of the spec; nothing is known of them yet."""
         spec = self._spec
         return replace(
             snapshot,

@@ -59,9 +59,10 @@ class Listening:
         key: Key | None = None,
         tables: tuple[PeTable, ...] = (),
     ) -> None:
-        """Begin at `begins_ns` of the frames' clock.
+        """Begin at the time `begins_ns` of the frames' clock.
 
-        tells_why: the manager's own events are available. So epochs are not observed, and no manager's core runs here.
+        tells_why: the caller gets the events of the manager itself. Then epochs are not observed here, and no core
+            of a manager runs here.
         key: the key of the flight; None: the flight has no key.
         tables: the tables of the PEs, with the contingencies on board.
         """
@@ -102,7 +103,7 @@ class Listening:
         return found
 
     def until(self, t_ns: int) -> list[Event]:
-        """Return the events that are due before `t_ns` without a further frame."""
+        """Return the events before `t_ns` that follow from the passing of time alone, without a new frame."""
         found: list[Event] = list(chain.from_iterable(traffic.until(t_ns) for traffic in self._traffic.values()))
         found += self._deadlines(t_ns)
         if t_ns >= self._tell_ns:
@@ -150,9 +151,10 @@ class Listening:
             yield from self._epochs.page_0(t_ns, self._spec.pes[pe].node_id, page)
 
     def _heard_until(self, t_ns: int) -> Iterator[Event]:
-        """Give an observation of when each PE and each function was last heard.
+        """Yield an observation of when PEs and functions were last heard, and the events of silent functions.
 
-        Give also an event for each silence of a function that has begun or ended.
+        The observation has the PEs that were heard since the last observation, and all functions that were ever heard.
+        A silence of a function gives an event when it is found, and another event when it has ended.
         """
         functions = {}
         for name in self._spec.functions:

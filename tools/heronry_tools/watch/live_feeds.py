@@ -39,7 +39,7 @@ _FIRST_LINE_S = 5.0
 
 
 class Feed(Protocol):
-    """A source of events for a view, which polls it."""
+    """A source of events; a view polls it."""
 
     spec: Spec
     spec_file: Path | None  # None if the caller named the spec itself
@@ -199,7 +199,7 @@ class FollowedManager:
 
 
 class ListenedBuses:
-    """The feed of buses without a manager's events: it shows reconfigurations, but not their causes."""
+    """A feed that only listens to buses: without the events of a manager, it does not show why epochs change."""
 
     source: Source = "bus"
 

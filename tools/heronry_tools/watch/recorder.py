@@ -67,7 +67,7 @@ class Recorder:
                 self._begin_pair()
         except OSError as error:
             raise UserError(
-                f"{self._folder} cannot be written: {error.strerror}; the flight up to now is in it"
+                f"{self._folder} cannot be written any further ({error.strerror}); it holds the flight up to now"
             ) from error
 
     def close(self) -> None:

@@ -130,7 +130,7 @@ def read_events(path: Path) -> Iterator[Event]:
 def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: str) -> list[Event]:
     """Compute the events of a log.
 
-    name: what messages call the log.
+    name: the name of the log in error messages.
     Raises UserError if the flight had a key and `key` is None, or if the flight had another spec.
     """
     if is_tagged(frames) and key is None:

@@ -120,7 +120,10 @@ class Reducer:
         return state
 
     def all(self, events: Iterable[Event], start: State | None = None) -> State:
-        """Give the state after all events, from the state `start`."""
+        """Give the state after all these events.
+
+        start: the state before the first of them; None: the state of a feed without any event.
+        """
         state = self.start() if start is None else start
         for event in events:
             state = self.after(state, event)

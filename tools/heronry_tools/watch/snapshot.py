@@ -216,13 +216,15 @@ class Script:
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """The state of each symbol and edge of the dependency graph, by their keys (`reports.render`).
+    """The state of each symbol, mode and edge of the dependency graph, by its key (`reports.render`).
 
-    served: in use.
-    degraded: in use, but the module runs in another mode than its best one.
-    lost: the output of a function that is wanted and not served.
-    idle: an alternative that is not chosen.
-    dead: a module that cannot run, a gate that cannot hold, or a variable that no module can give.
+    The states are:
+
+        served      in use
+        degraded    in use, but the module runs in another mode than its best one
+        lost        the output of a function that is wanted and not served
+        idle        an alternative that is not chosen
+        dead        a module that cannot run, a gate that cannot hold, or a variable that no module can give
     """
 
     nodes: Mapping[str, Live] = field(default_factory=dict)

@@ -88,8 +88,8 @@ def opened_feed(arguments: argparse.Namespace) -> "Feed":
     if arguments.spec is not None:
         or_log = ("", "") if not hasattr(arguments, "log") else (" or in a log", ", or --log FILE")
         raise UserError(
-            f"to watch {arguments.spec} on a bus{or_log[0]}, add -i and -c{or_log[1]}; to follow the manager on this "
-            "computer, leave the spec out"
+            f"a spec alone does not say what to watch: to watch {arguments.spec} on a bus{or_log[0]}, add -i and "
+            f"-c{or_log[1]}; to follow the manager on this computer, leave the spec out"
         )
     from heronry_tools.watch.live_feeds import FollowedManager  # noqa: PLC0415
 

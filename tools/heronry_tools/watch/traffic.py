@@ -51,7 +51,7 @@ class _Slot:
 
 
 class Traffic:
-    """The traffic of one bus."""
+    """Counts the frames on one bus, and gives the load of the bus at regular times (event `bus_seen`)."""
 
     def __init__(self, bus: str, bit_rate: int) -> None:
         self.bus, self._bit_rate = bus, bit_rate
@@ -77,7 +77,7 @@ class Traffic:
             self._next_tell = number + TELL_SLOTS
 
     def until(self, t_ns: int) -> list[dict[str, Any]]:
-        """Return the `bus_seen` event that is due before `t_ns`, in a list; an empty list if none is due.
+        """Return, in a list, the `bus_seen` event that is due at `t_ns` or earlier; an empty list if none is due.
 
         If several events are due after a pause, only the last of them is returned.
         """

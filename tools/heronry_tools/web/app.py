@@ -113,7 +113,7 @@ class Site:
         return StreamingResponse(lines, media_type="text/event-stream", headers=_NO_STORE)
 
     async def events(self, _: Request) -> Response:
-        """Answer with the events of the live state or recording that is shown, as a file of JSON lines."""
+        """Answer with a file of JSON lines: the events of the system or the recording that is shown."""
         name = f"{self.spec.name}.events.jsonl"
         text = "".join(f"{line}\n" for line in self.shown.lines())
         head = {**_NO_STORE, "content-disposition": f'attachment; filename="{name}"'}
@@ -150,7 +150,7 @@ class Site:
         return waiting.result()
 
     async def warm(self, _: Request) -> Response:
-        """Start the planner's process, because the page will ask a question."""
+        """Start the planner's process in advance, so that it is ready when the page asks a question."""
         await self.questions.warm()
         return JSONResponse({"done": True}, headers=_NO_STORE)
 

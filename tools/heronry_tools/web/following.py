@@ -75,7 +75,10 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
 
 
 def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:
-    """Open a feed as soon as its manager listens; until then `waits` is called with the reason."""
+    """Open a feed; try again until its manager listens.
+
+    waits: called after each failed try with a sentence which says that the manager does not listen yet.
+    """
     while True:
         try:
             return open_feed()
@@ -85,9 +88,9 @@ def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:
 
 
 def _standby(feed: Feed, manager: Path) -> Feed:
-    """Give a new feed of the standby manager, or of the manager itself if the standby manager does not listen.
+    """Follow the standby manager, or the manager at the path `manager` if the standby manager does not listen.
 
-    Closes `feed`. If neither manager listens, `feed` stays open and is returned.
+    Closes `feed`, and returns the new feed. If neither manager listens, returns `feed`, which stays open.
     """
     for path in (standby_of(manager), manager):
         with suppress(ControlError):

@@ -63,7 +63,11 @@ class Access:
         return ipaddress.ip_address(self.address).is_loopback
 
     def knows_host(self, host: str) -> bool:
-        """Tell whether a `Host` is an address of this server; a name is accepted only if it is this computer's own."""
+        """Tell whether a `Host` may stand for this server: it has the server's port, and a name or address as below.
+
+        If only this computer can reach the server, this is a loopback name or the address of the server.
+        Otherwise it is a loopback name, the name of this computer, or any IP address.
+        """
         name, _, port = host.rpartition(":")
         if port != str(self.port) or not name:
             return False

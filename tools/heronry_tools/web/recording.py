@@ -25,7 +25,10 @@ class Recording(Timeline):
 
     @property
     def first_configuration_ns(self) -> int:
-        """Give the time at which the first configuration runs; a page begins there."""
+        """Give the time (ns) at which the first configuration runs, or the recording begins if none ever runs.
+
+        A page begins at this time.
+        """
         return int(self.marks[0]["t_ns"]) if self.marks else self.begins_ns
 
     def loads(self, after: int, until: int) -> list[Load]:

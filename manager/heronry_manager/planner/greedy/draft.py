@@ -237,9 +237,11 @@ class Draft:
         return False
 
     def sweep(self, outputs: int) -> None:
-        """Stop all modules that serve none of the running outputs (semantics rule 5).
+        """Stop all modules that serve no function (semantics rule 5).
 
-        outputs: the modules that serve functions: a set, as bits by number of the module.
+        A module serves if it is one of `outputs`, or if its data reach a running module of `outputs` over wires.
+
+        outputs: the set of the output modules of functions, as bits by number of the module.
         """
         mode, feeder, leaves_of = self.mode, self.feeder, self._leaves_of
         serving = frontier = self.running & outputs

@@ -13,7 +13,7 @@ from heronry_dg.situation import elements, places
 
 @dataclass(frozen=True, slots=True)
 class Numbering:
-    """Maps each element to its number, and each number to its element."""
+    """Maps the modules, PEs, buses, variables and modes of a spec to numbers, and these numbers back to them."""
 
     spec: Spec
     modules: list[Module]

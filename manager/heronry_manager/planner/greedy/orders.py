@@ -21,7 +21,7 @@ Giver = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What each mode needs, and the modes that may feed it, in the order in which the planner tries them."""
+    """The needs of each mode, and the modes that may feed each leaf, in the orders in which they are tried."""
 
     price: list[int]  # by mode
     needs: list[Node | None]  # by mode
@@ -33,7 +33,9 @@ class Orders:
 
 
 def ordered(leaves: Leaves, module_of: Sequence[int], size: Sequence[int]) -> Orders:
-    """Compute the price of each mode, and the orders in which the inputs of gates and their givers are tried.
+    """Compute the price of each mode, and the orders in which the planner tries inputs of gates and givers of leaves.
+
+    The head of this file defines price and giver.
 
     module_of: the module of each mode.
     size: what each mode takes by itself, without its producers: the sum of its shares of all CPU, RAM and
@@ -73,16 +75,19 @@ def _prices(leaves: Leaves, size: Sequence[int]) -> list[int]:
 
 
 class _Order:
-    """Computes from the prices of modes the prices of gates, and the orders in which their inputs are tried.
+    """Computes the prices of gates from those of modes, and the orders in which the inputs of a gate are tried.
 
-    Also tells how many points the inputs of a gate can give.
+    Also tells how many points the leaves of a gate can have together.
     """
 
     def __init__(self, leaves: Leaves, price: list[int]) -> None:
         self._worth, self.price = leaves.worth, price
 
     def price_of(self, node: Node) -> int:
-        """Return the least price with which a gate can hold: the sum of the prices of its cheapest inputs."""
+        """Return the least price with which a gate or a leaf can be supplied.
+
+        For a leaf this is the price of its cheapest giver, for a gate the sum over the cheapest inputs it needs.
+        """
         most, number, inputs, _ = node
         if most == LEAF:
             return min((self.price[giver] for giver in self._worth[number]), default=_UNPRICED)

@@ -39,9 +39,9 @@ _ENDLESS: Final = 1 << 60
 
 
 def packings(tables: Tables, wanted: Wanted, scene: Scene) -> Iterator[Before]:
-    """Yield up to two proposals, each with places for modules that critical functions need.
+    """Yield two proposals, each with PEs for the modules that critical functions need.
 
-    The first proposal packs all these functions together, the second packs one function after the other.
+    The first proposal packs the modules of all these functions together, the second function by function.
     """
     draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.numbers.buses)))
     draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.numbers.pes) for _ in range(3))

@@ -74,7 +74,7 @@ def _closed(spec: Spec, phase: str | None) -> frozenset[tuple[str, str, str]]:
 
 
 class _Prepared:
-    """Plans for the situations of certain phases: those in which the same inputs may be wired."""
+    """The greedy planner for a group of phases: all phases in which the same inputs may be wired."""
 
     def __init__(self, spec: Spec) -> None:
         """Compute the tables for all phases in which the same inputs may be wired.
@@ -103,9 +103,9 @@ class _Prepared:
         return before
 
     def _repaired(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:
-        """Make a draft that meets its deadlines.
+        """Make a draft that meets its deadlines, with optional inputs; gives the `Repair` that holds the draft.
 
-        If a message of the first draft would be late, the draft is made anew with a check of each message.
+        If a message of the first draft would be late, another draft is made in which each message is checked.
         """
         repair = self._best(wanted, scene, before, None)
         if not self._punctuality.are_met(repair.draft):
@@ -114,10 +114,10 @@ class _Prepared:
         return repair
 
     def _best(self, wanted: Wanted, scene: Scene, before: Before, punctuality: Punctuality | None) -> Repair:
-        """Make drafts from the configuration `before`, and return the draft that is best at levels 1 and 2.
+        """Return the draft that is best at levels 1 and 2, of those that are made here.
 
-        While the best draft does not serve a critical function, a further draft is made from places that `packings`
-        proposes.
+        The first draft is made from the configuration `before`. As long as the best draft leaves a critical function
+        unserved, a further draft is made from places that `packings` proposes, until `packings` proposes no more.
 
         punctuality: if it is given, the drafts meet all deadlines; None: they may miss deadlines.
         """

@@ -50,7 +50,7 @@ Source = tuple[int, int]  # module and variable
 
 
 class _Level:
-    """The load on one bus of all messages that are more urgent than the message to be checked next."""
+    """How much one bus is loaded by the messages that are more urgent than the message to be checked next."""
 
     __slots__ = ("blocking", "demand", "frames", "load", "streams")
 
@@ -95,16 +95,16 @@ class _Level:
 
 
 class Watch:
-    """Checks the deadlines before each message is published, until the budget of the checks is used up.
+    """Checks, before further messages are published, that the draft then still meets all deadlines.
 
-    After that it allows no message to be published.
+    The checks have a budget. Once it is used up, no further message may be published.
     """
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
-        """Begin with a budget for checks, in messages.
+        """Begin with a budget for checks.
 
-        Each check takes as much from the budget as messages are already published. Once the budget is used up, no
-        further message may be published.
+        budget: a number of messages. A check takes from it the number of messages that the draft publishes before the
+            check. When nothing is left of the budget, no further message may be published.
         """
         self._punctuality, self._budget = punctuality, budget
 
@@ -156,7 +156,9 @@ class Punctuality:
         return level
 
     def _bounded(self, draft: Draft, messages: list[Publication], since: int) -> bool | None:
-        """Decide by the bounds whether all deadlines are met; None: the bounds do not decide it.
+        """Decide by bounds of the response times whether all messages meet their deadlines.
+
+        None: the bounds do not decide it.
 
         since: an identifier; all messages that are more urgent than this identifier are known to be in time.
         """
@@ -175,9 +177,10 @@ class Punctuality:
         return True
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
-        """Tell whether a source meets its deadline on each bus of its route; None: the bounds do not decide it.
+        """Tell whether a source meets its deadline on each bus of its route.
 
-        If the source meets its deadline, its load has been added to `above` for each of these buses.
+        Returns None if the bounds of its response time do not decide this. If the source meets its deadline, its
+        load has been added to `above` for each of these buses.
 
         buses: numbers of the buses on which the source is published.
         above: by number of a bus, the load of all messages that are more urgent than this source.
@@ -201,11 +204,13 @@ class Punctuality:
     ) -> float | None:
         """Give the response time of a source on one bus in ns: an upper bound or, with `is_jitter`, the exact value.
 
-        0: the source is late. None: the bounds do not decide this or, with `is_jitter`, give no exact value.
+        0: the source is late. None: the load is too high for the bounds, the bounds do not decide whether the
+        source is late or, with `is_jitter`, they give no exact value.
 
         level: the load of all messages on the bus that are more urgent than the source.
         jitter: the jitter of the source on this bus, in ns.
-        is_jitter: whether the response time is the jitter of the source on a next bus.
+        is_jitter: whether the source is sent on several buses, so that its response time on one bus is its
+            jitter on the next.
         """
         if level.load > _FULL:
             return None
@@ -241,7 +246,7 @@ class Punctuality:
         return self._verdicts[published]
 
     def _hop(self, draft: Draft, message: Publication) -> Hop:
-        """Give a message of the draft in the form of the exact response-time analysis."""
+        """Convert a message of the draft to a `Hop`, for the exact response-time analysis."""
         module, variable, bus = message
         tables = self._tables
         after = self._steps[draft.pe[module]][bus][1]
@@ -255,7 +260,7 @@ class Punctuality:
 
 
 def _steps(routes: list[tuple[int, ...]]) -> dict[int, tuple[int, int]]:
-    """Return for each bus on these routes how many buses come before it, and the number of the last of these.
+    """Return, for each bus on these routes, how many buses come before it, and the number of the bus just before.
 
     The number is -1 if no bus comes before.
 

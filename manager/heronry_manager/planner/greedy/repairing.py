@@ -34,8 +34,8 @@ class Repair:
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, before: Before) -> None:
         """Start with no module.
 
-        before: mode and PE in which each module ran. If modules are to be placed anew, the mode and PE that `packings`
-        proposes.
+        before: the mode and the PE in which each module ran; or, if modules are to be placed anew, those that
+            `packings` proposes.
         """
         self.draft = Draft(tables, scene)
         self._server = Server(tables, wanted, scene, self.draft, before)
@@ -107,9 +107,11 @@ class Repair:
             self.draft.undo(mark)
 
     def _serve_instead(self, goal: Goal) -> bool:
-        """Serve `goal` by stopping less important functions and putting other functions into cheaper modes, one by one.
+        """Serve `goal` at the expense of other functions; tell whether it is served now.
 
-        Functions are taken in the order of `_in_the_way`. Tell whether `goal` is served then.
+        The other functions are taken one by one, in the order of `_in_the_way`, until `goal` can be served or no tries
+        are left. A function that is less important than `goal` is stopped. Any other function is put into a cheaper
+        mode. When `goal` is served, these functions are served again if possible.
         """
         stopped = []
         for other, matters_less in self._in_the_way(goal):
@@ -176,7 +178,10 @@ class Repair:
         return False
 
     def _shrink(self, pes: int) -> None:
-        """Put modules on these PEs into their cheapest modes, as far as no function loses value."""
+        """Put each module on these PEs into the cheapest mode that can run and adds as much to the functions.
+
+        pes: the set of PEs, as bits by number of the PE.
+        """
         weight, size = self._wanted.weight, self._tables.sizes.size
         for module, mode in enumerate(self.draft.mode):
             if mode >= 0 and pes >> self.draft.pe[module] & 1:

@@ -1,4 +1,4 @@
-"""Buses: the routes between PEs, the elements on the route from the manager to a PE, and the load of a variable."""
+"""Routes between PEs, the elements on the manager's route to each PE, and the bus load of each variable."""
 
 from dataclasses import dataclass
 

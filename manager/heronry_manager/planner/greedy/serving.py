@@ -49,7 +49,7 @@ class Server:
         self._tables, self._wanted, self._scene, self._before = tables, wanted, scene, before
 
     def is_served(self, goal: Goal) -> bool:
-        """Tell whether an output of the function runs in the draft."""
+        """Tell whether an output module of the function runs in the draft."""
         mode = self.draft.mode
         return any(mode[module] >= 0 for module in goal.outputs)
 
@@ -213,9 +213,9 @@ class Server:
         return False
 
     def _feed_again(self, leaf: int, producer: int) -> bool:
-        """Wire a leaf to a producer again, if the reading module still runs in the leaf's mode.
+        """Wire a leaf to a producer again, if the reading module still runs in the mode to which the leaf belongs.
 
-        Tell whether the leaf is wired.
+        Returns whether the leaf is wired now.
         """
         draft, tables = self.draft, self._tables
         consumer = tables.leaves.module[leaf]
@@ -279,7 +279,7 @@ class Server:
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
         """Wire a leaf of the module `consumer` to `module` in `mode`; tell whether the leaf is wired.
 
-        If needed, `module` is started in `mode`, or is put into it.
+        If `module` does not run, it is started in `mode`; if it runs in another mode, it is switched to `mode`.
         """
         draft = self.draft
         mark, now = draft.mark(), draft.mode[module]

@@ -78,7 +78,10 @@ class _Supplier:
         return False
 
     def _improve(self, leaf: int) -> None:
-        """Wire a leaf to a producer of a better version, if one can be found."""
+        """Rewire a leaf, which is wired already, to a producer of a version that is worth more.
+
+        If no such producer can feed the leaf, the leaf keeps its wire.
+        """
         draft, worths = self._draft, self._tables.leaves.worth[leaf]
         now = worths[draft.mode[draft.feeder[leaf]]]
         for mode, module in self._tables.orders.dearest[leaf]:

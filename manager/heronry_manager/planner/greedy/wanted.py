@@ -115,7 +115,8 @@ def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
 def _class_weights(goals: Sequence[Goal]) -> list[int]:
     """Give the weight of each class, A to E; E has weight 0.
 
-    Of two plans, the better one at level 1 has the greater sum of weight times priority of the served functions.
+    For each served function, weight is multiplied by priority, and the products are added. Of two plans, that with
+    the greater sum is the better one at level 1.
     """
     weights = [0] * len(CRITICALITIES)
     weight = 1

@@ -100,8 +100,9 @@ class LimitedElevatorServo3(SurfaceServo):
 class RudderServo(SurfaceServo):
     """A rudder servo; its last command is not published.
 
-    In each step the driver compares the last command that the servo has taken with the command of the step before. It
-    reports a servo for which they differ for half a second, and again after each further half second.
+    In each step this driver compares the command that the servo has really taken with the command that the
+    driver gave in the step before. If the two differ for half a second, it reports the servo as failed, and
+    again after each further half second.
     """
 
     demand = "rudder_demand"
@@ -111,7 +112,7 @@ class RudderServo(SurfaceServo):
         self._refusal = Lasting(_REFUSES_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Report the servo if it has not taken the commands for long enough, and command the surface."""
+        """Command the surface; report the servo if for half a second it has not taken the commands (class text)."""
         if self._refusal.is_due(self._angle_deg is not None and not self._has_taken(self._angle_deg)):
             self.ctx.report_failed(f"device:{self.ctx.device}")
         return super().step(inputs)

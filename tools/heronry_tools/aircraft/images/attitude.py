@@ -52,9 +52,10 @@ class AttitudeFilter(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the attitude; nothing if a rate is missing.
 
-        The first attitude after a start in mode `fused` is an exception. It is the attitude that the accelerations
-        show, so it needs accelerations, but no rates. If the mode changes before the first attitude, the first
-        attitude is the best glide, and needs no inputs.
+        In two cases the first attitude needs no rates:
+
+        - After a start in mode `fused` it is the attitude that the accelerations show; nothing without them.
+        - If the mode `fused` ends before the first attitude, it is that of the best glide.
         """
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG

@@ -101,8 +101,11 @@ class PitchControl(Module):
     def _learn_drift(self, wanted_deg: float, speed_m_per_s: float | None) -> None:
         """Learn by how much the measured pitch is too high.
 
-        Nothing is learned while there is no airflow (the aircraft hangs below its balloon), or while the wanted pitch
-        is nose up, as in the flare.
+        Nothing is learned if the airspeed is unknown, if there is too little airflow (the aircraft hangs below its
+        balloon), or if the wanted pitch is nose up, as in the flare.
+
+        wanted_deg: the wanted pitch, nose up positive.
+        speed_m_per_s: the airspeed; None: it is not known.
         """
         if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S or wanted_deg > 0.0:
             return
@@ -119,7 +122,7 @@ def _gain(speed_m_per_s: float | None) -> float:
 
 
 class RollControl(Module):
-    """Controls the roll by the rudder; in mode `damped` also by the roll rate."""
+    """Controls the roll angle with the rudder; in mode `damped` the module also gets the roll rate, to damp it."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

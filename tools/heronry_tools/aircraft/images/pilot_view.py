@@ -24,7 +24,7 @@ class PilotView(GroundDisplay):
     columns: ClassVar[tuple[str, ...]] = ("telemetry_altitude",)
 
     def more_words(self, inputs: Inputs) -> list[str]:
-        """Add the glide path to the display's line."""
+        """Return the additional words of the display's line: those of the base class, then the way to the field."""
         return super().more_words(inputs) + _path_words(inputs)
 
 

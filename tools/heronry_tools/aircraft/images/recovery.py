@@ -1,11 +1,12 @@
 """The two events that end a flight: the logic of the parachute, and that of the balloon's line.
 
-The logic of the parachute has two inputs, the release command and the altitude. Either of them alone can keep the
-parachute shut (section 3.1 of the paper by Rawashdeh et al.). The parachute opens in one of three cases:
+The logic of the parachute has two inputs, the release command and the altitude (section 3.1 of the paper by Rawashdeh
+et al.). While a command not to release comes, the parachute stays shut at any altitude. While no command comes, an
+altitude above the opening altitude is enough to keep it shut. The parachute opens in one of three cases:
 
-- the release command is given;
+- the command to release is given;
 - the command has been missing for 3 s, and the aircraft, which has been above 3 000 m, is now below the opening
-  altitude: further down a command would come too late;
+  altitude. The logic waits no longer for a command, since below this altitude a command would come too late;
 - *by default*: both inputs have been missing for 3 s. This is longer than a reconfiguration takes, and longer than the
   inputs need to come after a start.
 

@@ -84,7 +84,7 @@ class PressureStuck(StuckSensorMonitor):
 
 
 class ElevatorFollows(ActuatorMonitor):
-    """Monitors whether the elevator follows its demand; if it does not, the first servo is reported."""
+    """Monitors whether the elevator follows its demand; if it does not, the elevator's servo 1 is reported."""
 
     command, position, output = "elevator_demand", "elevator_angle", "elevator_health"
     element, tolerance, lag_s = "device:elevator_servo_1", 2.5, 0.1

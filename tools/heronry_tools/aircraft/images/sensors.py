@@ -79,7 +79,10 @@ class TupleSensor(SensorDriver):
     fields: ClassVar[tuple[tuple[str | None, float], ...]]
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Convert each integer to the unit of its variable; None if the reading has another form."""
+        """Convert the integers of a reading to the units of their variables; integers without a variable are left out.
+
+        None if the reading is no tuple, or does not have one integer for each entry of `fields`.
+        """
         if not isinstance(raw, tuple) or len(raw) != len(self.fields):
             return None
         return {variable: count * unit for (variable, unit), count in zip(self.fields, raw, strict=True) if variable}

@@ -74,7 +74,10 @@ class SurfaceMonitor(Module):
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare the elevator's angle with the angle expected after the commands, and publish the health."""
+        """Compare the elevator's angle with the angle expected after the commands.
+
+        Publishes the number of the servo that is accused of not following; 0 if none is.
+        """
         commanded_deg, angle_deg = number(inputs, self.command), number(inputs, "elevator_angle")
         if commanded_deg is None or angle_deg is None:
             self._expected_deg = None

@@ -51,9 +51,12 @@ class InflationControl(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the demand of the valve.
 
-        The valve is closed if the pressure is missing, and if the wings are cured or leak. The valve of folded wings is
-        also closed below 15 000 m. If the altitude is missing, it counts as below 15 000 m for one minute, and as above
-        after that.
+        The valve is closed in these cases, at any pressure:
+
+        - The pressure is missing.
+        - The wings are cured or leak.
+        - The wings are folded, or their state is missing, and the altitude is below 15 000 m. An altitude that is
+            missing counts as below 15 000 m for one minute, and as above after that.
         """
         pressure_hpa = number(inputs, "wing_pressure")
         if pressure_hpa is None or self._refrains(inputs):

@@ -26,7 +26,10 @@ class PlantOfDevices(Protocol):
         """Take the safe action of an actuator that no module drives any more."""
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
-        """Give the actuators on other PEs whose echoes a plant with these sensors needs."""
+        """Give the actuators that change what these sensors measure.
+
+        A plant with these sensors needs the output echoes of those actuators that are on other PEs.
+        """
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
         """Make a device fail: dead (silent), stuck at its present reading, with a bias, or loose.

@@ -67,7 +67,8 @@ def _solved(planner: "Planner", task: Task, down: FaultSet) -> Outcome:
     if violations:
         from heronry_manager.planner.deadlines import PlannerDefectError  # noqa: PLC0415
 
-        raise PlannerDefectError(f"the plan for {', '.join(sorted(down))} is not legal: {violations[0]}")
+        lost = ", ".join(sorted(down)) or "nothing"
+        raise PlannerDefectError(f"the plan that was made with {lost} down is not legal: {violations[0]}")
     return Outcome(found.configuration, found.objective, found.optimal)
 
 

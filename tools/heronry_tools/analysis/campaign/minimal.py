@@ -1,4 +1,4 @@
-"""The minimal sets among some sets: those sets that contain none of the others."""
+"""Finds the minimal sets of a collection of sets: those that contain no other set of the collection."""
 
 from collections.abc import Iterable
 

@@ -76,7 +76,7 @@ def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]], scope: Scope) -
 
     fault_sets: the minimal fault sets of the scope after which the function is lost.
 
-    Returns None if each of these sets has an element without a rate.
+    Returns None if in no fault set all elements have a rate.
     """
     rates = {element: rate for element in scope.elements if (rate := rate_of(spec, element)) is not None}
     sets = list(fault_sets)

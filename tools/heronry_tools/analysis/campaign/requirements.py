@@ -62,7 +62,10 @@ def read_requirement(spec: Spec, text: str) -> Requirement:
 
 
 def offences(spec: Spec, requirement: Requirement, outcomes: Mapping[tuple[Phase, FaultSet], Outcome]) -> list[Offence]:
-    """Find the smallest fault sets that break a requirement, phase by phase."""
+    """Find, for each phase, the minimal fault sets that break a requirement.
+
+    A fault set is minimal if no smaller part of it breaks the requirement in this phase.
+    """
     broken: dict[Phase, dict[FaultSet, tuple[str, ...]]] = {}
     for (phase, down), outcome in outcomes.items():
         if len(down) <= requirement.faults:

@@ -1,12 +1,12 @@
-"""A lower bound of what must cross the buses whenever some functions are served, whatever a planner decides.
+"""A lower bound of the data that must cross the buses when given functions are served, whatever a planner decides.
 
-A function needs one of its output modules. So it certainly needs each variable that all its output modules
-need in all their modes. Such a variable must come from one of the modules that can give it.
-So each variable that all these givers need in all their modes is certainly needed as well, and so on.
+A function needs one of its output modules. So it certainly needs each variable that all its output modules need in all
+their modes. Such a variable must come from one of its *givers*, the modules that can give it. So each variable that all
+these givers need in all their modes is certainly needed as well, and so on.
 
-If no giver of a variable can share a PE with one of its readers, the variable must be published. The
-variable then crosses every bus that lies on all routes from a giver to a reader. Its rate there is at least
-the lowest rate of the givers. The rates on a bus may be added, because each variable is counted once.
+If no giver of a variable can share a PE with one of its readers, the variable must be published. The variable then
+crosses every bus that lies on all routes from a giver to a reader. Its rate there is at least the lowest rate of the
+givers. The rates on a bus may be added, because each variable is counted once.
 """
 
 from collections.abc import Iterator, Mapping
@@ -32,7 +32,7 @@ class ForcedTraffic:
     rates: dict[str, dict[str, int]] = field(default_factory=dict)
 
     def mbit_per_s(self, bus: str) -> dict[str, int]:
-        """Bandwidth of each variable on a bus, in thousandths of a bit/s."""
+        """Bandwidth of each variable on a bus at its rate in `rates`, in thousandths of a bit/s."""
         return {name: frame_bits(self.spec, name) * rate for name, rate in self.rates.get(bus, {}).items()}
 
     def overloaded(self, capacities: Mapping[str, int]) -> Iterator[str]:
@@ -44,7 +44,7 @@ class ForcedTraffic:
 
 
 def forced_traffic(possible: Candidates) -> ForcedTraffic:
-    """Work out what must be published if every function of `possible` that can be served is served."""
+    """Work out what a plan must publish at least if it serves all functions of `possible` that can be served."""
     found = ForcedTraffic(possible.spec)
     outputs = (
         frozenset(one for one in function.outputs if one in possible.modules)
@@ -92,9 +92,9 @@ def _publish(
 
 
 def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _Versions]:
-    """Give the variables that each of the readers needs in each of its possible modes.
+    """Give the variables that every module of `readers` needs in every one of its possible modes.
 
-    Each has the best and the worst version that serves.
+    Each variable has the best and the worst version that any of these modes accepts.
     """
     every = [_needed(mode.needs) for name in sorted(readers) for mode in possible.modules[name].modes()]
     return reduce(_both, every)

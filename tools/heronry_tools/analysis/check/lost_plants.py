@@ -3,8 +3,8 @@
 In each phase, the check considers the plants that are on a control path of the best plan with everything up. Such a
 plant is lost with an element if it is on no control path of the contingency for that element.
 
-One plan may serve for two elements: if the planner has the same choices after the loss of either element, for example
-of a device and of its only driver.
+Sometimes the planner has the same choices after the loss of either of two elements, for example of a device and of its
+only driver. Then one plan serves for both elements.
 """
 
 from collections.abc import Iterator

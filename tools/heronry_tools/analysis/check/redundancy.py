@@ -43,7 +43,7 @@ class Alternatives:
 
 
 class Dependence:
-    """Tells for the ends of a DEMUX, and for the inputs of a gate, without which elements they do not work."""
+    """Finds the elements on which all ends of a DEMUX depend, and those on which each input of a gate depends."""
 
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
@@ -72,7 +72,7 @@ class Dependence:
         return unserved - self._where(unserved, lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
-        """Yield each XOR and each voter of a mode if each of its inputs, taken alone, could hold with nothing down."""
+        """Yield each XOR and each voter of a mode's needs if each input could hold by itself with nothing down."""
         for path, gate in _gates(mode.needs):
             if _chooses(gate) and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])
@@ -89,7 +89,10 @@ class Dependence:
         return listed(f"{kind} '{name}'" for kind, _, name in named)
 
     def _of(self, needs: Expression, reader: Module) -> frozenset[str]:
-        """Give the elements without which an expression cannot hold, although a PE can still run module `reader`."""
+        """Give the elements whose loss keeps an expression from holding, but leaves a PE that can run `reader`.
+
+        reader: the module that has the expression.
+        """
         givers = (giver for _, leaf in leaves(needs) for giver in self._healthy.givers(leaf))
         suspects = self._losing((giver.name, mode.name) for giver, mode in givers)
         silent = self._where(suspects, lambda found: not found.can_hold(needs, _NEVER_LOST))

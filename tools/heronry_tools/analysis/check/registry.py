@@ -1,8 +1,7 @@
 """All families of rules, and the functions `check` of those families that the loader does not check completely.
 
 The loader checks DG0xx, DG1xx, and those rules of DG2xx whose violation stops a spec from being loaded. Every other
-rule is checked by the function `check(subject, findings)` of its family. `check` is called only with a spec that
-loads.
+rule is checked by the function `check(subject, findings)` of its family. `check` is called only with a spec that loads.
 
 A *slow* family needs a solver, or runs foreign code. Its rules and its `check` are in files of this folder:
 
@@ -27,7 +26,7 @@ from heronry_tools.analysis.check import dependability_rules, image_rules, resou
 
 
 def _slow(module: str) -> Check:
-    """Give the check of a slow family; the file of the check is imported only when the check is called."""
+    """Give the check of a slow family of rules; the file of the check is imported only when the check is called."""
 
     def check(subject: Subject, findings: Findings) -> None:
         import_module(f"heronry_tools.analysis.check.{module}").check(subject, findings)

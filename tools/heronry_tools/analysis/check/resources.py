@@ -93,7 +93,7 @@ def _lacking(pe: Pe, module: Module, mode: Mode) -> str:
 
 
 def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
-    """Report a bus whose reserve is less than the management frames that it always carries."""
+    """Report a bus if its reserve is smaller than the load of the management frames that it always carries."""
     reserved, (own, passing) = bus.bitrate * bus.reserve, _management_bits_per_s(subject.spec, bus)
     if own + passing <= reserved:
         return
@@ -162,7 +162,11 @@ class _Serving:
             self._each_phase(critical - never)
 
     def _never_fits(self, name: str) -> bool:
-        """Tell whether a function cannot be served even if no other function is wanted; if so, report why."""
+        """Tell whether a function cannot be served even if no other function is wanted.
+
+        If so, add a finding with the cause: deadlines, overloaded buses or too little room. If the function could
+        not be served with unlimited resources either, nothing is added, since the rules of the graph report this.
+        """
         if not self._planning.all_at_once([name]).impossible:
             return False
         wanted = [phase for phase in self._phases if name in self._wanted[phase]]
@@ -224,7 +228,10 @@ class _Serving:
         return bool(overloaded)
 
     def _tell_late(self, configuration: "Configuration", served: str) -> None:
-        """Report the data that would be late; `served` names the functions that therefore cannot be served."""
+        """Report each datum that would be late if `configuration` ran with everything up.
+
+        served: the functions that cannot be served because of these late data, as a part of a sentence.
+        """
         published = hops(survivors(self._spec, Situation()), configuration)
         times = self._planning.times
         for late in times.late(published):

@@ -94,7 +94,10 @@ class Planning:
         return self._of_phase.setdefault(phase, Planning(planned))
 
     def possible(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> frozenset[str]:
-        """Give those of the functions that could be served if each module had its PE to itself."""
+        """Give those of the functions that could be served without the elements in `down`.
+
+        It is assumed that each module has its PE to itself.
+        """
         modules = self.candidates_for(functions, down).modules
         return frozenset(name for name in functions if any(one in modules for one in self.spec.functions[name].outputs))
 
@@ -123,10 +126,11 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration, found for an earlier question, that serves these functions without what is in `down`.
+        """Give a known configuration that serves these functions and uses nothing that is lost when `down` is down.
 
-        Returns None if no configuration found so far does this.
+        Only configurations that were found for earlier questions are tried; None if none of them does this.
 
+        down: elements that are down.
         least: the lowest value with which each function may be served; 0 for a function that is not named.
         """
         lost = lost_elements(self.spec, Situation(down))
@@ -140,17 +144,17 @@ class Planning:
         return self._plans[phase]
 
     def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
-        """Name those of the functions that the plan of a phase gives up.
+        """Return those of `functions` that the plan of a phase does not serve.
 
-        Without `down`, the plan is the best plan with everything up; with `down`, it is the contingency plan.
+        Without `down`, this is the best plan with everything up; with `down`, the contingency plan for `down`.
         """
         found = self.contingency(phase, down) if down else self.healthy(phase)
         return frozenset(name for name in functions if not found.functions[name].served)
 
     def contingency(self, phase: Phase, down: frozenset[str]) -> Plan:
-        """Give the plan of a phase after the loss of some elements.
+        """Give the best plan of a phase while the elements in `down` are down.
 
-        It is assumed that the best plan with everything up ran before.
+        It is assumed that the best plan with everything up ran before the loss of these elements.
         """
         running = placement(self.healthy(phase).configuration)
         return plan(self.spec, Situation(down, phase=phase), running, effort=_EFFORT)
@@ -170,8 +174,9 @@ class Planning:
     ) -> Candidates:
         """Give all choices of the planner (`Candidates`) if only these functions are wanted, all with one priority.
 
-        least: the lowest value with which each function may be served; 0 for a function that is not named. If it is
-        above 0, the modes that reach it have the value 1 in the candidates. All other modes have the value 0.
+        least: by name of a function, the lowest value with which the function may be served; 0 for a function that is
+            not named. In the candidates, a mode has the value 1 if this lowest value is above 0 and the mode reaches
+            it. All other modes have the value 0.
         """
         wanted = {
             name: replace(

@@ -67,9 +67,9 @@ def single_elements(spec: Spec) -> Iterator[str]:
 
 
 def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
-    """Give, for each phase, its critical functions; a phase is left out if they cannot all be served together.
+    """Give the critical functions of each phase in which all of them can be served together, with everything up.
 
-    Everything counts as up.
+    The other phases are left out.
     """
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
     if _differs_by_phase(planning, by_phase):
@@ -109,6 +109,9 @@ def _lost_in(planning: Planning, phase: Phase, wanted: frozenset[str], down: fro
 
 
 def device_of(spec: Spec, element: str) -> str:
-    """Give `device:NAME` for the device of a module, which is given as `module:NAME`; empty for any other element."""
+    """Give `device:NAME` for an element `module:NAME`, with the name of the module's device.
+
+    Gives `device:None` for a module without a device, and an empty text for any element that is no module.
+    """
     kind, _, name = element.partition(":")
     return f"device:{spec.modules[name].device}" if kind == "module" else ""

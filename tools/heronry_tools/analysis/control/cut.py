@@ -60,7 +60,7 @@ def least_cut(graph: Graph, first: str | None = None) -> Cut:
 
 
 def _nets(graph: Graph, nodes: Mapping[str, str | None]) -> dict[str, set[str]]:
-    """Give for each port of a weight above 0 the leaves that it joins: its producer and its consumers."""
+    """Give for each port of a weight above 0 the leaves in `nodes` that it joins: its producer and its consumers."""
     nets: dict[str, set[str]] = {}
     for start, end in sorted(graph.edges):
         producer, consumer = parent(start), parent(end)
@@ -75,10 +75,12 @@ def _weight(graph: Graph, vertex: str) -> int:
 
 
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
-    """Give the maximum flow from node 0 to node 1, and the nodes from which free capacity leads to node 1.
+    """Give the maximum flow from node 0 to node 1, and one side of the minimum cut.
 
-    number: leaf -> its node.
-    nets: port -> the leaves that give or read its data.
+    This side has the nodes from which capacity that the flow leaves free leads to node 1.
+
+    number: the node of each leaf.
+    nets: for each port, the leaves that give or read its data.
     """
     network = SimpleMaxFlow()
     network.add_arc_with_capacity(0, 1, 0)  # both nodes are there, even if nothing leads to them

@@ -49,7 +49,8 @@ class PhaseConsequences:
 class Consequences:
     """Computes the functions served, the load and the single points of failure of one spec after another (`of`).
 
-    Every planned configuration is kept in `known`, since it may make a plan needless for a later loss, phase or spec.
+    Every planned configuration is kept in `known`. If a kept one still serves enough after a later loss, or in a later
+    phase or spec, no plan is made there.
     """
 
     known: list[Configuration] = field(default_factory=list)

@@ -132,7 +132,7 @@ def _flat(element: object) -> Fields:
 
 
 def _named(field: str, value: object) -> Fields:
-    """Give a field, as text, under its key in the spec; an empty map for a field without a value."""
+    """Give a field as text, by the key that a spec uses for it; the map is empty if the field has no value."""
     if value is None or value in ((), frozenset(), {}):
         return {}
     key, parts = _UNITS.get(field, (field, 1))

@@ -38,10 +38,10 @@ class Assumption:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """The question whether some functions can all be served.
+    """The question whether all functions in `least` can be served together.
 
     down: the elements that are down.
-    least: the functions, each with the least value with which it must be served.
+    least: by function, the least value with which the function must be served.
     """
 
     spec: Spec
@@ -50,10 +50,10 @@ class Question:
 
 
 def assumptions(question: Question, goal: str) -> list[Assumption]:
-    """List the assumptions that may keep the function `goal` from being served, in the order to try without them.
+    """List the assumptions that may keep the function `goal` from being served.
 
-    The less an assumption explains, the earlier it comes: the other functions are first, and the elements that are
-    down are last.
+    They are in the order in which the caller is to try whether each one can be dropped. The less an assumption
+    explains, the earlier it comes: the other functions are first, and the elements that are down are last.
     """
     return list(_assumptions(question, goal))
 
@@ -71,10 +71,11 @@ def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
 
 
 def relaxed(question: Question, without: Collection[Assumption]) -> Question:
-    """Give the question that remains if the assumptions `without` are dropped.
+    """Give the question that remains if the assumptions in `without` are relaxed.
 
-    A dropped capacity becomes unlimited. A dropped placement rule no longer holds; the assumption `deadlines`
-    drops all deadlines. A dropped element is not down, and a dropped function need not be served.
+    A relaxed capacity becomes unlimited. A relaxed placement rule no longer holds; the assumption `deadlines`
+    stands for all deadlines, which then no longer hold. A relaxed element is not down, and a relaxed function
+    need not be served.
     """
     names: dict[Kind, set[str]] = {}
     for one in without:

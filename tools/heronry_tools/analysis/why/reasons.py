@@ -163,9 +163,12 @@ def _repairs(
 
 
 def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator[tuple[Assumption, ...]]:
-    """Yield sets of assumptions of `soft` whose relaxation makes the goal possible, smaller sets first.
+    """Yield sets of assumptions that make the goal possible when they are dropped, smaller sets first.
 
-    No set contains another of these sets.
+    None of these sets contains another one. At most `_MOST_TRIES` sets are tried.
+
+    soft: the assumptions that may be dropped.
+    possible: tells whether the goal is possible without the given assumptions.
     """
     cores: list[frozenset[Assumption]] = []
     found: list[frozenset[Assumption]] = []
@@ -202,8 +205,9 @@ def _smallest_hitting(
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
     """Return the repair that relaxes the assumptions `parts`.
 
-    For each capacity in `parts`, the repair has the least amount that suffices. The amounts are found one after
-    the other, in the order of `parts`. While an amount is searched, the capacities that follow are unlimited.
+    For each capacity in `parts`, the repair has the least amount with which `question` is possible. The amounts
+    are found one after the other, in the order of `parts`. While the amount of one capacity is searched, the
+    capacities after it in `parts` are unlimited.
     """
     capacities = [one for one in parts if one.kind in CAPACITIES]
     repaired = relaxed(question, parts)
@@ -216,7 +220,11 @@ def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
 
 
 def _least_amount(question: Question, one: Assumption, there_is: int) -> int:
-    """Find the least sufficient amount of a capacity; the amount `there_is` is not sufficient."""
+    """Find the least amount of a capacity with which `_is_possible` holds for a question.
+
+    one: the assumption that names the capacity.
+    there_is: the present amount, with which it does not hold.
+    """
     too_little, enough = there_is, max(1, 2 * there_is)
     while enough < PLENTY and not _is_possible(_with(question, one, enough)):
         too_little, enough = enough, 2 * enough
@@ -234,7 +242,10 @@ def _with(question: Question, one: Assumption, amount: int) -> Question:
 
 
 def _serves(question: Question, repair: Repair, function: Function, now: Situation) -> bool:
-    """Tell whether the best plan of the repaired system serves the function as well as required."""
+    """Tell whether the best plan after the repair serves the function with at least the required value.
+
+    repair: the elements that are up again, and the capacities that are changed.
+    """
     spec = question.spec
     for one, amount in repair.capacities:
         spec = with_capacity(spec, one, amount)

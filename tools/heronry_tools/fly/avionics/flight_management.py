@@ -159,14 +159,14 @@ class FlightManagementSystem(Module):
         self._mode = ctx.mode
 
     def mode_changed(self) -> bool:
-        """Keep the stage through a change of the mode; returns True, so that this object goes on."""
+        """Keep the stage of the landing when the mode changes; returns True, so that this object goes on."""
         self._mode = self.ctx.mode
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the commands; nothing without position or velocity.
+        """Publish the commands; publish nothing if a coordinate of the position or of the velocity is missing.
 
-        The control loops then use the last commands, until these are too old.
+        If nothing is published, the control loops use the last commands, until these are too old.
         """
         x, y, height = (number(inputs, name) for name in ("position_x", "position_y", "height"))
         north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")

@@ -46,7 +46,7 @@ def _position(inputs: Inputs, receiver: str) -> tuple[float, float, float] | Non
 
 
 class _ReceiverPosition(Module):
-    """Estimates the position from a receiver's positions, and from the velocity between two of them."""
+    """Estimates the position from the positions that a receiver gives and, between two of these, from the velocity."""
 
     receiver: ClassVar[str]
 
@@ -91,7 +91,7 @@ class SatellitePosition(_ReceiverPosition):
 
 
 class TrackedPosition(Module):
-    """Publishes the position by the tracking filter; in mode `coasting` the filter gets no new images."""
+    """Publishes the position from the tracking filter; in mode `coasting` the filter gets no new images."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -129,7 +129,7 @@ class TrackedPosition(Module):
         Without a position of the receiver, return None in these cases:
 
             - there is no image
-            - the filter still waits for the receiver
+            - this module has not yet waited long enough for the receiver (`_WAITS_NS`)
             - the elevation in the image cannot be that of an aircraft on approach
         """
         now_ns, angles = self.ctx.now_ns, numbers(inputs, "image_angles", 2)

@@ -237,7 +237,10 @@ class EavPlant:
         return 0 if self._begun_steps is None else self._steps - self._begun_steps
 
     def _trimmed(self) -> tuple[float, float]:
-        """Trim the aircraft for level flight without wind; return the elevator's angle and the throttle needed."""
+        """Trim the aircraft for level flight without wind.
+
+        Returns the angle of the elevator in degrees and the throttle (0 to 1) that this flight needs.
+        """
         fdm = self._model.fdm
         fdm.do_trim(_FULL_TRIM)
         elevator_deg = fdm["fcs/pitch-trim-cmd-norm"] * FIRST_SURFACE_DEG["elevator"]

@@ -108,7 +108,7 @@ class Model:
             raise UserError(
                 f"the flight model of '{self._aircraft}' has diverged (seed {self._seed}, after "
                 f"{fdm['simulation/sim-time-sec']:.2f} s): its speed is no longer below {_FASTEST_M_PER_S:.0f} m/s; "
-                "look for forces without a limit in the aircraft file, and for the commands before that time"
+                "look in the aircraft file for forces without a limit, and look at the commands before that time"
             )
 
     def position_m(self) -> tuple[float, float, float]:

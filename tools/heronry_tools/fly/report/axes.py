@@ -156,7 +156,11 @@ def panel(
 
 
 def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") -> str:
-    """Write text at a position in px; `kind` is a class of `STYLE`."""
+    """Write text at the position (x, y) in px.
+
+    anchor: which part of the text is at the position: start, middle or end.
+    kind: a class of `STYLE`; empty: none.
+    """
     name = f' class="{kind}"' if kind else ""
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{name}>{escape(words)}</text>'
 

@@ -96,7 +96,7 @@ def laid_out(graph: Graph) -> Layout:
 
 
 class _Placing:
-    """Computes the layout of one graph, and keeps what it needs meanwhile."""
+    """Computes the layout of one graph; holds the intermediate results, such as the height of each symbol."""
 
     def __init__(self, graph: Graph, layers: Layers, shapes: dict[str, Shape], feedback: list[int]) -> None:
         self._graph = graph
@@ -203,7 +203,7 @@ class _Placing:
                         self._move(column, place, level)
 
     def _move(self, column: tuple[str, ...], place: int, level: int) -> None:
-        """Move a way-point as near to a height as its neighbours in the column allow.
+        """Move a way-point to the height `level`, or as near to it as its neighbours in the column allow.
 
         place: index of the way-point in `column`. level: the height, in 1/64 of a pixel (`_FINE`).
         """
@@ -222,7 +222,10 @@ class _Placing:
         return out, into
 
     def _weight(self, segment: Segment) -> int:
-        """Give the weight of a segment: a piece of a longer edge weighs more, and so becomes straighter."""
+        """Give the weight of a segment: 2, 3 or 8 if none, one or both of its ends are way-points.
+
+        The more a segment weighs, the straighter it becomes.
+        """
         points = (segment.source.startswith("~")) + (segment.target.startswith("~"))
         return (2, 3, 8)[points]
 

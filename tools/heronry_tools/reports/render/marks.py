@@ -26,7 +26,7 @@ class Marks:
     configuration: Configuration = field(default_factory=Configuration)
 
     def mode_dead(self, module: Module, mode: Mode) -> bool:
-        """Tell whether a mode cannot run."""
+        """Tell whether a mode cannot run in the situation, even with unlimited resources."""
         return (module.name, mode.name) in self.found.lost
 
     def module_dead(self, module: Module) -> bool:
@@ -34,7 +34,7 @@ class Marks:
         return not self.found.can_run(module)
 
     def variable_dead(self, variable: str) -> bool:
-        """Tell whether no module can give a variable."""
+        """Tell whether no module can give a variable in the situation, even with unlimited resources."""
         return all(self.mode_dead(module, mode) for module, mode in self.spec.producers(variable))
 
     def device_dead(self, device: str) -> bool:
@@ -42,7 +42,7 @@ class Marks:
         return device not in self.found.left.devices
 
     def gate_dead(self, gate: Expression) -> bool:
-        """Tell whether a gate or leaf cannot hold."""
+        """Tell whether a gate or leaf cannot hold in the situation, even with unlimited resources."""
         return not self.found.can_hold(gate, before=len(self.found.lost) + 2)
 
     def demux_dead(self, demux: Demux) -> bool:
@@ -65,7 +65,7 @@ class Marks:
         return running is not None and running.mode == mode.name and path in running.inputs
 
     def gate_chosen(self, module: Module, mode: Mode, gate: Expression, path: str) -> bool:
-        """Tell whether a gate holds because of inputs that are wired below it."""
+        """Tell whether a module runs in a mode whose gate at `path` holds, with a leaf wired below the gate."""
         running = self.running(module)
         if running is None or running.mode != mode.name or not holds(gate, running.inputs, path):
             return False

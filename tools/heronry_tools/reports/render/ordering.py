@@ -32,8 +32,9 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Columns of symbols and way-points: the columns from left to right, their names in each from top to bottom.
+    """The columns of a picture, each with its symbols and way-points.
 
+    columns: from left to right; in each, the names of its symbols and way-points from top to bottom.
     segments: the pieces of the edges between one column and the next.
     """
 

@@ -90,10 +90,11 @@ def _groups(graph: Graph) -> list[set[str]]:
 
 
 def _middle(group: Collection[str], middles: _Middles) -> int:
-    """Give the horizontal place of a group of connected symbols, as a value of `middles`.
+    """Give the horizontal place of a group of connected symbols: that of its rightmost module.
 
-    This is the place of the rightmost module in the group.
-    If the group has no module, it is the place of the rightmost symbol.
+    If the group has no module, this is the place of its rightmost symbol.
+
+    middles: the horizontal place of each symbol.
     """
     modules = [key for key in group if key.startswith("module:")]
     return max(middles[key] for key in modules or group)

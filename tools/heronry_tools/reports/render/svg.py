@@ -77,8 +77,8 @@ def uncoloured(graph: Graph, edge_key: Callable[[Edge], str]) -> str:
 def _sheet(sheet: Sheet, top: int, width: int, edge_key: Callable[[Edge], str] | None = None) -> Iterator[str]:
     """Draw one sheet; its upper edge is at `top`, in px.
 
-    edge_key: for a page that colours the symbols itself: gives the name by which the page finds an edge.
-        None: for a drawing with its own colours.
+    edge_key: gives the name by which a page finds an edge, if this page colours the symbols and edges itself.
+        None: the drawing has its own colours.
     """
     if top:
         yield f'<path class="fold" d="M0,{top}H{width}"/>'
@@ -133,7 +133,7 @@ def _loop(loop: Loop) -> str:
 
 
 def _labels(graph: Graph, layout: Layout) -> Iterator[str]:
-    """Write the versions of edges, each where its edge arrives."""
+    """Write the label of each edge, a version, at the end of the edge; an edge without a label gets none."""
     ends = [(curve.edges[0], curve.end) for curve in layout.curves if curve.last]
     ends += [(loop.edge, loop.points[-1]) for loop in layout.loops]
     for number, (x, y) in ends:

@@ -17,7 +17,7 @@ class AwaitedEvents:
     """The events of one manager, read as they come."""
 
     def __init__(self, fleet: Fleet, stream: IO[bytes]) -> None:
-        """Take over the stream of a manager of this fleet; no other reader may use it."""
+        """Begin to read `stream`, the events of a manager of `fleet`; nothing else may read this stream from now on."""
         self._fleet, self._stream = fleet, EventStream(stream)
         self._come: deque[dict[str, Any]] = deque()
 
@@ -34,7 +34,10 @@ class AwaitedEvents:
                 if last in kinds and pe in (None, told.get("pe")):
                     return told
             if time.monotonic() > until_s:
-                raise SystemExit(f"the benchmark ends here: no {' or '.join(kinds)} in {LONGEST_S:g} s, after {last}")
+                wanted = " or ".join(f"'{kind}'" for kind in kinds)
+                raise SystemExit(
+                    f"the benchmark ends here: no event {wanted} came in {LONGEST_S:g} s; the last event was '{last}'"
+                )
             self._read(max(0.0, until_s - time.monotonic()))
 
     def take(self) -> list[dict[str, Any]]:

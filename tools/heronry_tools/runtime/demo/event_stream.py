@@ -20,7 +20,7 @@ class EventStream:
         self.has_ended = False  # nothing will come any more
 
     def fileno(self) -> int:
-        """Return the descriptor that becomes readable when something has come."""
+        """Return the descriptor of the pipe; it is readable when `take` has something to read."""
         return self._pipe.fileno()
 
     def take(self, wait_s: float = 0.0) -> list[dict[str, Any]]:

@@ -206,7 +206,10 @@ class Fleet:
             raise UserError(f"{place}: {answer.sentence}")
 
     def stop(self, node: str | int) -> None:
-        """Stop the process of a PE, or of the manager with this node-ID (SIGSTOP)."""
+        """Suspend the process of a node (SIGSTOP); `go_on` lets the process continue.
+
+        node: the name of a PE, or the node-ID of a manager. Raises UserError if this node does not run.
+        """
         self._process(node).send_signal(signal.SIGSTOP)
 
     def go_on(self, node: str | int) -> None:
@@ -252,7 +255,7 @@ class Fleet:
         return {**{f"pe:{pe}": process.pid for pe, process in self._pes.items()}, **managers, **hubs}
 
     def ended(self) -> str | None:
-        """Give a sentence about a process that has ended by itself; None while all processes run."""
+        """Give a sentence about a manager's or PE's process that has ended by itself; None while all of these run."""
         managers = [("the manager", process) for process in self._managers.values()]
         for name, process in [*managers, *self._pes.items()]:
             if process.poll() is not None:

@@ -12,10 +12,10 @@ TELL_AGAIN_NS = 1_000_000_000
 
 
 class HeldOutages:
-    """Holds outages of one kind until they are reported.
+    """Holds outages of one kind until they are to be reported.
 
-    The kind is chosen once, by `are_over`: outages that are over, or outages that still last. The caller passes in
-    all times, in ns.
+    The constructor's `are_over` chooses the kind: True: outages that are over; False: outages that still last.
+    The caller passes in all times, in ns.
     """
 
     def __init__(self, *, are_over: bool) -> None:
@@ -24,9 +24,9 @@ class HeldOutages:
         self._told_ns: int | None = None
 
     def take(self, outages: Sequence[Outage]) -> None:
-        """Hold the outages of the kind that this object holds: outages that are over, or outages that still last.
+        """Hold those of `outages` that are of this object's kind: either over, or still lasting.
 
-        If this object holds outages that still last, a held outage is dropped when `outages` shows that it has ended.
+        An object for outages that still last also drops each held outage that has ended according to `outages`.
         """
         if not self._are_over:
             ended = {(one.function, one.from_ns) for one in outages if one.to_ns is not None}

@@ -93,8 +93,11 @@ def play(arguments: argparse.Namespace) -> int:
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
     """Give the contingencies with which the demo flies, and the process that makes contingencies for the next demo.
 
-    The process is None, unless three things hold: the plans for single faults are wanted, they have not been made yet,
-    and the solver is installed. If they are wanted but have not been made yet, the contingencies are None.
+    If the user does not want plans for single faults, `source` gives the contingencies, and the process is None.
+    If the user wants them:
+
+    - Plans that were made earlier are the contingencies, and the process is None.
+    - If none were made, the contingencies are None. The process is None only if the solver is not installed.
     """
     if source is not Ahead.SINGLE_FAULTS:
         return contingencies_of(spec, source), None

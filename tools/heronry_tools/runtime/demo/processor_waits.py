@@ -37,7 +37,11 @@ class ProcessorWaits:
     """
 
     def __init__(self, window_ns: int, proc: Path = _PROC) -> None:
-        """window_ns: how far back `longest` looks."""
+        """Begin without samples.
+
+        window_ns: how far back `longest` looks.
+        proc: the folder in which the kernel shows the processes.
+        """
         self._window_ns, self._proc = window_ns, proc
         self._samples: deque[tuple[int, Mapping[int, int]]] = deque()  # time, waits so far by process number
 

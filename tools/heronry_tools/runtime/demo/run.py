@@ -229,9 +229,10 @@ class Show:
         return one
 
     def _pass_on(self, one: Mapping[str, Any]) -> None:
-        """Pass on an event; if a PE was lost although its process runs, add the longest wait that may be the reason.
+        """Pass on an event of the manager; if a PE was lost although its process runs, add the field `waited`.
 
-        This is a wait of the PE's process, of a manager's or of a bus's for a processor (`_waited`).
+        The field has the longest time for which a process has waited for a processor. The processes of the PE, of the
+        managers and of the buses count, since each of them may be the reason for the loss (`_waited`).
         """
         if one["event"] == "pe_lost" and "waited" in one:
             one = {**one, "waited": self._waited([one["pe"]])}
@@ -248,9 +249,9 @@ class Show:
         return {"who": longest.who, "for_ns": longest.for_ns, "of_ns": longest.of_ns}
 
     def _begin(self, now_ns: int) -> None:
-        """Start the demo's clock when the first configuration runs; later calls have no effect.
+        """Start the demo's clock, since the first configuration runs; later calls have no effect.
 
-        If a process is to make the plans for the next demo, start this process, too.
+        If this demo has a process that makes the plans for the next demo, start this process, too.
         """
         if self._start_ns is not None:
             return
@@ -279,7 +280,10 @@ class Show:
                 self._do(action.what, action.pe)
 
     def _serve(self, ready: Sequence[Any]) -> None:
-        """Report the address of the page once it is known, and carry out the page's orders."""
+        """Handle a message of the page: report the page's address, or carry out an order to kill or restore a PE.
+
+        ready: the descriptors that can be read; nothing is done if none of them is the page's.
+        """
         if self._page is not None and any(one in ready for one in self._page.readers()):
             address = self._page.address()
             if address is not None:
@@ -361,7 +365,7 @@ class Show:
             self._emit("planned_ahead", sentence=sentence)
 
     def _unserved(self) -> list[str]:
-        """Name the functions that the plan serves and the witness does not observe."""
+        """Name the functions that the plan serves, but that are not served now as the witness observes it."""
         now_ns = time.monotonic_ns()
         planned = (name for name, function in self._plan.get("functions", {}).items() if function["served"])
         return [name for name in planned if not self._witness.served(name, now_ns)]

@@ -92,7 +92,8 @@ def _phase_action(spec: Spec, text: str) -> PhaseAction:
 def _action(spec: Spec, what: Literal["kill", "restore"], text: str) -> DemoAction:
     match = _PATTERN.fullmatch(text)
     if match is None:
-        example = f"for example pe:{next(iter(spec.pes))}@4 or manager@4"
+        or_manager = " or manager@4" if what == "kill" else ""  # a manager is not restored
+        example = f"for example pe:{next(iter(spec.pes))}@4{or_manager}"
         raise UserError(f"--{what} {text}: write it as pe:NAME@SECONDS, {example}")
     if match["element"] == MANAGER and what == "restore":
         raise UserError(f"--restore {text}: the demo does not restart a manager; the standby manager stays active")

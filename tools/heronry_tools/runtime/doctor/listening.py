@@ -60,7 +60,7 @@ class BusNamed:
         return f"pe-agent --table PE.table {self.flags}   (for each PE)"
 
     def stop_manager(self) -> str:
-        """Give the command that ends one of two managers."""
+        """Give the command that ends one of two managers, as advice for the user."""
         if self.interface == "socketcan":
             return "systemctl stop heronry-manager@SPEC   (on one of them)"
         return "kill PID   (of one of the processes 'heronry manager')"

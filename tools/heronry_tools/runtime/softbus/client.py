@@ -109,7 +109,7 @@ class SoftBus(can.BusABC):
         return self._receive.fileno()
 
     def shutdown(self) -> None:
-        """Wait up to a second until the frame in the mailbox has left, and leave the bus."""
+        """Leave the bus; before that, wait up to a second until the frame in the mailbox has been sent."""
         if self._is_shutdown:
             return
         super().shutdown()
@@ -124,7 +124,7 @@ class SoftBus(can.BusABC):
     def _from_bus(self, record: bytes) -> can.Message:
         received = decode_frame(record)
         if isinstance(received, Malformed):
-            raise can.CanOperationError(f"{self._path}: the bus sent a record that is no frame: {received.reason}")
+            raise can.CanOperationError(f"{self._path}: the bus sent a record that is no frame ({received.reason})")
         frame = received.frame
         return StampedMessage(
             received.time_ns,

@@ -65,9 +65,9 @@ class Line:
         return self._next_start_ns() if self._offers else None
 
     def advance(self, now_ns: int) -> Transmission | None:
-        """Return the next frame that has left the bus by `now_ns`; None if there is none.
+        """Return the next frame whose transmission has ended by `now_ns`; None if there is none.
 
-        The caller repeats the call until it gives None.
+        The caller repeats the call until the result is None.
         """
         if self._on_air is None and self._offers:
             start_ns = self._next_start_ns()

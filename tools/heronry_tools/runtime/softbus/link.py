@@ -79,7 +79,7 @@ class Link:
             self._commands += 1
             while self._answered < self._commands:
                 if not self._take_in(deadline_s):
-                    raise can.CanOperationError(f"{self._path}: the bus does not answer")
+                    raise can.CanOperationError(f"{self._path}: the bus does not answer; stop it, and start it again")
             return self._answer
 
     def close(self) -> None:
@@ -122,7 +122,7 @@ class Link:
     def _checked(self, record: bytes) -> dict[str, Any]:
         answer = decode_command(record)
         if isinstance(answer, Malformed):
-            raise can.CanOperationError(f"{self._path}: the bus's answer is not understood: {answer.reason}")
+            raise can.CanOperationError(f"{self._path}: the bus's answer is not understood ({answer.reason})")
         if "refused" in answer:
             raise can.CanOperationError(f"{self._path}: the bus refuses this client: {answer['refused']}")
         return answer

@@ -120,7 +120,10 @@ class Port:
         return verdict
 
     def confirm(self, sent: BusFrame) -> None:
-        """Tell the client that its frame has left the bus; echo the frame if the client wants its echoes."""
+        """Tell the client that the frame it sent has left the bus.
+
+        The frame is also echoed to the client, if the client wants echoes and its filters accept the frame.
+        """
         self.mailbox_full = False
         self._sent += 1
         self.answer(DONE)

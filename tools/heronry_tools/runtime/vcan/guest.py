@@ -31,7 +31,10 @@ class SetupError(Exception):
 
 
 def busybox(job: "Job", *words: str) -> None:
-    """Run a tool of busybox; raises SetupError if it fails. Its error message appears on the kernel's console."""
+    """Run a tool of busybox; raises SetupError if the tool fails.
+
+    The tool's own error message appears on the kernel's console.
+    """
     pid = os.posix_spawn(job["busybox"], ["busybox", *words], {})  # much faster here than a fork of all of Python
     if os.waitpid(pid, 0)[1] != 0:
         raise SetupError(f"{' '.join(words)} failed")

@@ -120,9 +120,11 @@ def _more_often(name: str, *, of_two: bool) -> int:
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind of fault is drawn as one of those that need a key.
+    """Tell whether a kind of fault counts, for the drawing, as one of the kinds that need a key.
 
-    of_two: the flight has two managers. Then a kind that needs both a key and two managers is not one of them.
+    A kind that needs both a key and two managers counts so only for a flight with one manager.
+
+    of_two: whether the flight has two managers.
     """
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
@@ -134,7 +136,11 @@ def _ending_mastership(random: Random, at_ms: int, *, of_two: bool) -> Fault:
 
 
 def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
-    """Draw losses and returns of PEs that bring the protocol into the state for which `fault` waits."""
+    """Draw faults that bring the protocol into the state for which `fault` waits.
+
+    These are losses of PEs that end by themselves. For the state activating, a crash of the manager may be
+    drawn as well.
+    """
     others = [f"pe:{pe}" for pe in spec.pes if f"pe:{pe}" != fault.target] or [f"pe:{pe}" for pe in spec.pes]
     if fault.during != "activating":
         return [_loss(random, fault.at_ms, others, _SILENCES if fault.during == "suspect" else _LEADS)]
@@ -149,9 +155,10 @@ def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
 
 
 def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[str, tuple[int, int]]]) -> Fault:
-    """Draw a fault by which one PE of `pes` is lost.
+    """Draw a fault at `at_ms` by which one PE is lost.
 
-    leads: the faults to draw from: the kind, with the shortest and the longest duration in ms.
+    pes: the PEs from which one is drawn, each as `pe:NAME`.
+    leads: the kinds of faults from which one is drawn, each with its shortest and its longest duration in ms.
     """
     kind, lasts_ms = random.choice(leads)
     return Fault(at_ms, kind, random.choice(pes), random.randint(*lasts_ms))

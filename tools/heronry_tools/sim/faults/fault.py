@@ -342,7 +342,8 @@ def read_fault(spec: Spec, text: str) -> Fault:
     level = int(match["level"]) if match["level"] else kind.levels[0]
     lowest, highest = LEVELS.get(match["kind"], (0, 0))
     if not lowest <= level <= highest:
-        bounds = f"a level from {lowest} to {highest}: {kind.description}" if highest else "no level; leave it out"
+        levels = f"a level from {lowest} to {highest}, not {level}; in this fault {kind.description}"
+        bounds = levels if highest else "no level; leave it out"
         raise UserError(f"'{text}': {match['kind']} has {bounds}")
     return Fault(
         _ms(match["at"]), match["kind"], match["target"], _ms(match["lasts"] or "0"), match["during"] or "", level
@@ -350,7 +351,7 @@ def read_fault(spec: Spec, text: str) -> Fault:
 
 
 def over_s(faults: Iterable[Fault]) -> float:
-    """Return the time in seconds after which all of these faults are over."""
+    """Return the time of the flight (s) at which the last of these faults is over; 0 without faults."""
     return max((fault.over_ms for fault in faults), default=0) / 1000
 
 

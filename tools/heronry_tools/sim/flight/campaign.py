@@ -110,7 +110,7 @@ class Coverage:
         return [*lines, f"share of the time in which a rule was not verified: {shares}"] if shares else lines
 
     def document(self) -> dict[str, Any]:
-        """Return the content of `table` as JSON data."""
+        """Return the numbers of `table` as JSON data, without the three cells that have the fewest faults."""
         cells = self.cells()
         return {
             "cells": [{"kind": kind, "state": state, "count": count} for (kind, state), count in cells.items()],
@@ -140,7 +140,7 @@ def _begin(spec_file: Path) -> None:
 
 
 class _Flier(Generic[T, R]):
-    """A function that a worker process calls for each flight, with the spec that the process has loaded."""
+    """Calls the function `fly` for a flight, in a worker process, with the spec that this process has loaded."""
 
     def __init__(self, fly: Callable[[Spec, T], R]) -> None:
         self._fly = fly

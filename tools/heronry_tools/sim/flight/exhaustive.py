@@ -389,7 +389,7 @@ class _FrameFaultInjector:
                 station.listener = hold
 
     def _crash(self, fault: FrameFault) -> None:
-        """Let the victim of a fault die, and restart it if the fault is a "crash"."""
+        """Kill the victim of a fault, if it runs; if the kind of the fault is "crash", restart the victim later."""
         simulation, returns = self._simulation, fault.kind == "crash"
         now_ns = simulation.now_ns
         if fault.victim in MANAGERS:

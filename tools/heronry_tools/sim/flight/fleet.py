@@ -107,7 +107,7 @@ class Fleet:
         self._truth.failed(f"pe:{pe}")
 
     def make_fresh(self, pe: str) -> None:
-        """Let a PE start with the table of this spec next time, and no longer with that of another spec."""
+        """Let a PE use the right table again from its next start on; this ends `make_stale`."""
         self._stale.discard(pe)
 
     def lacks(self, pe: str, module: str) -> None:

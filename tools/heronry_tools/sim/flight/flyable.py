@@ -22,4 +22,4 @@ def check_images(spec: Spec) -> None:
         try:
             find_image(module.image)
         except UnknownImageError as error:
-            raise UserError(f"module {module.name} cannot be simulated: {error}") from None
+            raise UserError(f"module {module.name} cannot be simulated ({error})") from None

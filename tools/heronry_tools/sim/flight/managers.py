@@ -90,10 +90,10 @@ class Managers:
         return [event for event in self.events if event["event"] == kind]
 
     def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
-        """Start the manager of a seat, with the journal on the seat's disk.
+        """Start the manager on a seat (a computer, see the head of this file), with the journal on the seat's disk.
 
         advise: whether the manager only advises: it decides, but sends nothing
-        standby: whether it waits while another manager is active; by default it does so if there are two managers
+        standby: whether it waits while another manager is active; None: it does so if there are two managers
         """
         self.running[seat] = SimulatedManager(
             self._clock,
@@ -167,7 +167,7 @@ def _station(seat: int) -> str:
 def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
     """Return the bytes of the journal of the manager at a station.
 
-    None: the disk of this manager takes no more bytes now, or the manager has an error of an earlier write.
+    None: the disk of this manager takes no more bytes now, or a record that the manager wrote is not on the disk.
     """
     disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
     return None if disk.refuses or disk.problem is not None else disk.data

@@ -131,7 +131,13 @@ class Operator:
             self._clock.at(self._clock.now_ns + _AGAIN_NS, self._look)
 
     def _is_well(self, element: str, term: int) -> None:
-        """Update the truth after an order to clear an element, which is no longer latched by the active manager."""
+        """Record that an element counts as healthy again, after the operator has ordered to clear this element.
+
+        At this time the active manager has no fault of this element latched: it has cleared the fault or had none.
+        If the module of the place `element` has failed on all PEs, the oracles and the truth keep the failure.
+
+        term: the term of the active manager.
+        """
         if not self._has_failed_everywhere(element):
             everywhere = not self._managers.are_two
             self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)

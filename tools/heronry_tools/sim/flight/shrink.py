@@ -44,9 +44,9 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Fly a failing flight again until all its faults are over, and return the result.
+    """Fly a failing scenario once more, long enough that all its faults are over, and return the result.
 
-    Return `outcome` itself if its flight lasts long enough already, or if the longer flight does not fail.
+    Return `outcome` itself if its flight is long enough already, or if the longer flight does not fail.
     """
     scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.faults)))
     whole = outcome if scenario == outcome.scenario else fly(scenario)

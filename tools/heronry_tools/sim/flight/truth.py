@@ -45,7 +45,7 @@ class Truth:
         self.failed(self._place(module, pe))
 
     def lacks(self, module: str, pe: str) -> None:
-        """Set the code of a module as missing on a PE; the code stays missing when the module is cleared."""
+        """Record that a PE lacks the code of a module; clearing the module does not end this."""
         self._lacking.add(self._place(module, pe))
 
     def _place(self, module: str, pe: str) -> str:
@@ -71,10 +71,13 @@ class Truth:
         self._cut.discard(element)
 
     def excuse(self, module: str) -> None:
-        """Allow false reports about a healthy module and its device: a servo that no module drives may look stuck.
+        """Allow false reports about a healthy module and about its device.
 
-        If a function has several outputs and all of them have been excused, its surface may stand still. Then sensors
-        may look stuck, too, so reports about every sensor on a PE with an actuator of one of the outputs are allowed.
+        The reason: a servo that no module drives may look stuck.
+
+        If a function has several output modules and all of them have been excused, the surface of this function may
+        stand still. Then sensors may look stuck, too. So reports are also allowed about every sensor on each PE
+        that has a device of one of these output modules.
         """
         spec, excusable = self._spec, self.excusable
         devices = {spec.modules[module].device}

@@ -15,7 +15,7 @@ from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 
 
 class ActiveTerm:
-    """Derives the active term from the terms that commands on the managers' bus name."""
+    """Finds out which term is active: the managers' commands on the managers' bus name their terms."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
         self.number = 0
@@ -58,6 +58,6 @@ class ActiveTerm:
     def is_claimed(self, term: int, station: str) -> bool:
         """Tell whether the manager at `station` claims this term, and the term is higher than the active one.
 
-        A claimed term is not active, since some PEs may not accept it.
+        Such a term is not active yet, since some PEs may still refuse it.
         """
         return term > self.number and self._claims.get(station, (0, 0))[0] == term

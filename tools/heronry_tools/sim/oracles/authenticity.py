@@ -63,7 +63,7 @@ _Accepted = tuple[int, Place]  # manager, place
 
 @dataclass(slots=True)
 class _Pe:
-    """What the oracle knows of one PE: commands that this PE may have accepted, or must have (`least`)."""
+    """What the oracle knows of one PE: the commands that it may have accepted, and those that it has (`least`)."""
 
     name: str
     node: int
@@ -81,7 +81,7 @@ class _Pe:
 
 
 class AuthenticityCheck(Oracle):
-    """Verifies that a proven command explains each report of a PE."""
+    """Verifies that a proven command explains each report by which a PE shows that it accepted a command."""
 
     def __init__(self, spec: Spec, key: Key) -> None:
         super().__init__()
@@ -104,7 +104,7 @@ class AuthenticityCheck(Oracle):
         self._may_count_again = True
 
     def seen(self, sent: Sent) -> None:
-        """Read a frame of any sender on any bus."""
+        """Verify a state or an EMCY that a PE sends on its uplink, and record a command that its TAG proves."""
         for pes, assess in ((self._pes, self._state), (self._emcys, self._emergency)):
             pe = pes.get(sent.frame.can_id)
             if pe is not None:

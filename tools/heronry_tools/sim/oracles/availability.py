@@ -3,12 +3,13 @@
 The oracle verifies only flights with a key in which all faults are forged frames, and these take less than a tenth of a
 bus. Three things must hold in such a flight:
 
-- A function that was heard is never silent for longer than T_lease, unless the longest silence of a served function
-  (`Witness.patience_ns`) is longer.
+- A function that was heard is never silent for longer than its limit. The limit is T_lease of the slowest bus, or
+  `Witness.patience_ns` if that is longer: the longest silence in which the function still counts as served.
 - Each ALIVE of the active manager names every PE that the ALIVE before it named.
 - The active manager ends no session (it sends no RENEW).
 
-Not verified: a flight with any other fault or order. Only the other oracles verify such a flight.
+Not verified: a flight with any other fault, or with an order of the operator. Only the other oracles verify such a
+flight.
 """
 
 from collections.abc import Collection
@@ -49,8 +50,9 @@ class AvailabilityCheck(Oracle):
     def denials(self, faults: Collection[Fault], witness: Witness, span_ns: range) -> list[Violation]:
         """Return a violation for each denial of service between the first configuration and the end of a flight.
 
-        The list is empty if there was no fault, if any fault was something other than forged frames, or if forged
-        frames took a tenth of a bus or more.
+        It is a denial if a function is silent for more than T_lease of the slowest bus, or if the manager ends its
+        session with a PE. The list is empty if there was no fault, if any fault was something other than forged
+        frames, or if forged frames took a tenth of a bus or more.
 
         faults: everything that was injected
         span_ns: time of the first configuration, and of the end of the flight

@@ -89,7 +89,7 @@ class BlameCheck(Oracle):
     def unfounded(self, truth: Situation) -> list[Violation]:
         """Return a violation for each reported element that is healthy in `truth`.
 
-        The report of an actuator is no violation if a sensor is down with which some module compares this actuator.
+        There is one exception: some module compares the reported actuator with a sensor, and this sensor is down.
         """
         return [
             violation

@@ -93,7 +93,7 @@ class Checks:
             oracle.driven(driven)
 
     def looked(self, stepped: Driven) -> None:
-        """Report to the oracles that a module which drives no output has computed a step, with these inputs."""
+        """Report to the oracles a computed step of a module that drives no output, with the inputs of this step."""
         for oracle in self._of_looks:
             oracle.looked(stepped)
 
@@ -157,9 +157,9 @@ class Checks:
             oracle.manager_jumped(t_ns, ahead_ns)
 
     def script_ordered(self, t_ns: int, term: int | None) -> None:
-        """Report to the oracles that a manager has accepted, in this term, a script of the operator.
+        """Report to the oracles that a manager has accepted a script of the operator.
 
-        A `term` of None means that the manager has released the script.
+        term: the term of this manager; None: the script was released.
         """
         for oracle in self._oracles:
             oracle.script_ordered(t_ns, term)
@@ -265,7 +265,7 @@ class Checks:
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Return a violation for each datum that was sent more often than planned since the call of `is_well`.
+        """Return a violation for each datum that was sent more often than planned since `is_well` was called.
 
         The plan is the configuration that was activated last.
 
@@ -274,19 +274,22 @@ class Checks:
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
 
     def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
-        """Return a violation for each service that only forged frames can have denied, in a flight with a key.
+        """Return a violation for each service that forged frames alone have denied in a flight with a key.
 
-        faults: everything that was injected
-        has_others: whether anything else was done to the aircraft; if so, nothing is verified
+        The list is empty without a key, and if any fault was more than a few forged frames (`availability`).
+
+        faults: all faults that were injected
+        has_others: whether the aircraft got orders, or anything else besides `faults`; if so, nothing is verified
         span_ns: begin and end of the time that is verified
         """
         check = self._known.availability
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
-        """Return a violation for each function that fell silent without a permitted reason; only managers failed.
+        """Return a violation for each function that fell silent without a permitted reason.
 
-        The permitted reasons are in the head of `silence`.
+        The head of `silence` says which functions must be heard while only managers fail, and which reasons for a
+        silence are permitted.
 
         targets: all targets into which faults were injected; if one is not a manager, nothing is verified.
         span_ns: begin and end of the time that is verified.

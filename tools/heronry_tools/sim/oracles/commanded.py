@@ -153,7 +153,7 @@ class Commanded:
         return self._put_together(epoch)
 
     def digests(self, page: StatePage1) -> list[int]:
-        """Return the possible digests of the epoch that a page 1 names."""
+        """Return the digests of all known epochs with the number that a page 1 names."""
         return [epoch.digest for epoch in self._named(page.staged_epoch)]
 
     def staged(self, node: int, page: StatePage1) -> None:

@@ -33,7 +33,7 @@ class LastState:
 
 
 class EpochCheck(Oracle):
-    """Verifies the epochs and digests in state frames."""
+    """Verifies by the state frames that an epoch has one digest, and that no PE returns to an older epoch."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
         """Begin with no state frame seen.

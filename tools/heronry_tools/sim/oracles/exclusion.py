@@ -89,9 +89,10 @@ class ExclusionCheck(Oracle):
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, _t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Count a handover when an ACTIVATE or LEASE first brings the newest epoch of its term to GO or GO_ALL.
+        """Count a handover: an ACTIVATE or LEASE takes the newest epoch of its term to GO, or further to GO_ALL.
 
-        After a handover, a former holder may drive its thing again.
+        A repeated command with the same step is no handover. After a handover, a former holder of an exclusive
+        output or identifier may drive it again.
         """
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
@@ -107,7 +108,7 @@ class ExclusionCheck(Oracle):
     def moved(self, moved: Moved) -> None:
         """Make a module the holder of its exclusive outputs, since its command has reached its device.
 
-        It is a violation if the module had lost such an output to another holder without a handover since.
+        It is a violation if another holder took such an output from this module, and no handover came since.
 
         moved: the command, with the module that gave it and the PE that passed it to the device.
         """

@@ -113,7 +113,7 @@ def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:
 
 
 def _fresh_ns(spec: Spec, producer: str, variable: str) -> int:
-    """Return the age (ns) up to which a datum of a source is fresh, when its producer runs in its slowest mode."""
+    """Return up to which age (ns) a datum of a source may be fresh; the slowest mode that gives it decides."""
     return FRESH_PERIODS * 10**12 // min(_rates_mhz(spec, producer, variable)) + _SLACK_NS
 
 

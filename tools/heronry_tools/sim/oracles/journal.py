@@ -64,11 +64,11 @@ Read = Callable[[str], bytes | None]  # bytes on the disk of a station's manager
 
 @dataclass(slots=True)
 class _Said:
-    """What one manager has sent in all its masterships.
+    """What one manager has sent in all its masterships, as far as its journal must have it.
 
     term: the highest term.
-    prepared: epoch of the last PREPARE with a new number.
-    leased: epoch and digest of the last LEASE.
+    prepared: epoch of the last PREPARE whose epoch no other manager had prepared before.
+    leased: epoch and digest of the last LEASE with a step after PREPARED.
     """
 
     term: int = 0
@@ -131,7 +131,7 @@ class JournalCheck(Oracle):
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
         """Tell whether a HOLDS agrees with an earlier state of the manager's journal; False for any other message.
 
-        Earlier states are those without the last record, without the last two, and so on, up to `_WAITED` records.
+        The earlier states are the journal without its last record, without its last two, and so on up to `_WAITED`.
         """
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False
@@ -142,10 +142,10 @@ class JournalCheck(Oracle):
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether `message` names the first phase, and may stem from a time at which the journal named no phase.
+        """Tell whether `message` names the spec's first phase, and may have been made before the journal named a phase.
 
-        The journal has no record of the first phase: until another phase is entered, the journal names none. A frame
-        waits for at most `_FIRST_PHASE_NS` before it is sent.
+        The first phase is not written to the journal: the journal names no phase until another phase is entered. A
+        frame waits for at most `_FIRST_PHASE_NS` before it is sent.
         """
         is_first = isinstance(message, Control) and (message.a, message.b) == (ElementKind.PHASE, 0)
         return is_first and t_ns - self._none_entered_ns.get(manager, -_FIRST_PHASE_NS) < _FIRST_PHASE_NS

@@ -74,7 +74,7 @@ class Losses:
     def bound_ns(self) -> int:
         """Return the longest time in ns from the last fault until the aircraft must have converged.
 
-        The losses of PEs that were counted so far make this time longer.
+        Each loss of a PE that was counted so far may make this time longer.
         """
         patience_ns = PATIENCE_PERIODS * max(self._periods.values())
         held_ns = max(

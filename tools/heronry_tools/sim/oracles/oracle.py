@@ -23,7 +23,7 @@ from heronry_wire.state_frames import StatePage0
 
 
 class StateSaid(NamedTuple):
-    """A page 0 that a PE or a gateway has sent, and that differs from the last page 0 of this PE."""
+    """A page 0 of a PE that differs from the PE's last page 0; the PE itself or a gateway has sent it."""
 
     t_ns: int
     bus: str
@@ -70,9 +70,9 @@ class Oracle:
         """Called when a PE itself, not a gateway, has sent a changed page 0 on any of its buses."""
 
     def told(self, state: StateSaid) -> None:
-        """Called when a page 0 of a PE that differs from its last one was sent on the managers' bus.
+        """Called when a page 0 of a PE was sent on the managers' bus, by the PE itself or by a gateway.
 
-        The PE itself or a gateway has sent it.
+        Not called for a page 0 that is equal to the last one of the same PE.
         """
 
     def emergency(self, sent: Sent, pe: str, message: Emergency | Malformed) -> None:

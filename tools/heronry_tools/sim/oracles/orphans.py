@@ -22,7 +22,10 @@ _SLACK = 2  # heartbeat periods: one until the PE reports, one for clock errors 
 
 
 class OrphanCheck(Oracle):
-    """Verifies that, while no manager sends, no PE reports that it hears a LEASE, or under `keep` another epoch."""
+    """Verifies what PEs report while no manager sends.
+
+    No PE may report that it hears a LEASE. With the policy `keep`, no PE may change its state, epoch or digest.
+    """
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
         """Begin with no state frame seen.

@@ -83,7 +83,7 @@ class PhaseCheck(Oracle):
         self._may_forget = True
 
     def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
-        """Take into account, from now on, that two managers may be active that do not hear each other.
+        """Take into account, from now on, that two active managers may not hear each other.
 
         No effect if `bus` is not the managers' bus.
         """
@@ -91,7 +91,10 @@ class PhaseCheck(Oracle):
             self._may_forget = self._is_apart = True
 
     def manager_copied(self, _station: str, _twin: str) -> None:
-        """Take into account, from now on, that two managers may be active that do not hear each other."""
+        """Allow from now on that two active managers do not hear each other.
+
+        Also allow a manager to begin its mastership with a phase that has already ended.
+        """
         self._may_forget = self._is_apart = True
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
@@ -104,7 +107,7 @@ class PhaseCheck(Oracle):
         self._ordered = phase, t_ns
 
     def requested(self, node: int, message: Emergency) -> None:
-        """Record that a PE requests a phase on the managers' bus."""
+        """Record an EMCY on the managers' bus in which a PE requests a phase."""
         self._requested[node, message.detail] = message.index
 
     def told(self, state: StateSaid) -> None:
@@ -118,7 +121,7 @@ class PhaseCheck(Oracle):
             self._acknowledged.pop(node, None)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Verify a HOLDS that names a phase, and read acknowledgements of requests."""
+        """Verify the phase that a HOLDS names, and note which requests for phases a manager acknowledges."""
         if not isinstance(message, Control):
             return
         self._heard_term = max(self._heard_term, message.term)
@@ -160,7 +163,7 @@ class PhaseCheck(Oracle):
         return bool(number & FORWARD_ONLY) and not is_free
 
     def _is_wanted(self, phase: str) -> bool:
-        """Tell whether some PE has requested this phase, has no answer yet, and may get the phase."""
+        """Tell whether some PE has an unanswered request for this phase that a manager may execute."""
         index = self._names.index(phase)
         requests = (key for key, wanted in self._requested.items() if wanted == index)
         return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in requests)
@@ -168,8 +171,8 @@ class PhaseCheck(Oracle):
     def _may_count(self, node: int, number: int) -> bool:
         """Tell whether the active manager may take a request of a PE for a new one.
 
-        This is so if neither this request nor a later one was acknowledged before, or if the manager of a newer
-        term may have forgotten that.
+        This is so in two cases. Neither this request nor a later one was acknowledged before; or one of them was
+        acknowledged in an older term, and the active manager may have forgotten that.
 
         node, number: node-ID of the PE, and number of the request.
         """

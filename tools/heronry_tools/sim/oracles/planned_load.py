@@ -42,7 +42,7 @@ class PlannedLoadCheck(Oracle):
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
-        """Return a violation for each datum that was sent more often since `begin` than `current` plans.
+        """Return a violation for each source that a bus has carried more often since `begin` than `current` plans.
 
         current: the epoch activated last; None: nothing is verified.
         truth: the real situation; frames of a PE that is down, or cut off from the manager, do not count.

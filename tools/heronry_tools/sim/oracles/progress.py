@@ -48,10 +48,13 @@ class _Requests:
 
 
 class ProgressCheck(Oracle):
-    """Counts, since the last ACTIVATE, the epochs that were prepared, and each manager's requests in vain.
+    """Counts the epochs that were prepared, and each manager's useless plan requests, since the last ACTIVATE.
 
-    A request is in vain if the manager makes another one before the answer has come, or at the moment when
-    an answer comes that differs from the running configuration.
+    A plan request is useless in two cases (`_is_in_vain`):
+
+    - the manager makes its next request before the answer to this one has come;
+    - the manager makes its next request at the moment at which the answer comes, and the answer differs from
+      the running configuration.
     """
 
     def __init__(self) -> None:
@@ -61,14 +64,15 @@ class ProgressCheck(Oracle):
         self._requests: dict[str, _Requests] = {}  # by station
 
     def began(self, _t_ns: int) -> None:
-        """Count prepared epochs and requests in vain from zero again, since a mastership has begun."""
+        """Forget the prepared epochs and the plan requests that were counted, since a new mastership has begun."""
         self._epochs.clear()
         self._requests.clear()
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Count the epochs prepared since the last ACTIVATE, and record a violation if there are too many.
+        """Count the epochs prepared since the last ACTIVATE; too many over too long a time are a violation.
 
-        An ACTIVATE sets to 0 this count, and each manager's count of plan requests in vain.
+        An ACTIVATE sets this count to 0, and also each manager's count of requests in vain
+        (`ProgressCheck` says which requests are in vain).
         """
         if isinstance(message, Activate):
             self._epochs.clear()
@@ -82,12 +86,12 @@ class ProgressCheck(Oracle):
                 self._epochs.clear()
 
     def planning(self, seen: PlanningSeen) -> None:
-        """Count the successive requests of a manager that are in vain (`_is_in_vain`).
+        """Count how many plan requests of a manager, one after the other, were in vain (head of this file).
 
-        If there are too many for too long, record a violation.
+        If there are too many, over too long a time, record a violation.
 
-        A request is assessed when the manager makes its next request. If it was in vain, the count rises by one,
-        otherwise it begins at zero again. The answer to a request is kept until it is assessed.
+        Each request is assessed when the manager makes its next one (`_is_in_vain`). If the request was in vain, the
+        count rises by one, otherwise it begins at zero again. Until then the answer to the request is kept.
         """
         requests = self._requests.setdefault(seen.station, _Requests())
         match seen:

@@ -29,7 +29,10 @@ class QueueCheck:
         self._offered = self._offered_before = dict.fromkeys(buses, 0)
 
     def look(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> list[Violation]:
-        """Return the violations: buses that were not idle since the last call, and frames that were left behind."""
+        """Return the violations: each bus that was not idle since the last call, and each frame that waits too long.
+
+        A frame waits too long if it has been waiting since before the call before the last one.
+        """
         passed_ns, before = t_ns - self._t_ns, self._bits
         self._t_ns, self._bits = t_ns, {name: bus.busy_bits for name, bus in buses.items()}
         before_that, self._offered_before = self._offered_before, self._offered

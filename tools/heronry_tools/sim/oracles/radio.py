@@ -117,11 +117,11 @@ class RadioCheck(Oracle):
         self._bits.clear()
 
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
-        """Return the largest usable share, per mille, that a gateway has lately reported for a radio.
+        """Return the largest usable share of a radio's bandwidth that recent reports of its gateway give, per mille.
 
-        Lately means within the last PATIENCE_PERIODS heartbeat periods of the radio.
+        A report is recent if it was sent within the last PATIENCE_PERIODS heartbeat periods of the radio.
 
-        None: a report of this time says that the radio is gone, there is no report of this time, or the last report
+        Returns None if there is no recent report, if a recent report says that the radio is gone, or if the last report
         is more than a second old.
         """
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]

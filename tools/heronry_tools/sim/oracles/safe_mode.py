@@ -57,14 +57,16 @@ class SafeModeCheck(Oracle):
         self._rests: dict[tuple[int, str], frozenset[str]] = {}  # by epoch and PE
 
     def leased(self, t_ns: int) -> None:
-        """Record that no PE is orphaned any more, since a manager has sent a LEASE."""
+        """Record that a manager has sent a LEASE, so no PE counts as without a manager any more."""
         self._leased_ns = t_ns
         self._orphans.clear()
 
     def told(self, state: StateSaid) -> None:
-        """Record that a PE is orphaned, if its policy is `safe_mode` and its state reports that it hears no LEASE.
+        """Record that a PE is orphaned from now on, if the policy is `safe_mode` and three conditions hold.
 
-        It is recorded only if no LEASE has been on the bus for longer than T_lease, but one was before.
+        - The state of the PE reports that it hears no LEASE.
+        - A LEASE was on the bus at some time, but none for longer than T_lease.
+        - The PE is not recorded as orphaned yet.
         """
         pe, t_ns, page = state.pe, state.t_ns, state.page
         alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
@@ -79,7 +81,7 @@ class SafeModeCheck(Oracle):
             self._tell(sent.end_ns, f"{sent.sender} sends {sent.frame.can_id} of {producer}")
 
     def driven(self, driven: Driven) -> None:
-        """Record a violation if a module that serves nothing critical drives on a PE without a manager."""
+        """Verify that a PE which hears no manager drives no output with a module that serves nothing critical."""
         if driven.module in self._orphans.get(driven.pe, (0, frozenset()))[1]:
             self._tell(driven.t_ns, f"{driven.module} drives on {driven.pe}")
 

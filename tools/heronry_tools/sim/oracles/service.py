@@ -281,10 +281,12 @@ class ServiceCheck(Oracle):
         return f"epoch {epoch.number} serves {served} by criticality, but a plan serves {possible}"
 
     def in_force(self, prepared_ns: int, to_ns: int) -> list[Situation]:
-        """Return the situations for which an epoch prepared at `prepared_ns` may be planned.
+        """Return the situations on which the manager may have based the plan of an epoch.
 
         There is one situation for each phase and each set of priorities that counted at some moment from shortly before
         `prepared_ns` to `to_ns`. Nothing is down in them: the method is for flights in which only managers fail.
+
+        prepared_ns: when the epoch was prepared.
         """
         return self._in_force(prepared_ns - _UNDER_WAY_NS, to_ns)
 

@@ -40,17 +40,17 @@ InForce = Callable[[int, int], Iterable[Situation]]
 
 
 class LeftOut:
-    """Tells which functions an activated epoch rightly leaves out, and which it serves on another PE than before."""
+    """Tells whether the activated epochs explain a silent function: one rightly left it out, or it moved."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch], in_force: InForce) -> None:
         """Begin with the activated epochs, by number; epochs that the caller adds later are used, too."""
         self._spec, self._epochs, self._in_force = spec, epochs, in_force
 
     def explains(self, outage: Outage, patience_ns: int) -> bool:
-        """Tell whether the epochs explain why a function was silent: by leaving it out rightly, or by moving it.
+        """Tell whether the epochs explain an outage: one rightly leaves the function out, or the function moves.
 
-        They do if one of the epochs rightly leaves the function out, or if the function moves to another PE from one
-        epoch to the next. Those epochs count that ran from the beginning of the outage until `patience_ns` later.
+        The function moves if two successive epochs serve it on different PEs. Only those epochs are considered that
+        ran at some moment from the beginning of the outage until `patience_ns` later.
 
         patience_ns: the time after the function's last output within which it had to be heard again
         """
@@ -76,10 +76,10 @@ class LeftOut:
                 return
 
     def _is_right(self, function: str, epoch: Epoch, configuration: Configuration) -> bool:
-        """Tell whether a configuration rightly does not serve a function.
+        """Tell whether it is right that a configuration does not serve a function; False if it serves the function.
 
-        This is so if, for a situation between the preparation and the activation of the epoch, the best plan does not
-        serve the function either, or is no better than the configuration. False if the configuration serves it.
+        It is right if, in some situation between the preparation and the activation of the epoch, the best plan
+        does not serve the function either, or is no better than the configuration.
         """
         if _serves(self._spec, configuration, function):
             return False
@@ -95,11 +95,12 @@ class LeftOut:
 def stopped_by_silence(
     spec: Spec, targets: Iterable[str], witness: Witness, span_ns: range, left_out: LeftOut
 ) -> list[Violation]:
-    """Return a violation for each function that was silent, although it must not stop when only managers fail.
+    """Return a violation for each function that was silent, although it must be heard while only managers fail.
 
     targets: all targets into which faults were injected; if one of them is not a manager, nothing is verified
     witness: has the silences of all functions
-    span_ns: begin and end of the time that is verified
+    span_ns: begin and end of the time that is verified; a silence that began before does not count
+    left_out: tells which silences the activated epochs explain; such a silence is no violation
     """
     if any(target not in MANAGERS for target in targets):
         return []

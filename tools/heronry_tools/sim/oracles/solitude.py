@@ -17,7 +17,7 @@ _SLOWER_PPM = 1_000  # a silence that is shorter than T_lease by this part count
 
 
 class Solitude:
-    """Finds the PEs that have heard no other node for T_lease, and the time at which each PE heard a node again."""
+    """Finds each PE that heard no other node for T_lease, and the time at which it then heard a node again."""
 
     def __init__(self, spec: Spec) -> None:
         """Assume at the beginning that every PE has just heard another node."""
@@ -49,7 +49,8 @@ class Solitude:
     def started(self, t_ns: int, pe: str, incarnation: int) -> None:
         """Record the incarnation that a PE reports; a new incarnation counts as the end of a silence.
 
-        The reason: a restarted PE has no commands from before its start.
+        After a silence a PE may have missed commands. In the same way, a restarted PE has no commands from before its
+        start.
         """
         if self._incarnations.setdefault(pe, incarnation) != incarnation:
             self._incarnations[pe] = incarnation

@@ -41,7 +41,7 @@ _TOGETHER_LEASES, _APART_PERIODS = 2, 3
 
 
 class TermCheck(Oracle):
-    """Verifies the terms of commands, and the epochs that PEs report."""
+    """Verifies the rules on terms and epochs (head of this file) by the commands and the states of PEs."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
         super().__init__()
@@ -131,9 +131,10 @@ class TermCheck(Oracle):
         self._tell(t_ns, "reign", story)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
-        """Record a violation if several stations have used one term for more than `_together_ns` at the same time.
+        """Note that a station has used a term at `t_ns`, and verify that no other station uses this term, too.
 
-        Nothing is verified while the bus is broken in the middle.
+        It is a violation if several stations have all used the term during more than `_together_ns`. While the
+        bus is broken in the middle, nothing is noted or verified.
         """
         if self._is_split:
             return

@@ -44,7 +44,7 @@ class TransitionCheck(Oracle):
         self._breaking = 0
 
     def said(self, state: StateSaid) -> None:
-        """Record what a PE reports that it runs."""
+        """Record the last page 0 of a PE, in which the PE reports what it runs."""
         self._told[state.pe] = state.page
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:

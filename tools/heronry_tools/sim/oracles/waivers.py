@@ -54,7 +54,7 @@ class Waivers:
         return tuple(one for one in violations if not self.cover(one.rule, one.t_ns, one.since_ns))
 
     def unverified_ns(self, end_ns: int) -> dict[str, int]:
-        """Return, by rule, for how many ns before `end_ns` the rule was waived.
+        """Return, by rule, for how many ns of the flight the rule was waived; the flight ends at `end_ns`.
 
         A rule that was never waived is left out.
         """

@@ -25,7 +25,7 @@ class Compared:
 
     @property
     def t_ns(self) -> int:
-        """Return the time of the decision; if the decision is in both, its time in the recording."""
+        """Return the time of the decision; if recording and replay both have it, its time in the recording."""
         return self.decision.t_ns
 
 

@@ -33,7 +33,7 @@ _SAID_BY |= {heartbeat_id(node): node for node in MANAGER_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """One step of a manager towards a configuration; two decisions are equal if all but their `t_ns` are equal."""
+    """A manager's PREPARE of an epoch, or a step of an ACTIVATE; decisions that differ only in `t_ns` are equal."""
 
     t_ns: int = field(compare=False)
     what: str  # PREPARE, or the name of the step of an ACTIVATE
@@ -95,7 +95,10 @@ def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str 
     for name in names:
         if name not in channels:
             known = ", ".join(channels)
-            raise UserError(f"no frame of the recording is on {name!r}; name the manager's bus with --channel: {known}")
+            raise UserError(
+                f"no frame of the recording is on {name!r}; name the manager's bus with --channel "
+                f"(the recording has {known})"
+            )
     on_the_bus = [logged for logged in frames if logged.channel in names]
     if len(names) == 1:
         return on_the_bus

@@ -106,10 +106,10 @@ class Planners:
         return self._compiler.configuration(configuration).digest
 
     def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        """Yield every plan that could answer a request, with the name of its kind; the likeliest plan comes first.
+        """Yield the plans that could answer a request, one of each kind at most, each with the name of its kind.
 
-        The kinds are the contingency, the best plan and the greedy plan. The plans are made with and without
-        contingencies, and with and without a solver.
+        The kinds are the contingency, the best plan and the greedy plan; the likeliest plan comes first. The plans are
+        those of planning policies with and without contingencies, and with and without a solver.
         """
         found = set()
         for policy in self._fittings:
@@ -174,7 +174,7 @@ class Rerun:
                 return
 
     def _due_ns(self, deadline_ns: int | None) -> int | None:
-        """Return when the manager can handle a deadline: when it is due, or at the end of a standstill that covers it.
+        """Return when the manager handles a deadline: when it is due, or at the end of the standstill around it.
 
         None if there is no deadline.
         """
@@ -275,7 +275,8 @@ def _answer(at_ns: int, request: RequestPlan, name: str, plan: Plan) -> _Answer:
 def _standstills(mastership: Mastership, longest_ns: int) -> list[tuple[int, int]]:
     """Return the times (begin, end; ns) in which the manager may have stood still.
 
-    Each begins when the bus falls silent for more than `longest_ns`, and ends with the manager's next frame.
+    Each time begins when the bus falls silent for more than `longest_ns`. It ends with the manager's next
+    frame or, if no frame of the manager follows, with the end of the silence.
     """
     own = [t_ns for t_ns, _, _ in mastership.said]
     times = sorted([*own, *(t_ns for t_ns, _ in mastership.heard)])

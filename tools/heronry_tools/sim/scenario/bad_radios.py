@@ -44,9 +44,9 @@ def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
 
 
 class BadRadios:
-    """Disturbs the buses and channels of one flight into which its deeds inject a fault.
+    """Disturbs, during one flight, the buses and channels into which the deeds of this flight inject a fault.
 
-    It is a context manager: at the end the connections to the hubs are closed.
+    It is a context manager: at the end of the block the connections to the hubs are closed.
     """
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:

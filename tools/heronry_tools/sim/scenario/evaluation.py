@@ -122,9 +122,9 @@ class Evaluation:
         return max((t for t in times if self._ns(one.from_ns) < t <= self._ns(one.until_ns)), default=None)
 
     def _epoch_at(self, from_ns: int) -> int:
-        """Return the epoch that a state of a PE named last until `from_ns`.
+        """Return the epoch in the last state of any PE that came until `from_ns`, a time of the script.
 
-        If no state until then names an epoch, return the first epoch that a later state names.
+        A state that names no epoch is ignored. If there is no such state until then, the first later one counts.
         NO_EPOCH: no state names an epoch.
         """
         named = [(s.t_ns, s.page.epoch) for s in self._heard.states if s.page.epoch != NO_EPOCH]
@@ -162,7 +162,10 @@ class Evaluation:
         return f"this did not hold at {self._s(self._ns(one.until_ns))}; the last heard was {told or 'nothing'}"
 
     def _last_words(self, one: Expectation) -> str | None:
-        """Return a sentence on what was heard last of an expectation's subject, and when; None if nothing was."""
+        """Return a phrase that says what was heard last of an expectation's subject, and when.
+
+        Only frames up to the end of the expectation's time count. None: nothing was heard.
+        """
         kind, _, name = one.subject.partition(":")
         heard, until_ns = self._heard, self._ns(one.until_ns)
         match kind:

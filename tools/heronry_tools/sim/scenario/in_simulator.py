@@ -79,7 +79,8 @@ def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
     """Do what the script says, to its end.
 
-    Returns the injections, and for each deed of the script the number of events before it and its line of the trace.
+    Returns the injections, and two values for each deed of the script: how many events the flight had before
+    the deed, and the line of the trace for the deed.
     """
     for module in script.reported_modules():
         flight.truth.excuse(module)
@@ -132,7 +133,10 @@ def _begin(flight: Simulation, script: Script) -> None:
     while not flight.events_of("reconfigured"):
         flight.run_for(MS)
         if flight.now_ns > _LONGEST_START_NS:
-            raise UserError(f"{script.file}: no configuration has run within {_LONGEST_START_NS // 10**9} s")
+            raise UserError(
+                f"{script.file}: the aircraft does not start: no configuration runs within "
+                f"{_LONGEST_START_NS // 10**9} s; 'heronry plan SPEC' shows what its spec can run"
+            )
 
 
 def _start_ns(flight: Simulation) -> int:

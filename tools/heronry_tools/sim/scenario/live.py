@@ -210,7 +210,11 @@ class _Show:
             self._runs_ns = event["t_ns"]
 
     def _begin(self) -> None:
-        """Begin the script when every function of the first configuration was heard, or LOADING_S have passed."""
+        """Begin the script once every function that the newest plan serves was heard on the bus.
+
+        If a function is not heard, the script begins LOADING_S seconds after the first configuration began to run.
+        Before that configuration runs, and after the script has begun, a call has no effect.
+        """
         if self._start_ns is not None or self._runs_ns is None:
             return
         now_ns, functions = time.monotonic_ns(), self._script.spec.functions

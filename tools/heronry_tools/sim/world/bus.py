@@ -256,7 +256,10 @@ class SimulatedBus:
         return waiting.key >= FIRST_HELD_BACK and self._clock.now_ns < waiting.station.stands_back_until_ns
 
     def _refill(self, station: Station) -> None:
-        """Put a station's next frame into its mailbox; drop frames whose time limit is over."""
+        """Move the next frame of a station from its queue to its mailbox; drop frames whose time limit is over.
+
+        Nothing is moved while the station is stalled, or while the next frame is held back (`_stands_back`).
+        """
         queue, now_ns = station.queue, self._clock.now_ns
         while queue and not station.stalled and not self._stands_back(queue[0][2]):
             waiting = heappop(queue)[2]
@@ -315,7 +318,11 @@ class SimulatedBus:
         return bits * self.slowdown * _NS_PER_S // self.bitrate
 
     def _head(self) -> Waiting | None:
-        """Return the most urgent frame of a station that can send; None if there is none."""
+        """Return the most urgent of the frames that wait for the bus; None if no frame waits.
+
+        Frames of stations that cannot send do not count. A frame whose time limit is over is dropped, and the next
+        frame of its station takes its place.
+        """
         waiting, now_ns = self._waiting, self._clock.now_ns
         while waiting:
             head = waiting[0][2]
@@ -333,8 +340,8 @@ class SimulatedBus:
     def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
         """Find a rival: another station that sends under the identifier of `head` at the same time.
 
-        Returns whether both frames are destroyed, and how many bits are sent. Without a rival, these are False and
-        `bits`, the length of the frame.
+        Returns whether both frames are destroyed, and how many bits are sent. Without a rival, or if both frames
+        have the same data, these are False and `bits`, the length of the frame.
         """
         rival = self._head()
         if rival is None or rival.key != head.key or rival.station is head.station:

@@ -23,7 +23,7 @@ class FirstCopies:
         self._order: deque[tuple[int, int]] = deque()
 
     def see(self, sent: Sent) -> None:
-        """Call the taps for a frame that a channel has carried, if it is a first copy."""
+        """Call every function in `taps` with a frame that a channel has carried, if it is the first copy."""
         while self._order and self._order[0][0] < sent.end_ns - REMEMBERED_NS:
             del self._seen[self._order.popleft()[1]]
         identity = id(sent.frame)

@@ -51,7 +51,10 @@ class LocalClocks:
     """Makes the clocks of the nodes of one flight."""
 
     def __init__(self, clock: Clock, chance: Random, skew_ppm: int) -> None:
-        """Begin; each clock is too fast or too slow by at most `skew_ppm` millionths."""
+        """Begin without clocks.
+
+        skew_ppm: each clock that `draw` makes is too fast or too slow by at most so many millionths.
+        """
         self._clock, self._chance, self._skew_ppm = clock, chance, skew_ppm
 
     def draw(self, apart_ns: int = 0) -> LocalClock:

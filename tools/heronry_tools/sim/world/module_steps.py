@@ -60,7 +60,7 @@ class Processor(Protocol):
 
 
 class ModuleSteps:
-    """The steps of the modules of one PE, and their faults."""
+    """Executes the steps of the modules of one PE, and makes these steps fail, hang or run late as faults demand."""
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class ModuleSteps:
         return answer
 
     def _broken_as(self, module: str) -> str | None:
-        """Return how a module fails on this PE; None if it does not fail."""
+        """Return the fault of a module on this PE: how it fails, or which phase it requests; None: it has no fault."""
         return self._broken.get(f"{module}@{self._pe}", self._broken.get(module))
 
     def measure(self, action: MeasureStep) -> StepMeasured:
@@ -151,7 +151,7 @@ class ModuleSteps:
         self._behind.pop(partition, None)
 
     def unstick(self) -> None:
-        """Complete the steps that hang."""
+        """End the fault by which steps hang: complete the hanging steps, and give their answers to the PE's core."""
         self.stuck = False
         hung, self._hung = self._hung, {}
         for action, _ in hung.values():
@@ -208,7 +208,7 @@ class ModuleSteps:
 
 
 def _off(value: Value) -> Value:
-    """Return a wrong value in the place of an int or float, of the same type; any other value stays as it is."""
+    """Return a wrong number of the same type in place of an int or a float; return any other value as it is."""
     if isinstance(value, float):
         return value + _WRONG_BY
     return value ^ 1 if isinstance(value, int) else value

@@ -47,7 +47,7 @@ class PeOutbox:
         self.passing: Frame | None = None  # the frame just received, which the PE may forward
 
     def send(self, action: Send) -> None:
-        """Give a frame to the controller of its port."""
+        """Give a frame to the controller of its port; if a fault delays forwarded frames, such a frame goes later."""
         port, frame, until_ns = action.port, action.frame, action.until_ns
         if port in self.radios:
             self._handed_ns[port] = self._time.now_ns()

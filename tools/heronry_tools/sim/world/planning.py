@@ -125,7 +125,10 @@ def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
 
 
 def best_at_all(spec: Spec, now: Situation) -> Plan:
-    """Return a plan that is best at levels 1 to 3, whatever runs; the oracles use it."""
+    """Return a plan that is the best one at levels 1 to 3; for these levels it does not matter what runs.
+
+    The oracles use this plan.
+    """
     known = KNOWN_PLANS.get((_question(spec, now), _WHATEVER))
     return best_plan(spec, now, None) if known is None else known
 

@@ -35,7 +35,7 @@ _TAKES_NS = {
 
 
 class PlanningDriver:
-    """The planning policy of one manager, and its planners."""
+    """Runs the planning policy of one simulated manager, and gives it the answers of simulated planners."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class PlanningDriver:
         self.answer(self._decide_ns(), PlannerAnswered(PlanReady(request.request, plan)))
 
     def answer(self, after_ns: int, answer: PlanReady | PlanFailed | FromPlanner) -> None:
-        """Let an answer arrive after `after_ns`."""
+        """Let an answer arrive `after_ns` from now, in virtual time."""
         self._clock.at(self._clock.now_ns + after_ns, lambda: self._tell(answer))
 
     def _carry_out(self, instruction: Instruction) -> None:

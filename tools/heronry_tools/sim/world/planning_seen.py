@@ -12,7 +12,7 @@ class PlanRequested(NamedTuple):
 
 
 class PlanGiven(NamedTuple):
-    """A manager is given the answer to the request with this number.
+    """A manager is given the answer to its request with the number `request`.
 
     is_new: the answer is a plan that differs from what ran at the time of the request
     """

@@ -26,7 +26,7 @@ class PlantView:
         return PlantDevice(self._plant, name, self._true_ns)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
-        """Return the actuators on other PEs of which a plant with these sensors needs the output echoes."""
+        """Return the actuators on other PEs whose output echoes a plant with these sensors needs."""
         return self._plant.follows(sensors)
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:

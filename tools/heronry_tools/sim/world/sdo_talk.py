@@ -88,7 +88,7 @@ class SdoTalk:
         """Return the server's next message, for which no request is sent; raises WrongAnswerError if none comes."""
         answer = yield None, self._response_id, PATIENCE_NS
         if answer is None:
-            raise WrongAnswerError("the server sends no further message in time")
+            raise WrongAnswerError("the SDO server of the PE does not send the next message in time")
         return answer
 
     def say(self, message: bytes, silence_ns: int = _SILENCE_NS) -> Talk[None]:
@@ -134,7 +134,7 @@ class SdoTalk:
     def upload_by_block(self, index: int, sub_index: int, size: int, lost: int = 0) -> Talk[bytes | Abort]:
         """Read an object by blocks of `size` segments, and return its bytes or the server's abort.
 
-        The client acts as if it had not received `lost` segments at the end of the first block.
+        The client acts as if it had not received the last `lost` segments of the first block.
         """
         answer = yield from self.ask(
             with_data(BLOCK_UPLOAD | BLOCK_CRC | BLOCK_INITIATE, index, sub_index, bytes((size,)))

@@ -1,8 +1,8 @@
 """The reports of a simulated PE about its modules: observed steps, and orders to devices.
 
 Every step of a module that drives an actuator, or is a branch of a DEMUX, is reported with its inputs (`Driven`). Of
-all other steps with inputs, every eighth is reported. Every command that the PE passes to a device is reported (`Moved`). After a
-step, the command to the module's device may come much later, or never.
+all other steps with inputs, every eighth is reported. Every command that the PE passes to a device is reported
+(`Moved`). After a step, the command to the module's device may come much later, or never.
 """
 
 from collections.abc import Mapping

@@ -79,7 +79,7 @@ def head(view: Snapshot) -> list[Text]:
 
 
 def buses(view: Snapshot, width: int) -> list[Text]:
-    """Give one line for each bus: a bar of the present load, the peak, and the planned load."""
+    """Give one line for each bus: a bar of its load, and the present, the peak and the planned load in percent."""
     return [_bus(name, bus, max(8, min(40, width - 52))) for name, bus in view.buses.items()]
 
 

@@ -49,7 +49,10 @@ class RecordedSource:
     is_recorded = True
 
     def __init__(self, recording: Recording, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        """Put the cursor at the end; `clock_ns` is the clock by which the cursor runs."""
+        """Put the cursor at the end of the recording.
+
+        clock_ns: gives the time in ns; a running cursor moves as this time passes.
+        """
         self.timeline, self._clock_ns = recording.timeline(), clock_ns
         self.at_ns = self.timeline.ends_ns
         self._speed, self._ran_ns = 0, 0

@@ -12,9 +12,9 @@ _STARTS_AGAIN_MS = (5, 200)
 
 
 def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
-    """Make an injection that applies `do` to the PE that the fault names, if this PE runs.
+    """Make an injection that applies `do` to the PE that the fault names; it does nothing if this PE does not run.
 
-    At the end of the fault, nothing is done if this incarnation of the PE has ended.
+    When the fault ends, nothing is done if the incarnation of the PE into which the fault was injected has ended.
     """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:

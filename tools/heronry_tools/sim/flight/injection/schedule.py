@@ -40,7 +40,10 @@ class Injections:
             self._schedule(fault, start_ns + fault.at_ms * MS)
 
     def heal(self) -> None:
-        """End every fault that can be ended, and inject no further fault."""
+        """End every fault that can be ended, and inject no further fault.
+
+        From now on the operator repeats orders that a new active manager may not know (`insist`).
+        """
         self._healed = True
         for fault in list(self._ends):
             self._end(fault)
@@ -55,9 +58,10 @@ class Injections:
         simulation.at(at_ns + WAITS_MS * MS, lambda: self._inject(fault))
 
     def _wait(self, fault: Fault, not_before_ns: int, random: Random) -> None:
-        """Inject a fault shortly after the protocol has entered the fault's state, not before `not_before_ns`.
+        """Inject a fault shortly after the protocol has entered the state for which the fault waits.
 
-        If the protocol has left the state by then, wait until it enters the state again.
+        The wait begins at `not_before_ns`. If the protocol has left the state before the fault is injected, wait
+        until the protocol enters the state again.
         """
         simulation = self._simulation
 

@@ -85,7 +85,7 @@ class Objects(Topic):
             demand(fits, f"object {entry.index:04X}h, {sub_index} is {found!r}")
 
     def present_state(self, *, is_flying: bool) -> Talk[None]:
-        """Demand that changing values agree with the PE's state frames, the LEASE and the plan.
+        """Demand that objects with changing values agree with the PE's state frames, the LEASE and the plan.
 
         is_flying: the PE runs a configuration, and hears a manager; False: it runs nothing, and hears none.
         """
@@ -134,7 +134,12 @@ class Objects(Topic):
         demand(found is Abort.NO_OBJECT, "object 5000h exists")
 
     def refusals(self, *, is_flying: bool) -> Talk[None]:
-        """Demand that a forbidden write, or a write with a wrong length or value, gets the right abort code."""
+        """Demand the right abort code for forbidden writes, and for writes with a wrong length or value.
+
+        Also demand that the error history can be emptied.
+
+        is_flying: False: a transfer that is too large for the table must be refused, too.
+        """
         wrong: tuple[tuple[int, int, bytes, Abort], ...] = (
             (DEVICE_NAME, 0, b"mine", Abort.READ_ONLY),
             (STATE, 1, b"\1", Abort.READ_ONLY),
