@@ -95,6 +95,7 @@ def test_on_a_terminal_a_shell_can_be_typed_to() -> None:
         stdout=terminal,
         stderr=terminal,
         start_new_session=True,
+        env={**os.environ, "PS1": "# "},  # an activated virtual environment exports a prompt of its own
         preexec_fn=_take_terminal,  # noqa: PLW1509 - it makes one system call
     )
     before = termios.tcgetattr(terminal)
