@@ -55,7 +55,7 @@ def trusted_folder(folder: Path) -> Path:
     except FileNotFoundError:
         return folder
     except OSError as error:
-        raise RuntimeFolderError(f"{folder}: {error.strerror}") from error
+        raise RuntimeFolderError(f"the folder {folder} cannot be looked at ({error.strerror})") from error
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & _OTHERS_WRITE:
         raise RuntimeFolderError(f"{folder} does not belong to you, or other users can write to it")
     return folder

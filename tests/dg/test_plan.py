@@ -162,7 +162,8 @@ def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
 
 def test_a_plan_is_optimal_when_all_its_levels_are() -> None:
     document = json.loads(chute_plan().to_json()) | {"optimal": True}
-    with pytest.raises(PlanError, match="the plan's field 'optimal' does not agree with its field 'levels'"):
+    sentence = "the plan's field 'optimal' does not agree with its field 'levels': make a new plan"
+    with pytest.raises(PlanError, match=sentence):
         read_plan(json.dumps(document), FIGURE_3)
 
 
@@ -293,7 +294,8 @@ def test_a_situation_of_another_spec_and_a_spec_in_place_of_a_plan_are_told() ->
     document = json.loads(chute_plan().to_json()) | {"spec": "0" * 64, "phase": "glide"}
     with pytest.raises(PlanError, match=r"^the plan is of another spec than elevator_and_chute: no phase is named"):
         read_situation(json.dumps(document), FIGURE_3)
-    with pytest.raises(PlanError, match=r"this is not JSON .*; if this file is the spec, name it before the plan"):
+    remedy = "if this file is the spec, name it before the plan on the command line"
+    with pytest.raises(PlanError, match=rf"this is not JSON .*; {remedy}$"):
         read_configuration("dg: 1\nname: x\n")
 
 

@@ -1,4 +1,4 @@
-"""The work of the full check grows with the spec, and not with its square: calls are counted, no time is measured."""
+"""The questions of the full check grow with the spec, and not with its square: calls are counted, not time."""
 
 from collections.abc import Callable
 from typing import Any
@@ -28,4 +28,6 @@ def test_what_a_fault_takes_away_is_followed_to_its_readers_alone(monkeypatch: p
         return calls
 
     few = count(50)
-    assert 0 < count(100) < 3 * few  # a chain has ten modules: a fault costs the modes behind it, in any spec
+    assert (
+        0 < count(100) < 3 * few
+    )  # chains have ten modules each: a fault costs the modes behind it, however many chains there are

@@ -404,8 +404,14 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         (["--act", "1 explode pe:tail_pe"], "there is no fault kind 'explode'"),
         (["--act", "1 pause pe:tail_pe in doubt"], "there is no state 'doubt'"),
         (["--act", "1 pause pe:tail"], "did you mean 'tail_pe'"),
-        (["--act", "1 babble bus:can0 for 0.1 level 99999"], "a level from 0 to 2047, not 99999; in this fault a"),
-        (["--act", "1 loss bus:can0 for 0.1 level 5000"], "a level from 1 to 1000, not 5000; in this fault"),
+        (
+            ["--act", "1 babble bus:can0 for 0.1 level 99999"],
+            "babble has a level from 0 to 2047, not 99999; in this fault a foreign node sends",
+        ),
+        (
+            ["--act", "1 loss bus:can0 for 0.1 level 5000"],
+            "loss has a level from 1 to 1000, not 5000; in this fault frames are destroyed",
+        ),
         (["--act", "1 pause pe:tail_pe for 0.1 level 3"], "pause has no level; leave it out"),
         (["--act", "1 pause device:gps"], "pause cannot be injected into device:gps"),
         (["--act", "1 manager_crash standby"], "the flight has only one manager; write 'manager', or add --standby"),

@@ -57,6 +57,6 @@ def test_what_another_user_made_or_may_write_is_refused(
 
 def test_what_cannot_be_made_or_looked_at_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    for use in (owned_folder, trusted_folder):
-        with pytest.raises(RuntimeFolderError, match=r"file.*Not a directory"):
+    for use, what in ((owned_folder, "made"), (trusted_folder, "looked at")):
+        with pytest.raises(RuntimeFolderError, match=rf"file.* cannot be {what} \(Not a directory\)"):
             use(tmp_path / "file" / "heronry")

@@ -38,7 +38,7 @@ def errors_name(file: str | None) -> Iterator[None]:
     try:
         yield
     except PlanError as error:
-        raise UserError(f"{'standard input' if file == '-' else file}: {error}") from error
+        raise UserError(f"{_named(file)}: {error}") from error
 
 
 def read_text(file: str) -> str:
@@ -46,6 +46,10 @@ def read_text(file: str) -> str:
     try:
         text = sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        name, remedy = ("standard input", "give UTF-8") if file == "-" else (file, "save the file as UTF-8")
-        raise UserError(f"{name}: byte {error.start} is not UTF-8 text; {remedy}") from error
+        remedy = "give UTF-8" if file == "-" else "save the file as UTF-8"
+        raise UserError(f"{_named(file)}: byte {error.start} is not UTF-8 text; {remedy}") from error
     return text.removeprefix("\ufeff")
+
+
+def _named(file: str | None) -> str | None:
+    return "standard input" if file == "-" else file
