@@ -243,11 +243,29 @@ class TestPrePlanning:
         assert ahead.knows(replace(TAIL_LOST, limits=half))
         assert not ahead.knows(TAIL_LOST)
 
-    def test_a_plan_for_another_configuration_is_not_used_and_forgotten_when_that_runs(self, ahead: Ahead) -> None:
+    def test_a_plan_for_another_configuration_is_not_used(self, ahead: Ahead) -> None:
         ahead.settle()
-        other = {**RUNNING, "state_estimator": ("only", "sensor_pe")}
-        assert not ahead.knows(TAIL_LOST, other)
-        ahead.settle(running=other, plan=None)
+        assert not ahead.knows(TAIL_LOST, {**RUNNING, "state_estimator": ("only", "sensor_pe")})
+
+    def test_a_configuration_that_returns_is_not_pre_planned_again(self, ahead: Ahead) -> None:
+        ahead.settle()
+        without_gps = Situation(frozenset({"device:gps"}))
+        assert len(ahead.settle(without_gps)) == len(LOSSES)
+        assert ahead.settle() == []
+        assert ahead.settle(without_gps) == []
+
+    def test_the_plans_of_a_configuration_that_ran_long_ago_are_forgotten(self, ahead: Ahead) -> None:
+        others = [Situation(limits={"bus:can0": Fraction(percent, 100)}) for percent in range(1, 20)]
+        ahead.settle()
+        for other in others[:3]:
+            ahead.settle(other)
+        assert ahead.knows(TAIL_LOST)
+        assert ahead.settle() == []  # which makes it the latest one again
+        for other in others[3:6]:
+            ahead.settle(other)
+        assert ahead.knows(TAIL_LOST)
+        for other in others[6:]:
+            ahead.settle(other)
         assert not ahead.knows(TAIL_LOST)
 
     def test_what_is_known_is_not_pre_planned_again(self, ahead: Ahead) -> None:

@@ -36,12 +36,13 @@ return of each PE that is down, and the next mission phase. The policy gives the
 *pre-planner*, another process, which runs with a lower priority than all others. Faults of devices and modules, and
 pairs of faults, are left to the contingencies. A question that a contingency answers is not pre-planned. A pre-planned
 plan is kept by its `Question`, which has all that the plan depends on; so the plan is never used in another situation.
-When another configuration settles, all plans that were made for the one before are forgotten.
+The plans for the last few configurations are kept (`_KEPT_CONFIGURATIONS`): if a device fails and recovers again and
+again, the pre-planner works only the first time.
 
 What may go wrong with an answer:
 
     late        An answer of the planner is handed on; the core drops it if its request is no longer the present one. An
-                answer of the pre-planner is kept under its question until another configuration settles.
+                answer of the pre-planner is kept under its question like every other.
     doubled     The second answer is dropped.
     lost        The core runs an immediate plan meanwhile, and requests anew when the situation changes. If an answer of
                 the pre-planner is lost, nothing more is pre-planned. When a process ends, its client answers with a
@@ -67,6 +68,8 @@ from heronry_dg.verify import Violation, verify
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
 from heronry_wire.sansio import require
+
+_KEPT_CONFIGURATIONS = 4  # whose pre-planned plans are kept, each with a plan for every PE and one for the next phase
 
 
 class ImmediatePlanner(Protocol):
@@ -165,7 +168,7 @@ class PlanningPolicy:
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner
         self._contingencies = contingencies
         self._owed: dict[int, RequestPlan] = {}  # requests that the planner has not answered, by number
-        self._pre_planned: dict[Question, Plan] = {}
+        self._pre_planned: dict[Question, Plan] = {}  # those of the present configuration come last
         self._ahead: deque[Question] = deque()  # to be pre-planned, the next one first
         self._in_pre_planning: PrePlan | None = None
         self._number = 0  # of the last question ahead
@@ -242,14 +245,15 @@ class PlanningPolicy:
     # Questions ahead
 
     def _look_ahead(self, now: Situation, running: Placement) -> None:
-        """List the questions that are left to pre-plan, and forget the pre-planned plans that are no longer needed.
-
-        A plan is no longer needed if its question does not follow from the situation `now` and from what runs.
-        """
+        """List the questions that are left to pre-plan, and forget the plans of configurations that ran long ago."""
         if not self._has_planner:
             return
         ahead = [Question(next_one, running) for next_one in self._next_situations(now)]
-        self._pre_planned = {one: self._pre_planned[one] for one in ahead if one in self._pre_planned}
+        for one in ahead:
+            if one in self._pre_planned:
+                self._pre_planned[one] = self._pre_planned.pop(one)
+        while len(self._pre_planned) > _KEPT_CONFIGURATIONS * (len(self._spec.pes) + 1):
+            del self._pre_planned[next(iter(self._pre_planned))]
         self._ahead = deque(one for one in ahead if one not in self._pre_planned and not self._is_answered_ahead(one))
 
     def _next_situations(self, now: Situation) -> Iterable[Situation]:

@@ -4,8 +4,9 @@
     event: change    what differs from the snapshot that was sent before (`changes`)
     event: beat      sent at least once a second: for how long nothing has come from the feed
 
-Two changes are sent at least 0.1 s apart. If the second one adds an event to the snapshot's list of events, 0.02 s are
-enough. If a page gets no beat any more, it knows that the server itself is gone.
+Two changes are sent at least `_BETWEEN_FIGURES_S` apart, `_BETWEEN_LINES_S` if the second one adds an event to the
+snapshot's list of events. On a busy computer, every change that the browser draws delays the next event. If a page gets
+no beat any more, it knows that the server itself is gone.
 """
 
 import asyncio
@@ -21,8 +22,9 @@ from heronry_tools.web.live import Live
 from heronry_tools.web.recording import Recording
 
 _BEAT_S: Final = 1.0
-_BETWEEN_S: Final = 0.1
+_BETWEEN_FIGURES_S: Final = 0.25
 _BETWEEN_LINES_S: Final = 0.02
+_BETWEEN_STEPS_S: Final = 0.1  # of a recording that plays
 
 
 def sent(kind: str, data: Any) -> str:
@@ -47,7 +49,7 @@ async def live_stream(live: Live, closing: asyncio.Event) -> AsyncIterator[str]:
     while not closing.is_set():
         now, due_s = live.snapshot, beat_s + _BEAT_S
         if now is not known:  # perhaps since before the last change was sent: nothing else may come that would wake
-            between_s = _BETWEEN_S if now.told is known.told else _BETWEEN_LINES_S
+            between_s = _BETWEEN_FIGURES_S if now.told is known.told else _BETWEEN_LINES_S
             due_s = min(due_s, sent_s + between_s)
         if (rest_s := due_s - time.monotonic()) > 0 and live.trouble == told:
             await live.changed(rest_s)
@@ -83,4 +85,4 @@ async def recorded_stream(
             state, events = later, now
         plays = speed > 0 and at_ns < recording.ends_ns
         yield sent("beat", {"age_s": 0, "trouble": None, "at_ns": at_ns, "plays": plays})
-        await asyncio.sleep(_BETWEEN_S if plays else _BEAT_S)
+        await asyncio.sleep(_BETWEEN_STEPS_S if plays else _BEAT_S)
