@@ -5,7 +5,7 @@ import select
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from time import sleep
+from time import monotonic_ns, sleep
 
 import pytest
 
@@ -34,7 +34,7 @@ class Flown:
 
     def __init__(self, spec: Spec, planner: PlannerClient, pre_planner: PlannerClient) -> None:
         self.policy = PlanningPolicy(spec, Greedy(spec), has_planner=True)
-        self.processes = PlannerProcesses(self.policy, planner, lambda: pre_planner)
+        self.processes = PlannerProcesses(self.policy, planner, lambda: pre_planner, calm_ns=0)
 
     def settle(self, now: Situation, running: Placement) -> None:
         """Let this run until every question ahead is planned."""
@@ -43,7 +43,9 @@ class Flown:
             assert self.wait() == []
 
     def wait(self) -> list[PlanReady | PlanFailed]:
-        select.select(self.processes.readers(), [], [])
+        deadline_ns = self.processes.next_deadline_ns()
+        assert deadline_ns is not None
+        select.select(self.processes.readers(), [], [], max(0, deadline_ns - monotonic_ns()) / 1e9)
         return self.processes.poll()
 
     def in_time(self) -> PlanReady | PlanFailed:
@@ -103,6 +105,20 @@ def test_every_single_loss_is_at_hand_once_a_configuration_runs(flown: Flown) ->
         assert flown.immediate(RequestPlan(number, lost, RUNNING)).plan == plan(SPEC, lost, RUNNING)
 
 
+def test_nothing_is_pre_planned_while_configurations_change() -> None:
+    policy = PlanningPolicy(SPEC, Greedy(SPEC), has_planner=True)
+    with PlannerClient(SPEC, FILE) as planner:
+        processes = PlannerProcesses(policy, planner, lambda: pytest.fail("too early"))
+        settled = Settled(Situation(), RUNNING)
+        assert processes.take(settled) == []
+        deadline_ns = processes.next_deadline_ns()
+        assert deadline_ns is not None
+        assert processes.take(settled) == processes.poll() == []
+        assert processes.next_deadline_ns() == deadline_ns  # told again, it does not begin anew
+        assert len(processes.take(RequestPlan(1, TAIL_LOST, RUNNING))) == 1
+        assert processes.next_deadline_ns() is None
+
+
 def test_a_return_is_at_hand_too(flown: Flown) -> None:
     degraded = placement(plan(SPEC, TAIL_LOST, RUNNING).configuration)
     flown.settle(TAIL_LOST, degraded)
@@ -112,7 +128,7 @@ def test_a_return_is_at_hand_too(flown: Flown) -> None:
 
 
 def test_a_question_does_not_wait_for_those_ahead(flown: Flown) -> None:
-    assert flown.processes.take(Settled(Situation(), RUNNING)) == []
+    assert flown.processes.take(Settled(Situation(), RUNNING)) == flown.processes.poll() == []
     both = Situation(frozenset({"pe:tail_pe", "pe:sensor_pe"}))
     flown.later(RequestPlan(1, both, RUNNING, in_background=True))
     flown.settle(Situation(), RUNNING)
@@ -183,7 +199,7 @@ def test_a_pre_planner_that_hangs_is_replaced_and_goes_on_with_the_next_question
         flown = Flown(SPEC, planner, pre_planner)
         stopped = stop(pre_planner)
         monkeypatch.setattr(planner_processes, "AHEAD_NS", 1_000_000)
-        assert flown.processes.take(Settled(Situation(), RUNNING)) == []
+        assert flown.processes.take(Settled(Situation(), RUNNING)) == flown.processes.poll() == []
         monkeypatch.undo()
         while flown.processes.next_deadline_ns() is not None:
             sleep(0.01)
@@ -203,7 +219,7 @@ def test_a_planner_that_hangs_does_not_keep_the_manager_from_ending(monkeypatch:
 
 def test_without_a_solver_nothing_is_started() -> None:
     policy = PlanningPolicy(SPEC, Greedy(SPEC), has_planner=False)
-    processes = PlannerProcesses(policy, None, lambda: pytest.fail("a pre-planner needs a solver"))
+    processes = PlannerProcesses(policy, None, lambda: pytest.fail("a pre-planner needs a solver"), calm_ns=0)
     (first,) = processes.take(RequestPlan(1, Situation(), None))
     assert isinstance(first, PlanReady)
     assert first.plan.objective.critical == plan(SPEC, Situation()).objective.critical

@@ -8,6 +8,8 @@ simulator, which works in virtual time.
     idle       the pre-planner has answered every `PrePlan`; if a question is left, it goes out immediately
     planning   a `PrePlan` is out; the state ends with the PrePlannerAnswered that has its number
 
+With the next request of the core, the questions that are left are dropped: their configuration will not stay.
+
 Only requests of the core, reports of the core, and answers of the processes change the state of the policy.
 
 A request is *immediate* if a running configuration must be replaced. It is *in the background* in two cases:
@@ -168,7 +170,7 @@ class PlanningPolicy:
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner
         self._contingencies = contingencies
         self._owed: dict[int, RequestPlan] = {}  # requests that the planner has not answered, by number
-        self._pre_planned: dict[Question, Plan] = {}  # those of the present configuration come last
+        self._pre_planned: dict[Question, Plan] = {}  # the one that was made or looked up last comes last
         self._ahead: deque[Question] = deque()  # to be pre-planned, the next one first
         self._in_pre_planning: PrePlan | None = None
         self._number = 0  # of the last question ahead
@@ -180,6 +182,7 @@ class PlanningPolicy:
         """
         match event:
             case RequestPlan():
+                self._ahead.clear()
                 return [self._decide(event)]
             case Settled(now, running):
                 self._look_ahead(now, running)
@@ -198,7 +201,7 @@ class PlanningPolicy:
         if made is not None:
             return Answer(PlanReady(request.request, made), Source.CONTINGENCIES)
         if request.running is not None:
-            made = self._pre_planned.get(Question(request.now, request.running))
+            made = self._recall(Question(request.now, request.running))
             if made is not None:
                 return Answer(PlanReady(request.request, made), Source.PRE_PLANNED)
         has_time = request.in_background or request.running is None
@@ -245,16 +248,11 @@ class PlanningPolicy:
     # Questions ahead
 
     def _look_ahead(self, now: Situation, running: Placement) -> None:
-        """List the questions that are left to pre-plan, and forget the plans of configurations that ran long ago."""
+        """List the questions that are left to pre-plan."""
         if not self._has_planner:
             return
-        ahead = [Question(next_one, running) for next_one in self._next_situations(now)]
-        for one in ahead:
-            if one in self._pre_planned:
-                self._pre_planned[one] = self._pre_planned.pop(one)
-        while len(self._pre_planned) > _KEPT_CONFIGURATIONS * (len(self._spec.pes) + 1):
-            del self._pre_planned[next(iter(self._pre_planned))]
-        self._ahead = deque(one for one in ahead if one not in self._pre_planned and not self._is_answered_ahead(one))
+        ahead = (Question(next_one, running) for next_one in self._next_situations(now))
+        self._ahead = deque(one for one in ahead if not self._is_answered_ahead(one))
 
     def _next_situations(self, now: Situation) -> Iterable[Situation]:
         """Yield the situations to plan ahead for.
@@ -273,7 +271,9 @@ class PlanningPolicy:
                 yield replace(now, phase=following)
 
     def _is_answered_ahead(self, one: Question) -> bool:
-        """Tell whether a contingency answers this question, or the pre-planner already works on it."""
+        """Tell whether a plan or a contingency answers this question, or the pre-planner already works on it."""
+        if self._recall(one) is not None:
+            return True
         if self._in_pre_planning is not None and self._in_pre_planning.question == one:
             return True
         if self._contingencies is None or one.now.limits or one.now.priorities:
@@ -297,4 +297,13 @@ class PlanningPolicy:
         if plan is not None:
             plan.report.work_out()  # now, rather than when the plan is needed
             self._pre_planned[self._in_pre_planning.question] = plan
+            if len(self._pre_planned) > _KEPT_CONFIGURATIONS * (len(self._spec.pes) + 1):
+                del self._pre_planned[next(iter(self._pre_planned))]
         self._in_pre_planning = None
+
+    def _recall(self, question: Question) -> Plan | None:
+        """Give the pre-planned plan that answers a question, which is then forgotten last; None if there is none."""
+        plan = self._pre_planned.pop(question, None)
+        if plan is not None:
+            self._pre_planned[question] = plan
+        return plan

@@ -3,6 +3,9 @@
 `heronry_manager.core.planning_policy` (the *policy*) decides which process gets which request. The planner's process is
 started before the flight, the pre-planner's process with its first request.
 
+The policy learns that a configuration has settled when no other request came for `CALM_NS`. So while a device fails and
+recovers again and again, nothing is pre-planned, and the nodes on this computer get the time.
+
 Every request has a time budget, which begins when the request is made. A process that has not answered by the end of
 the budget is killed and replaced, and all its requests have failed. (The process may have been stopped, its disk may
 not answer, or the search may not end.) If the aircraft waits for the plan, the policy then uses the greedy planner,
@@ -34,6 +37,9 @@ AWAITED_NS = 10_000_000_000
 AHEAD_NS = 300_000_000_000
 """Budget of a request while a legal configuration runs: for a better plan, or for a situation that may come."""
 
+CALM_NS = 2_000_000_000
+"""For how long a configuration must run before anything is pre-planned for it."""
+
 
 class PlannerLink(Protocol):
     """The methods that this file uses of a planner's process: `heronry_manager.planner.client.PlannerClient`."""
@@ -58,15 +64,23 @@ class PlannerProcesses:
     """The processes that plan for one manager: that of the planner, and that of the pre-planner once it is needed."""
 
     def __init__(
-        self, policy: PlanningPolicy, planner: PlannerLink | None, start_pre_planner: Callable[[], PlannerLink]
+        self,
+        policy: PlanningPolicy,
+        planner: PlannerLink | None,
+        start_pre_planner: Callable[[], PlannerLink],
+        *,
+        calm_ns: int = CALM_NS,
     ) -> None:
         """Begin with the planner's process, and without a process of the pre-planner.
 
         planner: None if there is no solver. Then the policy must have been made with `has_planner` false.
         start_pre_planner: starts the process of the pre-planner; called when the pre-planner is first needed.
+        calm_ns: for how long a configuration must run before anything is pre-planned for it.
         """
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
         self._pre_planner: PlannerLink | None = None
+        self._calm_ns = calm_ns
+        self._settled: tuple[int, Settled] | None = None  # when the policy is to learn it
         self._until_ns: dict[int, int] = {}  # by request in the planner: the end of its budget
         self._ahead_until_ns: dict[int, int] = {}  # by request in the pre-planner: the end of its budget
 
@@ -79,6 +93,11 @@ class PlannerProcesses:
 
         `poll` gives later answers.
         """
+        if isinstance(told, Settled):
+            if self._settled is None or self._settled[1] != told:
+                self._settled = time.monotonic_ns() + self._calm_ns, told
+            return []
+        self._settled = None
         return self._carry_out(self._policy.step(told))
 
     def poll(self) -> list[PlanReady | PlanFailed]:
@@ -89,18 +108,22 @@ class PlannerProcesses:
         """
         ahead = _answers(self._pre_planner, self._ahead_until_ns)
         answers = _answers(self._planner, self._until_ns)
-        events: list[FromPlanner] = [
+        events: list[FromPlanner | Settled] = [
             *(PrePlannerAnswered(one.request, one.plan if isinstance(one, Planned) else None) for one in ahead),
             *(PlannerAnswered(_in_the_cores_words(one)) for one in answers),
         ]
+        if self._settled is not None and self._settled[0] <= time.monotonic_ns():
+            events.append(self._settled[1])
+            self._settled = None
         return [answer for event in events for answer in self._carry_out(self._policy.step(event))]
 
     def next_deadline_ns(self) -> int | None:
-        """The time (ns) at which to call `poll` at the latest, because the budget of a request ends then.
+        """The time (ns) at which to call `poll` at the latest; None: nothing waits for a time.
 
-        None: no request waits for an answer.
+        Then the budget of a request ends, or the configuration has run for long enough.
         """
-        return min((*self._until_ns.values(), *self._ahead_until_ns.values()), default=None)
+        calm_ns = () if self._settled is None else (self._settled[0],)
+        return min((*self._until_ns.values(), *self._ahead_until_ns.values(), *calm_ns), default=None)
 
     def _carry_out(self, instructions: list[Instruction]) -> list[PlanReady | PlanFailed]:
         answers = []
