@@ -94,6 +94,28 @@ def test_what_was_not_pre_planned_gets_an_immediate_plan_and_the_best_one_in_the
     assert best.plan.configuration == plan(SPEC, TAIL_LOST, runs_now).configuration
 
 
+def test_a_repeated_question_is_answered_without_the_planners_process(
+    flown: Flown, monkeypatch: pytest.MonkeyPatch, planners: tuple[PlannerClient, PlannerClient]
+) -> None:
+    running = placement(flown.immediate(RequestPlan(1, TAIL_LOST, RUNNING)).plan.configuration)
+    best = flown.later(RequestPlan(2, TAIL_LOST, running, in_background=True))
+    with monkeypatch.context() as patch:
+        patch.setattr(planners[0], "request", lambda *_: pytest.fail("it was asked again"))
+        assert flown.later(RequestPlan(3, TAIL_LOST, running, in_background=True)).plan == best.plan
+    assert flown.later(RequestPlan(4, TAIL_LOST, RUNNING, in_background=True)).plan.optimal  # another question
+
+
+def test_the_oldest_plans_of_the_planner_are_forgotten(flown: Flown, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planner_processes, "_KEPT_PLANS", 1)
+    asked = []
+    request = PlannerClient.request
+    monkeypatch.setattr(PlannerClient, "request", lambda *given: [asked.append(given[1]), request(*given)])
+    down = Situation(frozenset({"device:gps"}))
+    for number, now in enumerate([TAIL_LOST, down, down, TAIL_LOST], start=1):
+        flown.later(RequestPlan(number, now, RUNNING, in_background=True))
+    assert asked == [1, 2, 4]
+
+
 def test_the_first_configuration_has_time_to_be_the_best(flown: Flown) -> None:
     assert flown.later(RequestPlan(1, Situation(), None)).plan.optimal
 

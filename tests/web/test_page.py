@@ -35,7 +35,7 @@ PLANTS = """\
 plants:
   elevator: {moved_by: [elevator_servo_1], seen_by: [elevator_angle_sensor], criticality: A}
 """
-NEWEST = 100  # events that the page shows without a click
+NEWEST = 40  # events that the page shows without a click
 PANELS = ("graph", "timeline", "buses", "events", "what-if")
 
 

@@ -4,7 +4,8 @@
 started before the flight, the pre-planner's process with its first request.
 
 The policy learns that a configuration has settled when no other request came for `CALM_NS`. So while a device fails and
-recovers again and again, nothing is pre-planned, and the nodes on this computer get the time.
+recovers again and again, nothing is pre-planned, and the nodes on this computer get the time. For the same reason the
+planner's last optimal plans are kept: it is deterministic, so a repeated question is answered without its process.
 
 Every request has a time budget, which begins when the request is made. A process that has not answered by the end of
 the budget is killed and replaced, and all its requests have failed. (The process may have been stopped, its disk may
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from heronry_dg.objective import Placement
+from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager.core.planning_policy import (
     Answer,
@@ -27,6 +29,7 @@ from heronry_manager.core.planning_policy import (
     PlanningPolicy,
     PrePlan,
     PrePlannerAnswered,
+    Question,
 )
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
 from heronry_manager.planner.client import Failed, Planned
@@ -39,6 +42,8 @@ AHEAD_NS = 300_000_000_000
 
 CALM_NS = 2_000_000_000
 """For how long a configuration must run before anything is pre-planned for it."""
+
+_KEPT_PLANS = 8
 
 
 class PlannerLink(Protocol):
@@ -81,6 +86,9 @@ class PlannerProcesses:
         self._pre_planner: PlannerLink | None = None
         self._calm_ns = calm_ns
         self._settled: tuple[int, Settled] | None = None  # when the policy is to learn it
+        self._asked: dict[int, Question] = {}  # by request in the planner
+        self._kept: dict[Question, Plan] = {}  # optimal plans of the planner, the latest one last
+        self._at_hand: list[PlannerAnswered] = []  # answers from `_kept`, for the next poll
         self._until_ns: dict[int, int] = {}  # by request in the planner: the end of its budget
         self._ahead_until_ns: dict[int, int] = {}  # by request in the pre-planner: the end of its budget
 
@@ -108,10 +116,14 @@ class PlannerProcesses:
         """
         ahead = _answers(self._pre_planner, self._ahead_until_ns)
         answers = _answers(self._planner, self._until_ns)
+        for one in answers:
+            self._keep(one)
         events: list[FromPlanner | Settled] = [
             *(PrePlannerAnswered(one.request, one.plan if isinstance(one, Planned) else None) for one in ahead),
             *(PlannerAnswered(_in_the_cores_words(one)) for one in answers),
+            *self._at_hand,
         ]
+        self._at_hand = []
         if self._settled is not None and self._settled[0] <= time.monotonic_ns():
             events.append(self._settled[1])
             self._settled = None
@@ -120,8 +132,10 @@ class PlannerProcesses:
     def next_deadline_ns(self) -> int | None:
         """The time (ns) at which to call `poll` at the latest; None: nothing waits for a time.
 
-        Then the budget of a request ends, or the configuration has run for long enough.
+        Then the budget of a request ends, or the configuration has run for long enough. 0: an answer is at hand.
         """
+        if self._at_hand:
+            return 0
         calm_ns = () if self._settled is None else (self._settled[0],)
         return min((*self._until_ns.values(), *self._ahead_until_ns.values(), *calm_ns), default=None)
 
@@ -133,6 +147,8 @@ class PlannerProcesses:
                     answers.append(answer)
                 case AskPlanner(plan_request):
                     assert self._planner is not None  # else the policy knows that there is none
+                    if self._is_at_hand(plan_request):
+                        continue
                     budget_ns = AHEAD_NS if plan_request.in_background else AWAITED_NS
                     self._until_ns[plan_request.request] = time.monotonic_ns() + budget_ns
                     self._planner.request(plan_request.request, plan_request.now, plan_request.running)
@@ -141,6 +157,26 @@ class PlannerProcesses:
                     self._ahead_until_ns[number] = time.monotonic_ns() + AHEAD_NS
                     self._pre_planner.request(number, question.now, question.running)
         return answers
+
+    def _is_at_hand(self, request: RequestPlan) -> bool:
+        """Answer a request with a kept plan at the next poll; returns False, and notes the request, if there is none."""
+        if request.running is None:
+            return False
+        question = Question(request.now, request.running)
+        plan = self._kept.get(question)
+        if plan is None:
+            self._asked[request.request] = question
+        else:
+            self._at_hand.append(PlannerAnswered(PlanReady(request.request, plan)))
+        return plan is not None
+
+    def _keep(self, answer: Planned | Failed) -> None:
+        question = self._asked.pop(answer.request, None)
+        if question is None or isinstance(answer, Failed) or not answer.plan.optimal:
+            return
+        self._kept[question] = answer.plan
+        if len(self._kept) > _KEPT_PLANS:
+            del self._kept[next(iter(self._kept))]
 
 
 def _answers(planner: PlannerLink | None, until_ns: dict[int, int]) -> Iterable[Planned | Failed]:

@@ -8,7 +8,7 @@ import * as operate from "./operate.js";
 const SEVERITIES = ["error", "warning", "notice", "good", "detail"];
 const KEY = "heronry-seen";
 const wanted = new Set(SEVERITIES.slice(0, 4));
-const NEWEST = 100;
+const NEWEST = 40;
 let most = NEWEST;
 let redraw = () => {};
 
