@@ -159,7 +159,7 @@ class PlannerProcesses:
         return answers
 
     def _is_at_hand(self, request: RequestPlan) -> bool:
-        """Answer a request with a kept plan at the next poll; returns False, and notes the request, if there is none."""
+        """Answer a request with a kept plan, at the next poll; if there is none, note the request and return False."""
         if request.running is None:
             return False
         question = Question(request.now, request.running)
