@@ -98,10 +98,12 @@ def test_it_is_followed_until_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_manager_of_another_spec_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    Manager(monkeypatch, True)
-    other = replace(two_tails(), digest="0" * 64)
-    with pytest.raises(UserError, match="flies another spec, two_tails: name the manager of two_tails with --of"):
-        live_script.fly(Path("x"), MOVED, other)
+    Manager(monkeypatch, True, status("none"))
+    edited = replace(two_tails(), digest="0" * 64)
+    with pytest.raises(UserError, match="flies another version of two_tails: name that version as SPEC, or restart"):
+        live_script.fly(Path("x"), MOVED, edited)
+    with pytest.raises(UserError, match="flies another spec, two_tails: name the manager of one_tail with --of"):
+        live_script.fly(Path("x"), MOVED, replace(edited, name="one_tail"))
 
 
 def test_what_becomes_of_it_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -344,7 +344,7 @@ def test_a_pipe_can_be_compared(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("HEAD:nosuch.dg.yaml", "elevator_and_chute", "heronry: HEAD:nosuch.dg.yaml: path 'nosuch.dg.yaml' does not "),
+        ("HEAD:nosuch.dg.yaml", "elevator_and_chute", "heronry: HEAD:nosuch.dg.yaml: git says: path "),
         ("nosuch:specs/wing.dg.yaml", "elevator_and_chute", "heronry: nosuch:specs/wing.dg.yaml: "),
         ("-", "-", "heronry: only one of OLD and NEW can be standard input; name a file for the other"),
     ],

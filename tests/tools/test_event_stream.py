@@ -39,7 +39,7 @@ def test_a_waiting_caller_gets_the_event_that_is_meant_and_ends_with_the_manager
         assert events.wait("lost", pe="b") == {"event": "lost", "pe": "b"}
         assert events.take() == [{"event": "done"}]
         os.close(writing)
-        with pytest.raises(SystemExit, match="a manager has closed its events"):
+        with pytest.raises(SystemExit, match="a manager has closed its output of events; repeat the benchmark"):
             events.wait("done")
 
 

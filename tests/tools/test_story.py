@@ -587,9 +587,9 @@ def test_a_manager_that_takes_over_reports_how_long_no_manager_was_heard() -> No
 
 def test_a_killed_manager_is_not_restored() -> None:
     assert read_script(BIG_BLUE, ["manager@3"], [])[0].pe == "manager"
-    with pytest.raises(UserError, match="the standby manager stays active"):
+    with pytest.raises(UserError, match="starts only PEs again, no manager; leave this option out"):
         read_script(BIG_BLUE, ["manager@3"], ["manager@4"])
-    with pytest.raises(UserError, match="--kill manager@4: manager does not run at that time"):
+    with pytest.raises(UserError, match="--kill manager@4: only one --kill can name the manager"):
         read_script(BIG_BLUE, ["manager@3", "manager@4"], [])
 
 

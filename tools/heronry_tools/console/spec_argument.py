@@ -126,8 +126,8 @@ def _from_git(text: str) -> bytes:
     if done.returncode == 0:
         return done.stdout
     why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2].removeprefix("fatal: ")
-    remedy = "in REV:PATH, write PATH from the top of the repository, or ./PATH from this folder"
-    raise UserError(f"{text}: {why} (git); {remedy}")
+    remedy = "in a folder of the repository, write REV:PATH with PATH from its top, or REV:./PATH from this folder"
+    raise UserError(f"{text}: git says: {why}; {remedy}")
 
 
 def expect_pe(spec: "Spec", name: str) -> None:

@@ -34,4 +34,4 @@ def write_whole(file: Path, data: bytes) -> None:
     try:
         replace_ordinary(file.resolve(), data)  # the target of a link is replaced, and the link stays
     except OSError as error:
-        raise UserError(f"{file} cannot be written: {error.strerror}") from error
+        raise UserError(f"{file} cannot be written: {error.strerror}; make room, or name another file") from error

@@ -27,6 +27,11 @@ def fly(path: Path, text: str, spec: Spec) -> Answer:
     """
     flies = dict(call(path, AskStatus()).status or {})
     if flies["spec_digest"] != spec.digest:
+        if flies["spec"] == spec.name:
+            raise UserError(
+                f"the manager on {path} flies another version of {spec.name}: name that version as SPEC, or restart "
+                "the manager with yours"
+            )
         raise UserError(
             f"the manager on {path} flies another spec, {flies['spec']}: name the manager of {spec.name} with --of NAME"
         )

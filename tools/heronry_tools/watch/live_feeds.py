@@ -159,7 +159,10 @@ class FollowedManager:
         line, _, self._rest = self._rest.partition(b"\n")
         first: dict[str, Any] = json.loads(line)
         if first.get("event") != "status":
-            raise ControlError(f"the manager on {self._path} cannot be followed: {first.get('sentence', first)}")
+            raise ControlError(
+                f"the manager on {self._path} cannot be followed: {first.get('sentence', first)}; if it is of another "
+                "version of heronry, restart it with this version"
+            )
         return first
 
     def _lines(self) -> list[Event]:

@@ -67,7 +67,8 @@ class Recorder:
                 self._begin_pair()
         except OSError as error:
             raise UserError(
-                f"{self._folder} cannot be written any further ({error.strerror}); it holds the flight up to now"
+                f"{self._folder} cannot be written any further ({error.strerror}); it holds the flight up to now: make "
+                "room, and record into a new folder"
             ) from error
 
     def close(self) -> None:

@@ -37,9 +37,8 @@ def listening(address: str, port: int | None) -> socket.socket:
             listener.close()
             if port is None and number:
                 continue
-            raise UserError(
-                f"--listen {address} --port {number}: {error.strerror}; name another address or port"
-            ) from None
+            flags = f"--listen {address}" if port is None else f"--listen {address} --port {port}"
+            raise UserError(f"{flags}: {error.strerror}; name another address or port") from None
         listener.listen(64)
         return listener
     raise AssertionError("unreachable: the kernel gives a free port, or an error")

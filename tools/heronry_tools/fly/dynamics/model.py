@@ -62,7 +62,10 @@ class Model:
         self.fdm.set_engine_path(str(models / "engine"))
         self.fdm.set_systems_path(str(models))
         if not self.fdm.load_model(aircraft):
-            raise UserError(f"JSBSim cannot load the aircraft '{aircraft}' from the folder {models}")
+            raise UserError(
+                f"JSBSim cannot load the aircraft '{aircraft}' from the folder {models}; install heronry again, or "
+                "undo your changes in this folder"
+            )
         self.fdm.set_dt(1.0 / STEPS_PER_S)
         self.fdm["simulation/randomseed"] = seed % 2**31
         self._aircraft, self._seed = aircraft, seed
@@ -89,7 +92,10 @@ class Model:
         fdm["ic/gamma-deg"] = 0.0
         fdm["ic/vt-fps"] = airspeed_m_per_s / M_PER_FT
         if not fdm.run_ic():
-            raise UserError(f"JSBSim cannot start at {up_m:g} m above the runway with {airspeed_m_per_s:g} m/s")
+            raise UserError(
+                f"JSBSim cannot start '{self._aircraft}' at {up_m:g} m above the runway with {airspeed_m_per_s:g} m/s; "
+                f"install heronry again, or undo your changes in {self._aircraft}.xml"
+            )
         fdm["propulsion/engine[0]/set-running"] = 1
 
     def step(self) -> None:
@@ -108,7 +114,8 @@ class Model:
             raise UserError(
                 f"the flight model of '{self._aircraft}' has diverged (seed {self._seed}, after "
                 f"{fdm['simulation/sim-time-sec']:.2f} s): its speed is no longer below {_FASTEST_M_PER_S:.0f} m/s; "
-                "look in the aircraft file for forces without a limit, and look at the commands before that time"
+                f"look in {self._aircraft}.xml for forces without a limit, and at the commands to the actuators before "
+                "that time"
             )
 
     def position_m(self) -> tuple[float, float, float]:

@@ -69,7 +69,7 @@ def _deed(act: Fault) -> Deed:
     """Return a fault of a bus as a deed; raises UserError for other faults."""
     if act.kind not in KINDS or act.during:
         raise UserError(
-            f"--act '{act}': with --live only these faults can be injected, each at a given time: {', '.join(KINDS)}"
+            f"--act '{act}': with --live only these faults can be injected, and without 'in STATE': {', '.join(KINDS)}"
         )
     return Deed(0, act.at_ms * _NS_PER_MS, "fault", act.target, str(act), act)
 
@@ -99,7 +99,8 @@ class _Plant:
         while not self._readings.exists():
             if self._process.poll() is not None or time.monotonic() - begun_s > _LONGEST_START_S:
                 raise UserError(
-                    "the plant process does not start; is the extra installed (pip install 'heronry[fly]')?"
+                    "the plant process does not start; its message, if it wrote one, stands above (if JSBSim is not "
+                    'installed: pip install "heronry[manager,fly]")'
                 )
             time.sleep(_LOOK_S)
         self._reader = Reader(self._readings)
@@ -132,7 +133,9 @@ class _Plant:
         """
         messages = self._messages.take(wait_s)
         if self._messages.has_ended:
-            raise UserError("the plant process has ended during the flight")
+            raise UserError(
+                "the plant process has ended during the flight; its message, if it wrote one, stands above; fly again"
+            )
         return messages
 
 

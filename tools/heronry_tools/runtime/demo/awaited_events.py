@@ -50,4 +50,5 @@ class AwaitedEvents:
     def _read(self, wait_s: float) -> None:
         self._come += self._stream.take(wait_s)
         if self._stream.has_ended:
-            raise SystemExit(f"the benchmark ends here: {self._fleet.ended() or 'a manager has closed its events'}")
+            why = self._fleet.ended() or "a manager has closed its output of events; repeat the benchmark"
+            raise SystemExit(f"the benchmark ends here: {why}")

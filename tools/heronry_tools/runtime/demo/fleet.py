@@ -220,7 +220,9 @@ class Fleet:
         process = self._pes.get(node) if isinstance(node, str) else self._managers.get(node)
         if process is None:
             name = f"pe:{node}" if isinstance(node, str) else f"manager {node}"
-            raise UserError(f"{name} does not run, so its process cannot be stopped or continued")
+            raise UserError(
+                f"{name} does not run at that time, so its process cannot be paused or continued; choose another time"
+            )
         return process
 
     def start_pe(self, pe: str) -> int:
@@ -241,7 +243,7 @@ class Fleet:
         """Kill a PE with SIGKILL; gives its process number."""
         process = self._pes.pop(pe, None)
         if process is None:
-            raise UserError(f"pe:{pe} does not run, so it cannot be killed")
+            raise UserError(f"pe:{pe} does not run, so it cannot be killed; choose another PE, or another time")
         process.kill()
         process.wait()
         if process.stdin is not None:

@@ -146,7 +146,8 @@ class Show:
             if self._start_ns is None and time.monotonic() - begun > LONGEST_START_S:
                 words = self._fleet.last_words("manager")
                 raise UserError(
-                    f"no configuration ran within {LONGEST_START_S:.0f} s; last message of the manager: {words}"
+                    f"no configuration ran within {LONGEST_START_S:.0f} s; 'heronry plan SPEC' shows what the spec can "
+                    f"run; manager: {words}"
                 )
 
     def _measure_lateness(self, meter: LatenessMeter) -> None:

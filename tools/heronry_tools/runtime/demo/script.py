@@ -57,10 +57,13 @@ def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoA
     running = {*spec.pes, MANAGER}
     for action in sorted(actions):
         if (action.what == "kill") != (action.pe in running):
+            if action.pe == MANAGER:
+                remedy = "only one --kill can name the manager; leave this one out"
+                raise UserError(f"--kill {MANAGER}@{action.at_s:g}: {remedy}")
             state = "runs" if action.pe in running else "does not run"
-            element = action.pe if action.pe == MANAGER else f"pe:{action.pe}"
             raise UserError(
-                f"--{action.what} {element}@{action.at_s:g}: {action.pe} {state} at that time; kill and restore in turn"
+                f"--{action.what} pe:{action.pe}@{action.at_s:g}: {action.pe} {state} at that time; "
+                "kill and restore in turn"
             )
         running ^= {action.pe}
     return sorted(actions)
@@ -96,7 +99,7 @@ def _action(spec: Spec, what: Literal["kill", "restore"], text: str) -> DemoActi
         example = f"for example pe:{next(iter(spec.pes))}@4{or_manager}"
         raise UserError(f"--{what} {text}: write it as pe:NAME@SECONDS, {example}")
     if match["element"] == MANAGER and what == "restore":
-        raise UserError(f"--restore {text}: the demo does not restart a manager; the standby manager stays active")
+        raise UserError(f"--restore {text}: --restore starts only PEs again, no manager; leave this option out")
     if match["element"] == MANAGER:
         return DemoAction(float(match["seconds"]), what, MANAGER)
     try:

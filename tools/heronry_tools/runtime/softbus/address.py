@@ -45,7 +45,8 @@ class Address:
             raise
         except OSError as error:
             self.listener.close()
-            raise HubError(f"no software bus can run at {path}: {error.strerror or error}") from error
+            reason = error.strerror or error
+            raise HubError(f"no software bus can run at {path}: {reason}; choose another path") from error
         self.listener.setblocking(False)
 
     def close(self) -> None:

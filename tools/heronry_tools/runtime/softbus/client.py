@@ -63,7 +63,8 @@ class SoftBus(can.BusABC):
                 f"softbus needs a channel, for example -c {DEFAULT_NAME}: the name of a bus, or a path"
             )
         if fd:
-            raise can.CanInitializationError(f"{channel}: a software bus carries classical CAN, not CAN FD")
+            reason = f"{channel}: a software bus carries classical CAN, not CAN FD; leave fd out"
+            raise can.CanInitializationError(reason)
         self._path = os.fspath(channel)
         self.channel_info = f"softbus {self._path}"
         self._link, self._receive, self._day_offset_ns = _connect(self._path, bitrate, wants_own=receive_own_messages)
@@ -124,7 +125,10 @@ class SoftBus(can.BusABC):
     def _from_bus(self, record: bytes) -> can.Message:
         received = decode_frame(record)
         if isinstance(received, Malformed):
-            raise can.CanOperationError(f"{self._path}: the bus sent a record that is no frame ({received.reason})")
+            raise can.CanOperationError(
+                f"{self._path}: what the bus sent is no frame of this version of heronry ({received.reason}); start "
+                "the bus again with this version"
+            )
         frame = received.frame
         return StampedMessage(
             received.time_ns,
@@ -151,7 +155,10 @@ def _checked_frame(msg: can.Message) -> Frame:
         bits = 29 if msg.is_extended_id else 11
         raise ValueError(f"identifier {msg.arbitration_id:#x} does not fit into {bits} bits")
     if not 0 <= msg.dlc <= MAX_DATA_BYTES or (not msg.is_remote_frame and msg.dlc != len(msg.data)):
-        raise ValueError(f"dlc {msg.dlc} must be the length of the data, which is at most {MAX_DATA_BYTES} bytes")
+        raise ValueError(
+            f"dlc {msg.dlc} with {len(msg.data)} bytes of data: write a dlc of at most {MAX_DATA_BYTES}; in a data "
+            "frame the dlc must be the number of its bytes"
+        )
     data = b"" if msg.is_remote_frame else bytes(msg.data)
     return Frame(msg.arbitration_id, data, msg.is_extended_id, msg.is_remote_frame)
 

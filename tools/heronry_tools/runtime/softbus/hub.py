@@ -145,9 +145,10 @@ class Hub:
         match decode_command(record), descriptors:
             case {"do": "hello", "protocol": version, "own": bool(own)}, [descriptor]:
                 if version != PROTOCOL_VERSION:
-                    problem = f"the bus speaks protocol {PROTOCOL_VERSION} and the client {version!r}"
+                    remedy = "start both with the same version of heronry"
+                    problem = f"the bus speaks protocol {PROTOCOL_VERSION} and the client {version!r}; {remedy}"
                 elif len(self._ports) > MAX_CLIENTS:
-                    problem = f"the bus has {MAX_CLIENTS} clients already, which is its limit"
+                    problem = f"the bus has {MAX_CLIENTS} clients already, which is its limit; end one of them"
                 elif port.join(descriptor, wants_own=own):
                     port.answer(encode_command({"bitrate": self._line.bitrate, "day_offset_ns": self._day_offset_ns}))
                     return None

@@ -58,7 +58,8 @@ class Link:
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             if not self._wait_for_mailbox(deadline_s):
-                raise can.CanOperationError(f"{self._path}: the last frame is still waiting for the bus", errno.ENOBUFS)
+                reason = f"{self._path}: the last frame is still waiting for the bus; send this frame again later"
+                raise can.CanOperationError(reason, errno.ENOBUFS)
             self._send(encode_frame(BusFrame(frame, dlc, time.monotonic_ns())))
             self._mailbox_full = True
 
@@ -89,7 +90,9 @@ class Link:
     @contextmanager
     def _locked(self, timeout_s: float | None) -> Iterator[None]:
         if not self._lock.acquire(timeout=-1 if timeout_s is None else max(timeout_s, 0)):
-            raise can.CanOperationError(f"{self._path}: another thread is still waiting to send")
+            raise can.CanOperationError(
+                f"{self._path}: another thread is still waiting to send; try again later, or send from one thread"
+            )
         try:
             yield
         finally:
@@ -122,7 +125,10 @@ class Link:
     def _checked(self, record: bytes) -> dict[str, Any]:
         answer = decode_command(record)
         if isinstance(answer, Malformed):
-            raise can.CanOperationError(f"{self._path}: the bus's answer is not understood ({answer.reason})")
+            raise can.CanOperationError(
+                f"{self._path}: what answers there is no software bus of this version of heronry ({answer.reason}); "
+                "choose another path, or start the bus again with this version"
+            )
         if "refused" in answer:
             raise can.CanOperationError(f"{self._path}: the bus refuses this client: {answer['refused']}")
         return answer

@@ -79,7 +79,7 @@ class HubProcess:
             _, complaint = self._process.communicate(timeout=_STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise HubError(f"the bus at {self.path} did not stop and was killed") from None
+            raise HubError(f"the bus at {self.path} did not stop in time and was killed; it has ended now") from None
         if self._process.returncode > 0:
             raise HubError(f"the bus at {self.path} failed: {complaint.strip()}")
 

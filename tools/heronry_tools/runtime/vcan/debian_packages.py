@@ -45,9 +45,11 @@ def unpacked(package: str) -> Path:
         return folder
     missing = [tool for tool in ("apt-get", "dpkg") if shutil.which(tool) is None]
     if missing:
+        load = "load vcan into this kernel (as root: modprobe vcan)"
+        other = "install candump and cansend yourself" if package == "can-utils" else load
         raise CannotRunError(
             f"Debian's package {package} is needed, and there is no {missing[0]} here to fetch it: use Debian 12 or "
-            "newer (a container will do), or load vcan into this kernel (as root: modprobe vcan)"
+            f"newer (a container will do), or {other}"
         )
     try:
         cache.mkdir(parents=True, exist_ok=True)
@@ -70,7 +72,10 @@ def _fetch(package: str, staging: Path, folder: Path) -> None:
         archive = _downloaded(package, staging)
         unpack = _run(["dpkg", "-x", str(archive), str(staging / "files")], staging)
         if unpack.returncode != 0:
-            raise CannotRunError(f"dpkg could not unpack {archive.name}: {_reason(unpack)}")
+            raise CannotRunError(
+                f"dpkg could not unpack {archive.name} ({_reason(unpack)}): make room in {folder.parent}, then try "
+                "again"
+            )
         (staging / "files").rename(folder)
     finally:
         shutil.rmtree(staging, ignore_errors=True)

@@ -126,7 +126,10 @@ def _build_xstate(library: Path) -> None:
         check=False,
     )
     if built.returncode != 0:
-        raise CannotRunError(f"Debian's tcc could not compile {source}: {built.stderr.strip()}")
+        raise CannotRunError(
+            f"Debian's tcc could not compile {source} ({built.stderr.strip()}): remove {tcc}, so that tcc is fetched "
+            "again, then try again"
+        )
 
 
 @contextmanager

@@ -239,7 +239,8 @@ def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
             process.kill()
             raise
     if process.returncode:
-        raise UserError(f"{what} failed:\n{(wrong + told)[-_TOLD:]}")
+        remedy = "mend what this output names, or leave --compiled out"
+        raise UserError(f"{what} failed; {remedy}:\n{(wrong + told)[-_TOLD:]}")
     return told
 
 

@@ -328,7 +328,10 @@ def read_fault(spec: Spec, text: str) -> Fault:
     """Read a fault from its text; raises UserError if the text is no fault or does not fit the spec."""
     match = _TEXT.fullmatch(text.strip())
     if match is None:
-        raise UserError(f"'{text}' is not a fault; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3'")
+        raise UserError(
+            f"'{text}' is not a fault; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3' "
+            "(in a scenario: 'at 2.5s pause pe:NAME for 300ms')"
+        )
     kind = KINDS.get(match["kind"])
     if kind is None:
         raise UserError(f"'{text}': there is no fault kind '{match['kind']}'; the kinds are {', '.join(KINDS)}")
@@ -409,7 +412,9 @@ def _no_target(spec: Spec, kind: str, target: str, targets: list[str]) -> str:
         checked_element(spec, target)
     except UnknownElementError as error:
         return f"{error}"
-    return f"{kind} cannot be injected into {target}; its targets are {', '.join(targets) or 'none in this spec'}"
+    none = "this spec has no target for it; choose another kind"
+    there = f"its targets are {', '.join(targets)}" if targets else none
+    return f"{kind} cannot be injected into {target}; {there}"
 
 
 def _ms(seconds: str) -> int:

@@ -165,7 +165,10 @@ def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
     story = ": ".join(told)
     there = stories(spec, setup)
     if story not in there:
-        raise UserError(f"'{text}': there is no story '{story}'; the stories are {', '.join(there)}")
+        raise UserError(
+            f"'{text}': there is no story '{story}'; write 'STORY: NUMBER KIND VICTIM', where STORY is one of "
+            f"{', '.join(there)}"
+        )
     victims = [ALL_NODES, *setup.nodes(spec)]
     return Case(story, tuple(_read_frame_fault(victims, fault) for fault in faults.split(", ")), setup, named=True)
 
@@ -200,8 +203,8 @@ def _read_frame_fault(victims: Sequence[str], text: str) -> FrameFault:
     match = _FRAME_FAULT.fullmatch(text.strip())
     if match is None or match["kind"] not in KINDS:
         raise UserError(
-            f"'{text}' is not a fault; write NUMBER KIND VICTIM: NUMBER counts management frames from 0; "
-            f"KIND is one of {', '.join(KINDS)}"
+            f"'{text}' is not a fault; write NUMBER KIND VICTIM: NUMBER counts the management frames of the story from "
+            f"0; KIND is one of {', '.join(KINDS)}; VICTIM is one of {', '.join(victims)}"
         )
     if match["victim"] not in victims:
         raise UserError(f"'{text}': there is no node '{match['victim']}'; VICTIM is one of {', '.join(victims)}")
@@ -283,7 +286,9 @@ def begin(simulation: Simulation, story: str) -> Injections:
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
-            raise UserError(f"no story can be flown: this aircraft does not start ({simulation.unsettled()[0]})")
+            why = simulation.unsettled()[0].story
+            remedy = "'heronry demo SPEC' shows the failures of its modules"
+            raise UserError(f"no story can be flown, since this aircraft does not start ({why}); {remedy}")
     injections = Injections(simulation, _faults(story), simulation.now_ns)
     what, _, target = story.partition(" ")
     if what in _BY_THEIR_END:

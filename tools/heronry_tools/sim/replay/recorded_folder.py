@@ -40,8 +40,9 @@ def head_of(folder: Path) -> dict[str, Any]:
         head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
         version = head["v"]
     except (OSError, ValueError, KeyError, TypeError) as error:
+        why = f"it has no {error}" if isinstance(error, KeyError) else error
         raise UserError(
-            f"{folder / HEAD} cannot be read ({error}): name a log file in the folder, and the spec of that log"
+            f"{folder / HEAD} cannot be read ({why}): name a log file in the folder, and the spec of that log"
         ) from None
     if version != FORMAT:
         raise UserError(

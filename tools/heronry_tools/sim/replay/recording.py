@@ -96,8 +96,8 @@ def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str 
         if name not in channels:
             known = ", ".join(channels)
             raise UserError(
-                f"no frame of the recording is on {name!r}; name the manager's bus with --channel "
-                f"(the recording has {known})"
+                f"no frame of the recording is on {name!r} (the recording has {known}); for 'heronry replay', name the "
+                "manager's bus with --channel; for other commands, write the names of the spec's buses into the log"
             )
     on_the_bus = [logged for logged in frames if logged.channel in names]
     if len(names) == 1:

@@ -95,8 +95,8 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
         of_radios = [deed for deed in script.deeds if _is_of_a_radio(script, deed)]
         for deed in of_radios:
             if deed.fault is not None and deed.fault.name not in hubs:
-                where = "on software buses that the flight starts"
-                raise UserError(f"{script.file}:{deed.line}: '{deed.text}' can be done only {where}; leave -c out")
+                where = "on software buses that the flight starts; write -i softbus, and leave -c out"
+                raise UserError(f"{script.file}:{deed.line}: '{deed.text}' can be done only {where}")
         fleet.start_buses(choices)
         ear = stack.enter_context(Ear(choices[spec.manager.bus], spec.buses[spec.manager.bus]))
         radios = stack.enter_context(BadRadios(of_radios, hubs))
@@ -240,14 +240,14 @@ class _Show:
         place = f"{self._script.file}:{step.deed.line}: '{step.deed.text}'"
         if step.what in ORDERS:
             self._fleet.order(ORDERS[step.what](step.target), place)
-        elif step.target in MANAGERS:
-            self._do_to_manager(step)
-        else:
-            pe = step.target.removeprefix("pe:")
-            try:
-                _TO_PE[step.what](self._fleet, pe)
-            except UserError as error:
-                raise UserError(f"{place}: {error}") from None
+            return
+        try:
+            if step.target in MANAGERS:
+                self._do_to_manager(step)
+            else:
+                _TO_PE[step.what](self._fleet, step.target.removeprefix("pe:"))
+        except UserError as error:
+            raise UserError(f"{place}: {error}") from None
 
     def _do_to_manager(self, step: Step) -> None:
         """Execute a step of a deed (an action of the script) on the manager that the deed names.

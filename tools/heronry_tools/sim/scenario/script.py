@@ -169,7 +169,7 @@ def read_script(file: Path) -> Script:
     try:
         text = file.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise UserError(f"{file}: the file is not text in UTF-8; name a scenario file") from None
+        raise UserError(f"{file}: the file is not text in UTF-8; save it as UTF-8, or name a scenario file") from None
     return _Reader(file).read(text)
 
 
