@@ -434,7 +434,7 @@ def test_a_manager_that_cannot_keep_its_term(aircraft: Aircraft) -> None:
     code, said = aircraft.start_manager().end()
     assert code == 2
     place, remedy = f"{aircraft.folder}/state/manager-126.journal", "name another folder with --state-dir"
-    assert said == [f"heronry: {place}: Not a directory; make it readable, or {remedy}"]
+    assert said == [f"heronry: {place}: Not a directory; make it a file that you can read, or {remedy}"]
 
 
 def test_a_manager_with_a_spec_that_is_wrong_in_two_places(tmp_path: Path) -> None:

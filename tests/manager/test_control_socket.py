@@ -182,7 +182,7 @@ def test_a_folder_that_others_can_write_and_one_that_cannot_be_made_are_refused(
     with pytest.raises(ControlError, match="other users can write to it"):
         ControlSocket(shared / "a.sock")
     (tmp_path / "file").touch()
-    with pytest.raises(ControlError, match="name another socket with --socket"):
+    with pytest.raises(ControlError, match="name a socket in a folder of your own with --socket"):
         ControlSocket(tmp_path / "file" / "a.sock")
 
 

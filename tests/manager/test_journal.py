@@ -384,7 +384,7 @@ def test_a_pipe_in_the_place_of_a_file_does_not_hang_the_manager(tmp_path: Path,
         with Journal(tmp_path, NODE, SPEC) as journal:
             assert journal.problem is not None
     else:
-        with pytest.raises(JournalError, match="this is not an ordinary file; make it readable, or name another"):
+        with pytest.raises(JournalError, match="this is not an ordinary file; make it a file that you can read, or"):
             Journal(tmp_path, NODE, SPEC)
 
 

@@ -168,7 +168,7 @@ def test_a_defect_of_ours_is_one_sentence_and_exit_code_3(
     monkeypatch.setattr(registry, "CHECKS", {"DG2": fail})
     assert main(["check", "--fast", write(SPARE)]) == 3
     told = capsys.readouterr().err
-    assert "wing.dg.yaml: the check itself failed (ZeroDivisionError at test_check_command.py:" in told
+    assert "wing.dg.yaml: heronry itself failed here (ZeroDivisionError at test_check_command.py:" in told
     assert "Traceback" not in told
 
 

@@ -404,7 +404,8 @@ def test_the_simulator_needs_no_patience(tmp_path: Path, capsys: pytest.CaptureF
 def test_a_patience_is_a_number_of_times(times: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["scenario", "some.scenario", "-i", "softbus", "--patience", times])
-    assert f"{times} is not a factor for times; write a number from 1 to 100" in capsys.readouterr().err
+    sentence = f"the times after 'within' cannot be multiplied by {times}; write a number from 1 to 100"
+    assert sentence in capsys.readouterr().err
 
 
 def test_an_interface_needs_a_channel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -35,7 +35,7 @@ def listening_folder(path: Path) -> Path:
     try:
         return owned_folder(path.parent)
     except RuntimeFolderError as error:
-        raise ControlError(f"{error}: name another socket with --socket") from error
+        raise ControlError(f"{error}: name a socket in a folder of your own with --socket") from error
 
 
 def found_sockets() -> list[Path]:

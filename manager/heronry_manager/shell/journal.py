@@ -236,7 +236,8 @@ class Journal:
             return
         except OSError as error:
             raise JournalError(
-                f"{self.file}: {error.strerror}; make it readable, or name another folder with --state-dir"
+                f"{self.file}: {error.strerror}; make it a file that you can read, "
+                "or name another folder with --state-dir"
             ) from error
         if not data:
             self.warning = f"{self.file} was empty: earlier terms, orders and latched faults are not known"

@@ -87,7 +87,7 @@ def _stand_back_ns(port: Port) -> int:
 def _data_type(table: PeTable, variable: str) -> DataType:
     entry = table.variables.get(variable)
     if entry is None or entry.type not in DataType.__members__:
-        raise TableError(f"variable {variable} has no CANaerospace type; {_REMEDY}")
+        raise TableError(f"in the table, variable {variable} has no CANaerospace type; {_REMEDY}")
     return DataType[entry.type]
 
 
@@ -104,7 +104,7 @@ def _check_sources(table: PeTable) -> None:
     for source in table.sources:
         name = f"{source.variable} of module {source.module}"
         if source.identifier in holders:
-            raise TableError(f"in the table {holders[source.identifier]} and {name} share an identifier; {_REMEDY}")
+            raise TableError(f"in the table, {holders[source.identifier]} and {name} share an identifier; {_REMEDY}")
         if source.period_ns <= 0:
             raise TableError(f"in the table the period of {name} is not above 0; {_REMEDY}")
         holders[source.identifier] = name
@@ -127,5 +127,6 @@ def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
                     )
                 if not 1 <= version <= 15:
                     raise TableError(
-                        f"module {module.name} gives version {version} of {variable}, not 1 to 15; {_REMEDY}"
+                        f"in the table, module {module.name} gives version {version} of {variable}, not 1 to 15; "
+                        f"{_REMEDY}"
                     )

@@ -69,7 +69,10 @@ def _started(name: str, origin_ns: int) -> DeviceDriver:
     try:
         return driver(origin_ns)
     except Exception as error:
-        raise DeviceDriverError(f"device driver '{name}' does not start: {one_line(error)}") from error
+        raise DeviceDriverError(
+            f"device driver '{name}' does not start: {one_line(error)}; "
+            "mend what it needs on this computer, or name another driver with --devices"
+        ) from error
 
 
 class Devices:
@@ -92,7 +95,10 @@ class Devices:
             try:
                 self._opened[name] = self._drivers[name].open(name)
             except Exception as error:
-                raise DeviceDriverError(f"device {name} cannot be opened by its driver: {one_line(error)}") from error
+                raise DeviceDriverError(
+                    f"device {name} cannot be opened by its driver: {one_line(error)}; "
+                    "check the device and its connection, or name another driver with --devices"
+                ) from error
         return self._opened[name]
 
     def followed(self) -> frozenset[str]:
@@ -104,7 +110,8 @@ class Devices:
                 followed |= driver.follows(names)
             except Exception as error:
                 raise DeviceDriverError(
-                    f"the device driver of {', '.join(names)} failed in follows(): {one_line(error)}"
+                    f"the device driver of {', '.join(names)} failed in follows(): {one_line(error)}; "
+                    "correct this method in the driver's code"
                 ) from error
         return followed
 

@@ -41,7 +41,7 @@ def find_image(name: str) -> type[Module]:
         found = getattr(importlib.import_module(module_name), class_name, None)
     except ImportError as error:
         raise UnknownImageError(
-            f"image '{name}': cannot import {module_name} ({error}); is it installed here?"
+            f"image '{name}': cannot import {module_name} ({error}); install what is missing, or set PYTHONPATH"
         ) from error
     if not (isinstance(found, type) and issubclass(found, Module)):
         raise UnknownImageError(

@@ -192,7 +192,10 @@ def encode_answer(answer: Loaded | StartRefused | Done | Failed) -> bytes:
     """
     packet = _stepped(answer) if isinstance(answer, Done) else _other(answer)
     if len(packet) > ANSWER_BYTES:
-        raise Uncarriable(f"a step gives {len(packet)} bytes, more than {ANSWER_BYTES}")
+        raise Uncarriable(
+            f"the results of a step take {len(packet)} bytes, but may take at most {ANSWER_BYTES}; "
+            "give fewer or shorter values in one step"
+        )
     return packet
 
 
@@ -246,7 +249,10 @@ def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
     """
     head = b"".join([_list(names, _text) for names in shape])
     if len(head) > _LIST:
-        raise Uncarriable(f"the names in the results of a step take {len(head)} bytes, but may take at most {_LIST}")
+        raise Uncarriable(
+            f"the names of the outputs, reports and requests of a step take {len(head)} bytes, "
+            f"but all results of a step may take at most {ANSWER_BYTES}; give fewer in one step"
+        )
     return head, _layout(*shape)
 
 
@@ -294,7 +300,7 @@ def decode_answer(packet: bytes) -> Answer:
     try:
         return _done(packet) if packet[:1] == _STEPPED_KIND else _decode_other(_Reader(packet))
     except (struct.error, LookupError, ValueError) as error:
-        return Garbled(f"a packet cannot be read ({error})")
+        return Garbled(f"it sent an unreadable packet; look for module code that writes to its socket ({error})")
 
 
 def _done(packet: bytes) -> Done:
@@ -343,17 +349,22 @@ def _decode_other(reader: "_Reader") -> Answer:
 
 def _text(text: object) -> bytes:
     if not isinstance(text, str):
-        raise Uncarriable(f"a name is {text!r:.60}, which is not text")
+        raise Uncarriable(f"an output of a step has the name {text!r:.60}, which is not text; use a variable's name")
     data = text.encode("utf-8", "replace")
     if len(data) > _LIST:
-        raise Uncarriable(f"the name that begins with {text[:20]!r} has {len(data)} bytes, but may have {_LIST}")
+        raise Uncarriable(
+            f"the name that begins with {text[:20]!r} has {len(data)} bytes, but all results of a step may take "
+            f"at most {ANSWER_BYTES}; use a shorter name"
+        )
     return _COUNT.pack(len(data)) + data
 
 
 def _list(items: Iterable[_T], encode: Callable[[_T], bytes]) -> bytes:
     parts = [encode(item) for item in items]
     if len(parts) > _LIST:
-        raise Uncarriable(f"a step gives {len(parts)} values, too many for one answer")
+        raise Uncarriable(
+            f"a step gives {len(parts)} outputs, commands, reports or requests, which are too many; give fewer"
+        )
     return _COUNT.pack(len(parts)) + b"".join(parts)
 
 

@@ -171,8 +171,12 @@ def _expect_readable(file: Path) -> None:
     if not os.access(file, os.R_OK):
         from heronry_dg.shipped import shipped_spec_names  # noqa: PLC0415
 
-        why = "you may not read this file" if file.exists() else "there is no such file, folder or shipped spec"
-        raise UserError(f"{file}: {why}; name a *.dg.yaml, a folder, or one of {', '.join(shipped_spec_names())}")
+        if file.exists():
+            raise UserError(f"{file}: you may not read this file; make it readable for you, or name another one")
+        raise UserError(
+            f"{file}: there is no such file, folder or shipped spec; "
+            f"name a *.dg.yaml, a folder, or one of {', '.join(shipped_spec_names())}"
+        )
 
 
 def _specs_below(folder: Path) -> list[Path]:
@@ -242,8 +246,9 @@ def _defects_of(what: str) -> Iterator[None]:
         raise UserError(f"the rules that need a solver cannot be checked without {missing.name}: {hint}") from missing
     except Exception as error:
         trace = traceback.extract_tb(error.__traceback__)[-1]
-        said = f"the check itself failed ({type(error).__name__} at {Path(trace.filename).name}:{trace.lineno})"
-        raise _DefectError(f"{what}: {said}; this is a defect of heronry: please report it with the file") from error
+        said = f"heronry itself failed here ({type(error).__name__} at {Path(trace.filename).name}:{trace.lineno})"
+        remedy = "this is a defect of heronry: please report it with the checked file"
+        raise _DefectError(f"{what}: {said}; {remedy}") from error
 
 
 def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]":

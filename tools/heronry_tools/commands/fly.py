@@ -256,7 +256,9 @@ def _missions(spec: "Spec", name: str, arguments: argparse.Namespace) -> Sequenc
     if name == "big_blue":
         return _glider_missions(spec, arguments)
     if arguments.phase is not None:
-        raise UserError("--phase: the EAV always begins on final; only big_blue can begin in another phase")
+        raise UserError(
+            "--phase: the EAV always begins on final, and only big_blue can begin in another phase; leave --phase out"
+        )
     drawn = _drawn(spec, arguments)
     return [drawn.of(spec, seed) for seed in range(arguments.seed, arguments.seed + arguments.runs)]
 

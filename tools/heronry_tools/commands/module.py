@@ -81,8 +81,10 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.runtime.module_trial import period_ns, read_value, try_module  # noqa: PLC0415
 
-    if not 0 < arguments.rate_hz <= 10_000 or arguments.steps < 1:
-        raise UserError("--steps must be at least 1, and --rate-hz above 0 and at most 10000")
+    if arguments.steps < 1:
+        raise UserError(f"--steps must be at least 1, not {arguments.steps}")
+    if not 0 < arguments.rate_hz <= 10_000:
+        raise UserError(f"--rate-hz must be above 0 and at most 10000, not {arguments.rate_hz:g}")
     inputs = {}
     for text in arguments.inputs:
         name, equals, value = text.partition("=")

@@ -82,8 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
     spec = as_flown(own, masterships(own, on_the_bus))
     found = masterships(spec, on_the_bus)
     if not found:
-        proof = "" if arguments.key is None else f" that {arguments.key} proves"
-        raise UserError(f"no manager is active in {arguments.recording}: the recording has no LEASE{proof}")
+        proof, remedy = "", "record all frames of the manager's bus, or name this bus with --channel"
+        if arguments.key is not None:
+            proof, remedy = f" that {arguments.key} proves", "name the key file with which the manager flew"
+        raise UserError(f"no manager is active in {arguments.recording}: the recording has no LEASE{proof}; {remedy}")
     if found[0].epoch:
         raise UserError(
             f"{arguments.recording} begins in the middle of a mastership, at epoch {found[0].epoch} of term "

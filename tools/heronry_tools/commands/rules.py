@@ -84,7 +84,7 @@ def run_rules(arguments: argparse.Namespace) -> int:
     chosen = [rule for code, rule in RULES.items() if not prefixes or code.startswith(prefixes)]
     if arguments.format == "markdown":
         if prefixes:
-            raise UserError("--format markdown writes all rules; leave the codes out")
+            raise UserError("the page in Markdown always has all rules; leave the codes out")
         sys.stdout.write(page(FAMILIES))
     elif arguments.json:
         sys.stdout.write(json.dumps([_fields(rule) for rule in chosen], indent=2) + "\n")

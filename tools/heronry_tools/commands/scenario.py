@@ -141,5 +141,7 @@ def _patience(text: str) -> float:
     except ValueError:
         times = 0.0
     if not 1 <= times <= _LONGEST_PATIENCE:
-        raise argparse.ArgumentTypeError(f"{text} is not a factor for times; write a number from 1 to 100")
+        raise argparse.ArgumentTypeError(
+            f"the times after 'within' cannot be multiplied by {text}; write a number from 1 to 100"
+        )
     return times

@@ -183,8 +183,10 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
         raise UserError(f"--kind {unknown[0]}: no kind of fault has this name; the kinds are {', '.join(KINDS)}")
     idle = [kind for kind in arguments.kind if not possible_targets(spec, kind)]
     if idle:
-        what = KINDS[idle[0]].target_kind.replace("_", " ")
-        raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} for a fault of this kind")
+        target = KINDS[idle[0]].target_kind
+        words = {"twin_pe": "PE on a bus with two channels", "channel": "bus with two channels", "device": "sensor"}
+        what = words.get(target, target.replace("_", " "))
+        raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} for a fault of this kind; name another kind")
     given = _given_faults(spec, arguments)
     needed_s = over_s(given)
     faults_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
@@ -226,7 +228,8 @@ def _given_faults(spec: "Spec", arguments: argparse.Namespace) -> tuple["Fault",
             faults.append(Fault(round(1000 * fault.at_s), kind, target, lasts_ms))
     endless = [fault for fault in faults if fault.over_ms > 1000 * LONGEST_S]
     if endless:
-        raise UserError(f"'{endless[0]}' is longer than a flight may be; let the fault end within {LONGEST_S} seconds")
+        remedy = "write an earlier time, or a shorter fault"
+        raise UserError(f"'{endless[0]}' begins or ends after {LONGEST_S} s, the longest flight; {remedy}")
     return tuple(sorted(faults))
 
 

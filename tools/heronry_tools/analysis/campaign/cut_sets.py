@@ -86,7 +86,8 @@ class Servable:
             if not answer.proven:
                 lost = ", ".join(sorted(down)) or "nothing"
                 raise UserError(
-                    f"the search did not decide whether function {self._function} can be served with {lost} down"
+                    f"the search reached its limit before it was known whether function {self._function} can be served "
+                    f"with {lost} down; lower --order, or simplify what serves this function in the spec"
                 )
             self._by_rest[rest] = answer.configuration is not None
         return self._by_rest[rest]
