@@ -23,7 +23,10 @@ Placement = Mapping[str, tuple[str, str]]
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """The value of a configuration on the seven levels, most important first; a comment says which value is better."""
+    """The value of a configuration on the seven levels, most important first.
+
+    The comment behind each level says whether more or fewer is better.
+    """
 
     critical: tuple[int, int, int, int]  # sum of the priorities of served functions of class A, B, C, D: more
     utility: int  # sum of priority times value of served functions: more

@@ -42,7 +42,7 @@ _MAY_BE_A_NUMBER = frozenset("0123456789+-.")
 
 @dataclass(frozen=True, slots=True)
 class Surprise:
-    """A scalar that other YAML programs read as another value."""
+    """Why a plain scalar is refused, for example because other YAML programs read it as another value."""
 
     rule: Rule
     sentence: str

@@ -182,7 +182,7 @@ class _ReferenceRules:
     def phases(self) -> None:
         """Check the names and rules of the phases, and the phases for which contingencies are to be made.
 
-        - No phase may have the name that means, in a map by phase, all phases which the map does not name.
+        - No phase may be named `default`: in a map by phase, this key stands for all phases that have no key.
         - A phase rule must compare one number with one threshold.
         - Each phase that the section of contingencies names must exist.
         """
@@ -279,7 +279,7 @@ class _ReferenceRules:
 
 
 class _Forest:
-    """Sets of names that are connected (union-find)."""
+    """Disjoint sets of names (union-find): two names are in the same set if they are connected."""
 
     def __init__(self) -> None:
         self._parents: dict[str, str] = {}

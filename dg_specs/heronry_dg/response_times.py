@@ -93,7 +93,8 @@ class ResponseTimes:
     def _delays_ns(self, by_bus: Mapping[str, list[Hop]]) -> dict[tuple[str, str, str], Fraction | None]:
         """Compute the exact delay of each hop in ns, by (module, variable, bus).
 
-        The delay counts from when the datum is due at its source until the hop has ended. None: it is unbounded.
+        The delay counts from when the datum is due at its source until its last bit is sent on the bus of the
+        hop; a wireless bus adds nothing to it. None: the delay is unbounded.
 
         by_bus: the hops on each bus, in order of priority.
         """
@@ -116,11 +117,12 @@ class ResponseTimes:
                 return delays
 
     def _cross(self, bus: Bus, hops_there: list[Hop], jitters: list[Fraction | None]) -> list[Fraction | None]:
-        """Compute the delay of each hop at the end of a wired bus in ns; None: unbounded.
+        """Compute the delay in ns with which each datum leaves a wired bus; None: the delay is unbounded.
 
-        hops_there: the hops on the bus, in order of priority; the result has the same order.
-        jitters: the delay in ns with which each hop begins.
-        If the delay of one frame is unbounded, so are the delays of all frames with a lower priority.
+        If the delay of one datum is unbounded, so are the delays of all data with a lower priority.
+
+        hops_there: the hops on the bus, in order of priority; `jitters` and the result have the same order.
+        jitters: the delay in ns with which each datum comes to the bus; None: the delay is unbounded.
         """
         bounded = jitters.index(None) if None in jitters else len(jitters)
         data = [

@@ -128,7 +128,7 @@ class BusForm(Fallible):
 
 
 class ManagerForm(Form):
-    """The bus of the managers, and the policy of PEs that hear no manager."""
+    """The bus of the managers, and what PEs do while they hear no manager."""
 
     bus: str | None = Field(
         default=None, description="Bus of the managers; the first wired bus if left out.", examples=["can0"]
@@ -305,7 +305,10 @@ class FunctionForm(Form):
 
 
 class WhenForm(Form):
-    """The rule of a phase: the phase is entered when a variable has been beyond a threshold for some time."""
+    """The rule of a phase: when the phase is entered automatically.
+
+    The variable must be above the threshold `above`, or below the threshold `below`, for the time `hold_ms`.
+    """
 
     variable: str = Field(description="Variable that the rule watches.", examples=["altitude"])
     above: Threshold = Field(default=None, description="Threshold that the variable must exceed.", examples=[17000])
@@ -353,7 +356,7 @@ class PlantForm(Form):
 
 
 class ContingencyForm(Form):
-    """For how many faults at the same time, and for which phases, plans are made ahead."""
+    """How many simultaneous faults, and which phases, the plans made ahead cover."""
 
     faults: int = Field(
         default=_default(Contingency, "faults"),

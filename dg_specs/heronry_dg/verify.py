@@ -103,7 +103,10 @@ def _known(spec: Spec, configuration: Configuration) -> Configuration:
 
 
 def _sound(spec: Spec, known: Configuration) -> Configuration:
-    """Return `known` without the wires that break any part of semantics rule 2, or belong to no input of the mode."""
+    """Return `known` without its wrong wires.
+
+    A wire is wrong if it breaks any part of semantics rule 2, or belongs to no input of its consumer's mode.
+    """
     kept = {}
     for name, running in known.modules.items():
         accepted = dict(known.mode(spec, name).leaves())

@@ -253,7 +253,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Leave out those states of a PE in which it sends and forwards the same as in an earlier state of `states`."""
+    """Give `states` without each state in which the PE sends and forwards the same as in an earlier one."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}

@@ -114,7 +114,7 @@ class Feasibility:
 def feasible(spec: Spec, now: Situation, left: Survivors | None = None) -> Feasible:
     """Compute what could run in a situation with unlimited resources.
 
-    left: the survivors of the situation, if they are already computed.
+    left: the survivors of the situation, if they are already computed; None: compute them.
     """
     return Feasibility(spec, now.phase).in_situation(now, left)
 

@@ -39,7 +39,13 @@ class WireLimitError(HeronryError):
 
 @dataclass(frozen=True, slots=True)
 class Excess:
-    """One part of a spec that exceeds a limit: its section and name, a sentence with both numbers, and what to do."""
+    """One part of a spec that exceeds a limit of the wire.
+
+    section, name: where the spec has this part.
+    sentence: says how much there is, and how much the limit allows.
+    remedy: what to do, or which element is the first beyond the limit.
+    is_slice: the limit is that of the length of a slice.
+    """
 
     section: Literal["pes", "modules", "devices", "buses"]
     name: str

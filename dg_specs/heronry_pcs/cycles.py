@@ -42,9 +42,10 @@ LEAST_CYCLE = 3
 def bounds_alone(block: Touching, through: frozenset[str]) -> Bounds:
     """Give bounds of the longest cycle that passes all of `through` in a block, without a search.
 
-    By a theorem of Dirac (1952), a block of `size` members, each with d neighbors or more, has a cycle of at least
-    min(size, 2 d) members. If such a cycle has all members, it passes all of `through`. If it may be shorter, only a
-    cycle of three or more members through any two members is certain; so the least is 0 for three or more in `through`.
+    By a theorem of Dirac (1952), a block of `size` members, each with d neighbors or more, has a cycle of at
+    least min(size, 2 d) members. If such a cycle has all members of the block, it passes all of `through`.
+    A shorter cycle need not pass them. Then only one thing is certain: any two members lie on one cycle, of
+    three or more members. So the lower bound is 3 if `through` has one or two members, and 0 if it has more.
     """
     size = len(block)
     degrees = [len(touching) for touching in block.values()]

@@ -1,8 +1,9 @@
 """Operations on component graphs: cprune, combine, removal, addition and addEdge.
 
-Each operation first checks its requirements, in the order of its docstring. It raises PcsError for the first one that
-fails: a predicate (`needs:P`), a clash of names (`clash:K`), a vertex that the space lacks (`unknown:V`), the place of
-the edge. If these predicates (predicates.py) hold before an operation, they also hold after it:
+Each operation first checks its requirements, in the order of its docstring. It raises PcsError for the first
+requirement that is not met. The error names a predicate that does not hold (`needs:P`), a name that stands for two
+things (`clash:K`), a vertex that the space lacks (`unknown:V`), or the wrong place of the edge (`edge_apart`,
+`edge_outside`, `edge_inside`). If these predicates (predicates.py) hold before an operation, they also hold after it:
 
     cprune     component_graph, disjoint and pruned
     combine    component_graph and edge_contained; configuration if an edge is given and no vertex is shared
@@ -10,11 +11,12 @@ the edge. If these predicates (predicates.py) hold before an operation, they als
     addition   configuration
     add_edge   configuration
 
-Source: the paper that graph.py names, section 2.3. The operations as the paper words them would not keep these
-predicates. Differences: cprune removes the vertices of a component too, and stops at one component. combine also works
-without an edge, as section 3.4 of the paper uses it. removal gives a configuration only if the rest is connected.
-addition refuses an edge that leaves the graph or lies inside a component. addEdge also adds an edge between two
-members; if addEdge adds a leaf, the leaf becomes a member.
+Source: the paper that graph.py names, section 2.3. The operations as the paper words them would not keep
+these predicates. Differences: cprune removes the vertices of a component too, and stops at one component.
+combine also works without an edge, as section 3.4 of the paper uses it. removal gives a configuration only
+if the graph is still connected without the removed edges and members. addition refuses an edge that leaves
+the graph or lies inside a component. addEdge also adds an edge between two members; if addEdge adds a leaf,
+the leaf becomes a member.
 """
 
 from collections.abc import Collection

@@ -1,19 +1,22 @@
 """The component graph of a plan: its modules, their devices, the physical world, and how all are wired.
 
-    leaf M            each running module. Ports: `V` for each variable that its mode gives, of weight frame bits times
-                      rate; `V:PATH` for each input of its mode, wired or not; `device:` if it has a device;
-                      `none` if it has none of these. Image `IMAGE:MODE@PE`
+    leaf M            each running module. Ports: `V` for each variable that its mode gives, with the
+                      bandwidth of the variable (frame bits times rate) as weight; `V:PATH` for each input
+                      of its mode, wired or not; `device:` if it has a device; `none` if it has none of
+                      these. Image `IMAGE:MODE@PE`
     leaf device:D     each device of a running module: ports `module` and `world`
-    leaf plant:P      each plant: ports `device:D` for each device that moves or sees it, `to:Q` for each plant that it
-                      affects, `from:Q` for each plant that affects it; `none` if it has none of these
+    leaf plant:P      each plant: ports `device:D` for each device that moves or sees it, `to:Q` for each
+                      plant that it affects, `from:Q` for each plant that affects it; `none` if it has none
+                      of these
     composite pe:P    the modules and devices on a PE
-    composite side:P  the modules, the devices and the composites pe:* of a side. A side is a set of PEs that wired
-                      buses join; P is the first PE of the side in the spec
+    composite side:P  the modules, the devices and the composites pe:* of a side. A side is a set of PEs
+                      that wired buses join; P is the first PE of the side in the spec
 
-Empty composites are left out, and plants are in no composite. Edges follow wires. They also lead from a sensor to its
-module and from a module to its actuator, from an actuator to the plants that it moves, and from a plant to the sensors
-that see it and to the plants that it affects. A device that no running module uses has no leaf. The field `side` of a
-device's leaf is the side of its PE. A module's leaf has a side if all PEs that may run the module are on that side.
+Empty composites are left out, and plants are in no composite. Edges follow wires. They also lead from a
+sensor to its module and from a module to its actuator, from an actuator to the plants that it moves, and
+from a plant to the sensors that see it and to the plants that it affects. A device that no running module
+uses has no leaf. The field `side` of a device's leaf is the side of its PE. A module's leaf has a side only
+if all PEs that may run the module are on one side; then the field `side` is that side.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

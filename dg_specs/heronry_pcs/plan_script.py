@@ -128,7 +128,10 @@ class _Space:
                 yield (mode, pe), (image_of(module, mode, pe), *short)
 
     def place(self, name: str, image: str) -> Place:
-        """Give the mode and PE that `image` names: the image of a leaf of the module `name`."""
+        """Give the mode and PE that an image names.
+
+        image: the whole image `IMAGE:MODE@PE`, as a leaf of the module `name` has it.
+        """
         module = self._spec.modules[name]
         places = product(module.modes, self._spec.pes)
         return next((mode, pe) for mode, pe in places if image_of(module, mode, pe) == image)

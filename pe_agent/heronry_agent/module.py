@@ -64,7 +64,7 @@ class Inputs(Mapping[str, Datum]):
                 self._best[variable] = datum
 
     def __getitem__(self, variable: str) -> Datum:
-        """Give the datum of a variable; raises AbsentError where it is not supplied now."""
+        """Give the datum of a variable; raises AbsentError if the variable has no fresh datum in this step."""
         try:
             return self._best[variable]
         except KeyError:
@@ -124,7 +124,7 @@ class Context(Protocol):
     def read(self) -> Value | None:
         """Return the reading of the module's device when this step began; None if there is no valid reading.
 
-        An actuator reads the last command that it has taken.
+        If the device is an actuator, its reading is the last command that it has taken.
         """
 
     def write(self, value: Value) -> None:
@@ -142,16 +142,19 @@ class Context(Protocol):
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Report to the manager that an element has failed.
 
-        element: `device:NAME` or `module:NAME`. `pe:NAME` and `bus:NAME` may be reported, too, but are only suspicions:
-            the manager compares them with its own observations.
-        detail: a number of the author's choice, 0..65535, which the manager's event repeats.
+        element: `device:NAME` or `module:NAME`. `pe:NAME` and `bus:NAME` may be reported, too, but are only
+            suspicions: the manager compares them with its own observations.
+        detail: a number 0..65535 whose meaning the author of the module chooses; the event in which the manager
+            tells of the report contains the number.
         """
 
     def report_disagreement(self, detail: int = 0) -> None:
         """Report to the manager that two inputs differ, and that neither is known to be wrong.
 
-        The report changes no plan. Call this in every step while the inputs differ; it is sent at most once a second.
-        detail: a number of the author's choice, 0..65535, which the manager's event repeats.
+        The report changes no plan. Call this in every step while the inputs differ; it is sent at most once a
+        second.
+        detail: a number 0..65535 whose meaning the author of the module chooses; the event in which the manager
+            tells of the report contains the number.
         """
 
     def request_phase(self, phase: str) -> None:

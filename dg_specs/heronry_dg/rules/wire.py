@@ -37,7 +37,7 @@ def _many(count: int) -> str:
 def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str) -> str:
     """Write a spec with two displays for one function of class A on a slow bus, and five unimportant variables.
 
-    Each argument gives further fields of one of these five variables, after its type, as text.
+    Each argument is the text that follows the type of one of these variables, and gives its further fields.
     """
     rest = "cpu: 0.1, ram: 1KiB, rate_hz: 50"
     return (

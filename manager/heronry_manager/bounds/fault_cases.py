@@ -50,7 +50,11 @@ def count_plans(spec: Spec) -> int:
 
 
 def _silenced(spec: Spec, phase: str | None) -> Iterator[tuple[FaultClass, str, tuple[str, ...]]]:
-    """Yield each PE, bus and gateway that may fail: its class of fault, its name, and the PEs that fall silent then."""
+    """Yield the faults that make PEs silent: class of the fault, element that fails, PEs that fall silent.
+
+    The element is written `pe:NAME` or `bus:NAME`. A PE whose loss silences other PEs, too (a gateway), is
+    yielded twice: as PE_LOST and as BUS_LOST. A bus is yielded even if no PE falls silent.
+    """
     reached = survivors(spec, Situation(phase=phase)).pe_cpu_millis
     for kind, names in (("pe", spec.pes), ("bus", spec.buses)):
         for name in names:

@@ -243,10 +243,10 @@ class Bounds:
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
         """Give the number of SLICE frames for one PE: one head, and as many bodies as its slice needs.
 
-        - If several PEs are lost or return together, the PE may need its slice in `before` or that in `after`; the
-          longer one counts.
-        - Otherwise its slice in `after` counts. It needs no bodies if it has the same slice in `before`, unless the
-          PE itself returns.
+        - If several PEs are lost or return together, the PE may need its slice in `before` or that in `after`;
+          the longer one counts.
+        - Otherwise its slice in `after` counts. If the PE has the same slice in `before`, and is not itself
+          returning, no bodies are needed.
         """
         node = self._spec.pes[pe].node_id
         length = len(after.slices[node])
@@ -267,7 +267,7 @@ class Bounds:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
-        """Give the longest T_lease (ns) of the silent PEs that ran an exclusive module of one of these DEMUXes.
+        """Give the longest T_lease (ns) of the silent PEs that ran a branch or an end of one of these DEMUXes.
 
         A silent PE may still drive the DEMUX for this time. 0: no silent PE ran such a module.
         """

@@ -46,7 +46,8 @@ class ContingencyTable:
     def find(self, down: FaultSet, phase: Phase, running: Placement | None) -> Made | None:
         """Find the plan made ahead for these faults, this phase and this running configuration.
 
-        None: no plan was made.
+        None: no plan was made for these faults in this phase, or the running configuration is not known to be
+        the one that the plan requires; the head of this file says which one that is.
         """
         found = self._made.get((phase, self._named_once(down)))
         if found is None or (running is None and down):
@@ -54,7 +55,7 @@ class ContingencyTable:
         return found if running is None or running == self._running[phase] else None
 
     def plan(self, down: FaultSet, phase: Phase, running: Placement | None) -> Plan | None:
-        """Give what `find` gives, as a whole plan with its report; None: no plan was made."""
+        """Give what `find` gives, as a whole plan with its report; None: `find` gives None."""
         found = self.find(down, phase, running)
         if found is None:
             return None

@@ -4,19 +4,19 @@
     GO       a PE starts everything but new DEMUX branches
     GO_ALL   a PE also starts new DEMUX branches
 
-A step is skipped if nothing has to wait for it. `reconfiguration` says how long each step is repeated, and which PEs
-must answer.
+BREAK is skipped if nothing has to stop before GO. GO is skipped if no unavailable PE may still drive a DEMUX that the
+epoch gives to another PE. `reconfiguration` says how long each step is repeated, and which PEs must answer.
 
 Before the manager commands GO, it waits for the report BROKEN of
 
 - each PE that gives up something exclusive (`exclusion`);
 - each PE that has to make room on a bus (`heronry_dg.transition`);
-- each PE that is reached by wire and runs an unknown configuration: it reports an epoch that the manager has forgotten,
-  or an unexpected digest. Without this wait two PEs could send under one identifier.
+- each PE that is reached by wire and runs an unknown configuration: it reports an epoch that the manager
+  has forgotten, or an unexpected digest. Without this wait two PEs could send under one identifier.
 
-An unavailable PE does not answer, so the manager waits for the time after which that PE has certainly stopped. Before
-GO, the PE must no longer send under the identifiers of a module that moves. Before GO_ALL, it must no longer drive a
-DEMUX.
+An unavailable PE does not answer, so the manager waits for the time after which that PE has certainly
+stopped. Before GO, the PE must no longer send under the identifiers of a module that moves. Before GO_ALL,
+it must no longer drive a DEMUX that moves.
 """
 
 from heronry_dg.configuration import Configuration

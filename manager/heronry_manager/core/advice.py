@@ -51,8 +51,9 @@ class Advice:
     def follow(self, now: Situation, overheard: Runs | None) -> bool:
         """Find out whether the running configuration is known; True if it has just become known.
 
-        An advised or overheard configuration becomes known when the PEs run it. If the PEs run any other configuration,
-        what runs is no longer known.
+        An advised configuration becomes known when every available PE runs it. An overheard one becomes known
+        when the available PEs that run anything run it. When no available PE runs the known configuration any
+        more, what runs is no longer known.
         """
         deployment = self._deployment
         observed = (deployment.observed.of[pe] for pe in self._health.available())

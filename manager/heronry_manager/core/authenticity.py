@@ -281,8 +281,8 @@ class Authenticity:
     def _forget(self, peer: _Peer, emergency: bytes) -> None:
         """Forget an EMCY; if no page 0 has proven it, every frame that brought it counts as forged.
 
-        These frames also count in `unproven`, which the status shows. Only for an EMCY with a code in `_SENT_ONCE`
-        they do not: no page 0 proves such an EMCY, so it may be genuine.
+        These frames also count in `unproven`, which the status shows, unless the code of the EMCY is in
+        `_SENT_ONCE`. No page 0 proves an EMCY with such a code, so this EMCY may be genuine.
         """
         heard = peer.held.pop(emergency)
         if heard == _PROVEN:
@@ -326,7 +326,11 @@ class Authenticity:
         self._managers.hold(manager, command, event, self._turn.now_ns)
 
     def proven(self, manager: int, tag: bytes) -> Held | None:
-        """Give the command of another manager that this TAG proves; None: it proves no command."""
+        """Give the command of another manager that this TAG proves; None: there is no such command.
+
+        A command that may be a replay of one of this manager's own commands does not count as proven. If the
+        result is None, the TAG and its command count as forged frames.
+        """
         self._follow(manager, tag)
         found = self._managers.tagged(manager, tag, self._turn.now_ns)
         if not isinstance(found, Held) or self._was_mine(manager):
@@ -406,9 +410,10 @@ class Authenticity:
         return [*peer.named] if known is None else [known, *(digest for digest in peer.named if digest != known)]
 
     def _doubt(self, pe: str, peer: _Peer, page: StatePage0) -> None:
-        """Note that a page 0 was not believed.
+        """Note that a page 0 of a PE was not believed; if none was believed for T_lease, send the PE RENEW.
 
-        Its tag counts as wrong only if a session was offered to the PE before.
+        The tag of the page counts as wrong only if it is not 0, and a session was opened with or offered to the
+        PE before. Only a manager that sends LEASE sends RENEW.
         """
         now_ns = self._turn.now_ns
         if page.digest and (peer.opened or peer.offers):

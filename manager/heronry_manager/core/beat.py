@@ -88,7 +88,11 @@ class Beat:
             self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
 
     def alive_left(self, frame: Frame) -> None:
-        """Note that an ALIVE of this manager is on the bus: T_lease begins now for the PEs that it does not name."""
+        """Note that an ALIVE of this manager is on the bus.
+
+        T_lease begins now for each PE that an earlier ALIVE may have named, and that this ALIVE is the first
+        not to name.
+        """
         exclusion, pes = self._known.exclusion, self._settings.spec.pes
         if not exclusion.waits:
             return

@@ -3,28 +3,29 @@
 The priority of a function is the *spec's*, or *requested* by a module, or *ordered* by the operator:
 
     the operator    may set any priority of any function. The order stands until the operator ends it
-    a module        may set a priority within the function's `priority_range`: its PE sends a request (EMCY,
-                    PRIORITY_REQUEST). The last request counts
+    a module        may set a priority within the function's `priority_range`: its PE sends a request
+                    (EMCY, PRIORITY_REQUEST). The last request counts
 
-A change has the same consequences as a fault: a new plan and a new epoch. The criticality of the function does not
-change. What the active manager does:
+A change has the same consequences as a fault: a new plan and a new epoch. The criticality of the function
+does not change. What the active manager does:
 
 - An order: the priority changes without waiting time, to the ordered one or back to the spec's.
-- A request that would change a priority less than CHANGE_NS after the last such change by a request: it is neither
-  executed nor acknowledged. The PE repeats it, so the last of several requests is executed when the time is over.
-- A request outside the range, or against the operator's order: it is acknowledged and refused, with an event that names
-  the PE.
+- A request that would change a priority, and comes less than CHANGE_NS after a request has changed the
+  priority of this or another function: it is neither executed nor acknowledged. The PE repeats it, so the
+  last of several requests is executed when the time is over.
+- A request outside the range, or against the operator's order: it is acknowledged and refused, with an
+  event that names the PE.
 - Any other request: the priority changes, and the request is acknowledged.
 
-A PE repeats a request until it is acknowledged, so a pause of the manager loses no request. The PE counts its requests
-for each function from its start on, and a request carries its number. A request with a number that the manager knows,
-or with an older one, is acknowledged and has no further effect. A manager that restarts remembers priorities and
-numbers. A forged request can change a priority only within the spec's range; an order of the operator prevents even
-that.
+A PE repeats a request until it is acknowledged, so a pause of the manager loses no request. The PE counts
+its requests for each function from its start on, and a request carries its number. A request with a number
+that the manager knows, or with an older one, is acknowledged and has no further effect. A manager that
+restarts remembers priorities and numbers. A forged request can change a priority only within the spec's
+range; an order of the operator prevents even that.
 
-The active manager announces its facts in turn (`announcing`). So a standby manager hears each changed priority
-(CONTROL, HOLDS), the end of a change (CLEAR), and which requests were executed. It drops a changed priority that was
-not announced while all facts had their turn three times.
+The active manager announces its facts in turn (`announcing`). So a standby manager hears each changed
+priority (CONTROL, HOLDS), the end of a change (CLEAR), and which requests were executed. It drops a changed
+priority that was not announced while all facts had their turn three times.
 """
 
 from collections import Counter

@@ -73,7 +73,7 @@ class Compiler:
     def table(self, pe: str) -> PeTable:
         """Give the table of one PE.
 
-        Raises WireLimitError if the spec has more of something than the protocol can number.
+        Raises WireLimitError if the spec exceeds a limit of the wire (`heronry_dg.wire_limits`).
         """
         assert self._fits_the_wire
         spec, own = self._spec, self._spec.pes[pe]

@@ -1,9 +1,10 @@
-"""From a plan to a running configuration: the current epoch, the epoch being prepared, and the PEs' reports on them.
+"""From a plan to a running configuration: the current epoch, the next one, and what PEs report on them.
 
-    next       the epoch that is being prepared. When every awaited PE has staged it, it becomes the current epoch. If
-               the situation changes before that, it is abandoned, and its number is not used again
-    current    the last epoch whose ACTIVATE went out. LEASE repeats this epoch, and a PE that comes late still gets its
-               slice
+    next       the epoch that is being prepared. When every awaited PE has staged it, it becomes the
+               current epoch. If the situation changes before that, it is abandoned, and its number is not
+               used again
+    current    the last epoch whose ACTIVATE went out. LEASE repeats this epoch, and a PE that comes late
+               still gets its slice
 
 Only state frames show what a PE runs (`observation`); a command does not. Three reports show that a PE must be failed:
 
@@ -13,24 +14,26 @@ Only state frames show what a PE runs (`observation`); a command does not. Three
 
 Then the caller gets the cause as a sentence, and fails the PE.
 
-*Admitting*: a PE that comes back, and has no module in the running plan, joins the current epoch; no other PE is
-disturbed. Two kinds of PEs need a new epoch instead. A PE with a module in the running plan needs one, since other PEs
-must release exclusive things first. A PE that may have staged a newer, abandoned epoch needs one, since no PE goes back
-to an older epoch.
+*Admitting*: a PE that comes back, and has an empty slice in the current epoch (it runs no module and
+forwards nothing), joins this epoch; no other PE is disturbed. Two kinds of PEs need a new epoch instead.
+A PE with a slice that is not empty needs one, since other PEs may have to release exclusive things first.
+A PE that may have staged a newer, abandoned epoch needs one, since no PE goes back to an older epoch.
 
-*Overtaken*: a PE that hears of an epoch newer than its own is overtaken. It drives nothing exclusive until it runs an
-epoch that is newer still (protocol rule 6). This happens, for example, when a broken bus is repaired: beyond the break
-another manager may have opened a newer epoch, and the PEs there run that epoch. So this manager opens a new epoch for
-the running configuration. The PEs from beyond the break are not available yet, and have no part in the new epoch. The
-core looks for newer epochs in every state, so a lost state does no harm.
+*Overtaken*: a PE that hears of an epoch newer than its own is overtaken. It drives nothing exclusive until
+it runs an epoch that is newer still (protocol rule 6). This happens, for example, when a broken bus is
+repaired: beyond the break another manager may have opened a newer epoch, and the PEs there run that epoch.
+So this manager opens a new epoch for the running configuration. The PEs from beyond the break are not
+available yet, and have no part in the new epoch. The core looks for newer epochs in every state, so a lost
+state does no harm.
 
-*Adopting*: at its start the manager may take over the running configuration (`adoption`). A manager that only advises
-reports what it would do, and adopts what the PEs run (`advice`).
+*Adopting*: at its start the manager may take over the running configuration (`adoption`). A manager that
+only advises reports what it would do, and adopts what the PEs run (`advice`).
 
     epochs           how an epoch is made and remembered
     activation       the steps of an epoch
     numbering        the number of an epoch
-    reconfiguration  how an epoch proceeds; with `observation`: what follows from lost, late and doubled frames
+    reconfiguration  how an epoch proceeds; with `observation`: what follows from lost, late and doubled
+                     frames
     exclusion        what a PE may still drive
 """
 
@@ -112,7 +115,7 @@ class Deployment:
         return newest_epoch((leased, self.observed.newest_epoch())) or None
 
     def digest_of(self, epoch: int) -> int | None:
-        """Give the digest of an epoch of this term that runs or is being prepared; None: it is not known."""
+        """Give the digest of the epoch that is being prepared, or of a remembered epoch; None: it is neither."""
         is_next = self.next is not None and self.next.epoch == epoch
         known = self.next if is_next else self.epochs.known(epoch)
         return None if known is None else known.compiled.digest
@@ -225,7 +228,10 @@ class Deployment:
         return last is not None and is_newer(self.observed.of[pe].epoch, last.epoch)
 
     def all_available_run_it(self) -> bool:
-        """Tell whether every available PE runs the current epoch, and no module in it was stopped by a fault."""
+        """Tell whether every available PE runs the current epoch, and no module of it must be started again.
+
+        A module must be started again if a PE had stopped it, and the operator has cleared this (`stopped`).
+        """
         current = self.current
         if current is None or self._stopped & current.configuration.modules.keys():
             return False
@@ -234,9 +240,9 @@ class Deployment:
     def runs(self, plan: Plan) -> bool:
         """Tell whether the PEs run the configuration of this plan already, as the current epoch.
 
-        If so, `plan` becomes the plan of the current epoch, and each available PE that does not run this epoch yet is
-        admitted to it. Returns False if one of these PEs cannot be admitted, because it has modules in this epoch or
-        may have staged a newer one.
+        If so, `plan` becomes the plan of the current epoch, and each available PE that does not run this epoch
+        yet is admitted to it. The answer is no if one of these PEs cannot be admitted, because its slice in
+        this epoch is not empty, or because it may have staged a newer epoch.
         """
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
@@ -256,7 +262,8 @@ class Deployment:
     def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
         """Tell whether a PE that joins late needs a new epoch.
 
-        The answer is yes if the PE has modules in the current epoch, or may have staged a newer epoch.
+        The answer is yes if the slice of the PE in the current epoch is not empty (the PE runs a module or
+        forwards data), or if the PE may have staged a newer epoch.
         """
         return bool(current.compiled.slices[self._spec.pes[pe].node_id]) or self._has_given_up
 

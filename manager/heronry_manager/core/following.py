@@ -84,8 +84,8 @@ class Following:
     ) -> None:
         """Begin before any LEASE was heard.
 
-        patience_ns: before the first LEASE, the PEs count as orphaned only after this time in ns; if some PE runs
-            a configuration, after three times T_lease if that is sooner.
+        patience_ns: how long this manager waits for the first LEASE before it may take over, in ns from now; at
+            most three times T_lease once it has heard that some PE runs a configuration.
         on_board: the configurations that PREPARE can name by number; None: there are none.
         """
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
@@ -110,8 +110,9 @@ class Following:
     def heard(self, node: int, message: ManagementMessage) -> Changes:
         """Learn from a command of another manager; gives the changes of the situation that the command announces.
 
-        A LEASE is taken from any manager. Every other command counts only if the followed manager sends it; an
-        ALIVE or a CONTROL must also have the term of this manager.
+        A LEASE counts from any manager, unless its term is lower than that of a LEASE taken within T_lease.
+        Every other command counts only if the followed manager sends it. An ALIVE or a CONTROL must also have
+        the term of the last LEASE that was taken.
         """
         if isinstance(message, Lease):
             self._lease(node, message)
@@ -189,8 +190,8 @@ class Following:
     def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
         """Note from page 0 of a PE whether the PE hears a LEASE.
 
-        If this manager follows no manager (`node` is None) and the PE is configured, the aircraft is taken to be in
-        flight. Then this manager waits for a LEASE no longer than it does in flight (`is_orphaned`).
+        If this manager follows no manager yet (`node` is None) and the PE is configured, the aircraft is taken to be in
+        flight. Then this manager waits for the first LEASE for three times T_lease at most, as `__init__` says.
 
         is_proven: False: the tag of the page is not valid; such pages are noted apart from the proven ones.
         """
@@ -229,7 +230,7 @@ class Following:
         return self._available
 
     def unbelieved(self) -> frozenset[str]:
-        """Give the PEs that were heard of late, but have proven no state to this manager in this time.
+        """Give the PEs that were heard within T_lease, but have proven no state to this manager in this time.
 
         If the active manager's last ALIVE has named any PEs, only the PEs that it named are given.
         """
@@ -248,7 +249,7 @@ class Following:
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
-        """Give the earliest time (ns) at which `is_orphaned` can become true if no further frame comes.
+        """Give the time (ns) at which the wait for a LEASE ends, so that `is_orphaned` may become true.
 
         None: this time has passed, so `is_orphaned` may be true already.
         """

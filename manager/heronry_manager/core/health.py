@@ -164,7 +164,10 @@ class Health:
         return self._records[pe].incarnation
 
     def said_incarnation(self, pe: str, since_ns: int) -> int | None:
-        """Give the boot count that a PE reported last, proven or not; None if it has changed after `since_ns`."""
+        """Give the boot count that a PE reported last, proven or not.
+
+        None: the PE has reported none, or its boot count has changed after `since_ns`.
+        """
         record = self._records[pe]
         return record.said if record.said_since_ns <= since_ns else None
 
@@ -212,7 +215,7 @@ class Health:
         return [record.name for record in discounted]
 
     def starting(self) -> bool:
-        """Tell whether the manager still waits for a PE that it has never heard, and that may be starting."""
+        """Tell whether the start-up window is open: the manager waits for PEs that are WAITING."""
         return self._window_closes_ns is not None
 
     def period_ns(self, pe: str) -> int:
@@ -309,9 +312,9 @@ class Health:
         record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
-        """Give the PEs named by `await_again` of which no state has been proven yet.
+        """Give the PEs for which the manager waits again since `await_again`.
 
-        When the start-up window has closed, there are none.
+        A PE is left out once one of its states is proven, once it falls silent, and when the start-up window closes.
         """
         return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
 

@@ -56,7 +56,7 @@ class HeldOutputs:
             self._turn.emit("outputs_held", pe=pe, modules=self._modules(pe), cause=held.cause)
 
     def status(self, pe: str) -> dict[str, Any] | None:
-        """Give the modules whose outputs a PE holds back, the cause, and the time since then in ns.
+        """Give the modules whose outputs a PE holds back, the cause, and for how long it has done so, in ns.
 
         None: the PE holds no outputs back, or has not done so for longer than T_lease.
         """

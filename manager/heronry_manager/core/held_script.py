@@ -117,12 +117,13 @@ class HeldScript:
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
         """Choose what to deploy: the configuration of a script, or `known`, the plan for this situation.
 
-        1. If the operator has just ordered a configuration, it is compared with `known`. If it is worse at level 1,
-           the order is refused; otherwise this configuration becomes the held one, and a plan of it is returned.
-        2. Then the configuration of the held script is compared with `known`. If it is worse at level 1, the script
-           ends; otherwise a plan of this configuration is returned.
+        1. If the operator has just ordered a configuration, it is compared with `known`. If it is worse at
+           level 1, the order is refused; otherwise this configuration becomes the held one, and a plan of it is
+           returned.
+        2. Then the configuration of the held script is compared with `known`. If it is worse at level 1, the
+           script ends; otherwise a plan of this configuration is returned.
 
-        Returns None if neither is left; then the caller has to deploy `known`.
+        Returns None if no script has a configuration that may be deployed; then the caller has to deploy `known`.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

@@ -84,10 +84,10 @@ class Knowledge:
             require(opened is None, "a manager that is not active has an epoch: {}", self._turn.recent)
 
     def _validate_memory(self) -> None:
-        """Check that the memory has what a restart must restore, as this manager knows it now.
+        """Check that the memory agrees with what this manager knows, in all that a restart must restore.
 
-        This is the phase, the latched faults, the losses of each PE in quarantine, and the current epoch with its
-        digest. Raises InvariantError if one of them differs.
+        This is the phase, the latched faults, the losses of each PE in quarantine, and the current epoch with
+        its digest. Raises InvariantError if the memory differs in one of them.
         """
         memory, situation, recent = self._turn.memory, self.situation, self._turn.recent
         current, runs = self.deployment.current, memory.runs

@@ -103,7 +103,7 @@ class TargetAsked:
 
 @dataclass(frozen=True, slots=True)
 class TargetReleased:
-    """The operator has ended the script that was held."""
+    """The operator has ended the script that was held, or that was ordered and not held yet."""
 
 
 SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased | TargetAsked | TargetReleased
@@ -264,9 +264,11 @@ class KnownSituation:
             self._request_accepted(pe, incarnation, number)
 
     def _request_accepted(self, pe: str, incarnation: int, detail: int) -> bool:
-        """Note that a phase request of a PE is executed, here or by another manager; tells whether it is new.
+        """Note that a phase request of a PE was executed, by this manager or another one.
 
         detail: number of the request, with or without the bit FORWARD_ONLY.
+
+        Returns True if this manager did not know the request before.
         """
         if not self._mission.accepted(pe, incarnation, detail):
             return False

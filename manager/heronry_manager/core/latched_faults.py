@@ -1,15 +1,16 @@
 """Faults that were reported: each is latched under the name of the element that failed (protocol rule 8).
 
     well      no fault is reported
-    latched   a PE or the operator has reported a fault: the element counts as down. Repeated reports have no effect,
-              and only the operator clears the element (`clear`). If the operator has declared an element failed, and a
-              PE then reports it, the report of the PE replaces the operator's: the PE may have stopped the element
+    latched   a PE or the operator has reported a fault: the element counts as down. Repeated reports have no
+              effect, and only the operator clears the element (`clear`). If the operator has declared an element
+              failed, and a PE then reports it, the report of the PE replaces the operator's: the PE may have
+              stopped the element
 
 *Modules.* A module with several possible PEs has a place on each of them, `module:NAME@PE`. If it fails on one PE, its
 place there is latched, and plans use the module on other PEs (`where`). The module is down everywhere in two cases:
 
 - It fails on a second PE. (A PE on which the code of the module is missing does not count as a second one.)
-- A module that watches its output reports it.
+- Another module, which watches the output of this module, reports that this module has failed.
 
 A module with one possible PE has no places, and is down at its first failure.
 
@@ -38,7 +39,7 @@ class LatchedFault:
     """A fault that counts until the operator clears its element.
 
     element: the element that has failed, as `kind:name`.
-    by: the PE that has reported it, or the operator.
+    by: the PE that has reported it, the operator, or another manager that announces it (`manager 126`).
     code: kind of the fault; `detail` depends on it.
     since_ns: when it was reported, on the manager's clock in nanoseconds.
     """
@@ -81,11 +82,12 @@ class LatchedFaults:
     def where(self, element: str, pe: str, code: FaultCode) -> str:
         """Give what counts as failed when a PE reports an element: the element, or only a module's place on that PE.
 
-        Only a module with several possible PEs has places. Only its place counts, except in three cases:
+        Only a module with several possible PEs has places. If it has a place on this PE, only this place counts,
+        except in three cases; then the whole module counts:
 
         - The module itself is latched already.
-        - The code says neither that the module has failed on this PE (`_FAILED_THERE`), nor that code is missing.
-        - The module has already failed on another PE, and this PE reports anything but missing code.
+        - `code` is neither MODULE_MISSING nor a code by which the module has failed on this PE (`_FAILED_THERE`).
+        - `code` is one of `_FAILED_THERE`, and the module has failed on another PE by such a code before.
         """
         place = f"{element}@{pe}"
         if place not in self._places or element in self._failed:

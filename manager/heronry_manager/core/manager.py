@@ -1,13 +1,13 @@
 """The manager's core: frames, time, plans and orders in; frames, requests for plans, events and records out.
 
-This file decides nothing itself: it only calls the parts that act, in the right order. It uses no clock, socket, solver
-or file.
+This file decides nothing itself: it only calls the parts that act, in the right order. It uses no clock, socket,
+solver or file.
 
     frame in ─► inbound ─► pe_reports ─► reactions ─► replanning ─► deployment ─► frames out
                    └────► succession (another manager) ─► mastership (whether this one is active)
 
-    knowledge      what is known: health, situation, what runs, what another manager sends. All of this is forgotten
-                   when the manager falls silent or stands by
+    knowledge      what is known: health, situation, what runs, what another manager sends. All of this is
+                   forgotten when the manager falls silent or stands by
     mastership     listening, standing by, starting, active or retired; carried out by `succession`
     inbound        every frame, decoded and authenticated
     pe_reports     what PEs report of themselves
@@ -17,23 +17,23 @@ or file.
 
 From a fault to a running configuration:
 
-1. *Health* says which PEs are available. The available PEs and the latched faults are the *situation*. A requested
-   mission phase, and an element that the operator fails or clears, change the situation like a fault.
-2. When the situation changes, the core requests a plan with `RequestPlan`. The answer is `PlanReady` or `PlanFailed`,
-   with the number of the request, so that an answer to an older request is dropped.
+1. *Health* says which PEs are available. The available PEs and the latched faults are the *situation*. A
+   requested mission phase, and an element that the operator fails or clears, change the situation like a fault.
+2. When the situation changes, the core requests a plan with `RequestPlan`. The answer is `PlanReady` or
+   `PlanFailed`, with the number of the request, so that an answer to an older request is dropped.
 3. The plan becomes an epoch (`Reconfiguration`), and the epoch becomes the running configuration.
 
 After each event the core does the following, in this order:
 
-1. A standby manager takes over, if no manager is active any more.
-2. If a PE was just lost, an ALIVE without this PE goes out.
-3. Epochs move on.
+1. If this manager stands by, and no manager is active any more, it takes over.
+2. If this manager is active, and a PE was just lost, an ALIVE without this PE goes out.
+3. If this manager is active, it commands the next step of each epoch for which nothing is left to wait for.
 
 When a manager was paused, frames and deadlines wait for it: the driver gives it the frames first.
 
-After a restart the manager begins a new term, and starts as usual. It begins with all that it remembers: the phase,
-latched faults, quarantines, what runs (`memory`, which the driver keeps in the journal). The PEs go on with what they
-run (`replanning`).
+After a restart the manager begins a new term, and starts as usual. It begins with all that it remembers: the
+phase, latched faults, quarantines, what runs (`memory`, which the driver keeps in the journal). The PEs go on
+with what they run (`replanning`).
 """
 
 from typing import Any

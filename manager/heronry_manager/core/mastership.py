@@ -205,10 +205,10 @@ class Claim:
     def is_refused(self, *, most_hear_none: bool) -> bool:
         """Tell whether most PEs have reported for long enough that they hear no LEASE, though this manager sends it.
 
-        most_hear_none: most PEs report this now. If False, the time begins anew, and the refusals until now are
-            forgotten.
+        "Long enough" is T_lease at first. After each refusal in a row, this time is doubled, up to a limit.
 
-        Long enough is T_lease at first. After each refusal the time is doubled, up to a limit.
+        most_hear_none: most PEs report this now. If False, the refusals so far are forgotten, and the PEs must
+            report it for the whole of T_lease again.
         """
         now_ns = self._turn.now_ns
         if not most_hear_none:

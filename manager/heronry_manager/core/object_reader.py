@@ -107,7 +107,12 @@ class ObjectReader:
     def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int, *, tries: int = 1) -> None:
         """Queue an object for reading; `take` is called once, with the value of the object.
 
-        `take` is called with None if the object cannot be read, or if too many objects wait already.
+        `take` is called with None in four cases:
+
+        - the object cannot be read
+        - too many objects wait already
+        - the object waits for another try, and is requested once more
+        - the reader has to drop all objects (`give_up`)
 
         tries: largest number of tries; another try follows only if the last one gave no value.
         """

@@ -1,24 +1,26 @@
-"""Details that PEs store for people: why modules failed, and how often a computer stood still. The manager reads them.
+"""Details that PEs store for people: why modules failed, and how often a computer stood still.
 
-*Failure of a module.* When an EMCY has reported the failure, the manager reads the reason by SDO, and emits it as an
-event. It keeps the last failure of each module. A PE that is busy may not answer. So the manager asks up to three
-times, two seconds apart. If it gets no answer, no event comes until the PE's next EMCY about the module.
+The manager reads these details by SDO.
+
+*Failure of a module.* When an EMCY has reported the failure, the manager reads the reason, and emits it as an
+event. It keeps the last failure of each module. A PE that is busy may not answer. So the manager asks up to
+three times, two seconds apart. If it gets no answer, no event comes until the PE's next EMCY about the module.
 
 *Traceback.* The manager reads it when the operator asks for it, from the PE that reported the last failure.
 
 *Standstills of a PE.* The manager reads them when the PE joins, answers a PING, or is heard again, and when the
 operator asks for the status. A standstill is *long* if it exceeds a heartbeat period.
 
-- A reading after a PING or a return causes an event if there were more long standstills than before: they may be the
-  reason why the PE was not heard. The event gives the longest standstill of the PE if that one is new, otherwise the
-  last long one.
-- If such a reading fails, the next reading after a PING, a return or a join causes the event.
-- A manager reads nothing when it becomes active, since a foreign SDO client may be reading just then. So its first
-  report on a PE counts from the start of that PE.
+- When a PE has answered a PING, or is heard again, the reading causes an event if the PE has had long standstills
+  since the last reading that was not for the status: they may be the reason why the PE was not heard. The event
+  gives the longest standstill of the PE if that one is new, otherwise the last long one.
+- If such a reading fails, the next successful reading causes the event, unless it is for the status.
+- A manager reads nothing when it becomes active, since a foreign SDO client may be reading just then. So its
+  first report on a PE counts from the start of that PE.
 
-A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no gateway
-forwards SDO. It keeps what it has read until it ends; another manager reads the details again. `object_reader` says
-what lost, late, doubled and forged frames cause. No decision depends on these details.
+A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no
+gateway forwards SDO. It keeps what it has read until it ends; another manager reads the details again.
+`object_reader` says what lost, late, doubled and forged frames cause. No decision depends on these details.
 """
 
 from collections.abc import Callable, Mapping
@@ -73,7 +75,7 @@ class PeDetails:
     def stood_still(self, event: StoodStill) -> None:
         """Count a standstill of this manager's computer, and report it as an event if it is long.
 
-        After such an event, another one within TELL_AGAIN_NS reports only a longer standstill.
+        For TELL_AGAIN_NS after such an event, only a standstill longer than the reported one is reported.
         """
         if self.own.count(event, self._turn.now_ns):
             self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)

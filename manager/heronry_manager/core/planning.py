@@ -123,9 +123,10 @@ class Planning:
         self._turn.emit("plan_ready", request=answer.request, plan=answer.plan.document(), decide_ns=decide_ns)
 
     def keeps_to(self, running: Plan | None, answer: PlanReady) -> bool:
-        """Tell whether the running plan stays, because a plan from a background request is not better.
+        """Tell whether the running plan stays, and the answer to a background request is dropped.
 
-        If so, the request ends.
+        This is so if a plan runs, and the plan of the answer is not better at levels 1 to 3. Then the request
+        ends, and its causes are dropped.
         """
         if running is None or not self.in_background or _is_better(answer.plan, running):
             return False
@@ -159,18 +160,19 @@ class Planning:
     def target_refused(self) -> None:
         """Note that the script is refused.
 
-        The causes of the plan that was requested for comparison with the script become those of a background request.
+        The plan that was requested for comparison with the script now counts as a plan from a background request:
+        its causes are named accordingly, and keep their times.
         """
         self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
     def forget(self) -> None:
-        """Drop the present request and its causes, since another manager plans from now on."""
+        """Drop the present request, its causes and the gathered causes, since this manager no longer plans."""
         self.waiting, self.again_ns, self.in_background = False, None, False
         self.causes.clear()
         self.gathered.clear()
 
     def done(self, causes: tuple[Cause, ...]) -> None:
-        """Drop these causes for a new plan, since the configuration that runs now was planned because of them."""
+        """Drop these causes, since the configuration that was planned because of them runs now."""
         self.causes = [cause for cause in self.causes if cause not in causes]
 
 

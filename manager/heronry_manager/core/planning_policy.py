@@ -8,7 +8,8 @@ simulator, which works in virtual time.
     idle       the pre-planner has answered every `PrePlan`; if a question is left, it goes out immediately
     planning   a `PrePlan` is out; the state ends with the PrePlannerAnswered that has its number
 
-With the next request of the core, the questions that are left are dropped: their configuration will not stay.
+When the core makes its next request, the questions that have not gone out yet are dropped: the configuration for
+which they were made will not stay.
 
 Only requests of the core, reports of the core, and answers of the processes change the state of the policy.
 
@@ -93,7 +94,7 @@ class Question:
 
 
 class Source(Enum):
-    """Where a plan comes from. The string of a member is what events show as the origin of a plan."""
+    """Where a plan comes from; events show the value, a string, as the origin of the plan."""
 
     CONTINGENCIES = "contingencies"
     PRE_PLANNED = "pre-planned"
@@ -248,7 +249,11 @@ class PlanningPolicy:
     # Questions ahead
 
     def _look_ahead(self, now: Situation, running: Placement) -> None:
-        """List the questions that are left to pre-plan."""
+        """List the questions to pre-plan while `running` runs in the situation `now`, in place of the old list.
+
+        A question that has an answer already, or that the pre-planner works on, is left out. Without a solver
+        nothing is listed.
+        """
         if not self._has_planner:
             return
         ahead = (Question(next_one, running) for next_one in self._next_situations(now))
@@ -271,7 +276,10 @@ class PlanningPolicy:
                 yield replace(now, phase=following)
 
     def _is_answered_ahead(self, one: Question) -> bool:
-        """Tell whether a plan or a contingency answers this question, or the pre-planner already works on it."""
+        """Tell whether a question needs no pre-planning.
+
+        This is so if a pre-planned plan or a contingency answers it, or the pre-planner works on it already.
+        """
         if self._recall(one) is not None:
             return True
         if self._in_pre_planning is not None and self._in_pre_planning.question == one:
@@ -302,7 +310,10 @@ class PlanningPolicy:
         self._in_pre_planning = None
 
     def _recall(self, question: Question) -> Plan | None:
-        """Give the pre-planned plan that answers a question, which is then forgotten last; None if there is none."""
+        """Give the pre-planned plan that answers a question; None if there is none.
+
+        Of all pre-planned plans that are kept now, this plan will be forgotten last.
+        """
         plan = self._pre_planned.pop(question, None)
         if plan is not None:
             self._pre_planned[question] = plan

@@ -1,33 +1,34 @@
 """One epoch, from PREPARE to the last ACTIVE: the manager's half of the two phases (protocol rule 4).
 
     PREPARING   PREPARE and the slices are out; every awaited PE must report that it has staged this epoch's digest
-    BREAKING    ACTIVATE(BREAK) is out; PEs that give up something exclusive must report BROKEN, and unavailable PEs
-                must have stopped sending under the identifiers that are placed elsewhere
+    BREAKING    ACTIVATE(BREAK) is out; PEs that give up something exclusive must report BROKEN. If an unavailable
+                PE may still run a module that this epoch places elsewhere, this PE must have stopped sending under
+                the identifiers of the module
     HOLDING     ACTIVATE(GO) is out: new DEMUX branches wait until a silent PE has certainly stopped
     GOING       ACTIVATE(GO_ALL) is out; every awaited PE must report ACTIVE
     DONE        every awaited PE is ACTIVE (a PE that is admitted to the epoch later still gets its slice)
     ABANDONED   given up before ACTIVATE: the number is never used again
 
-BREAKING and HOLDING are left out when there is nothing to wait for. After the first ACTIVATE the epoch cannot be given
-up: only a newer epoch can follow.
+BREAKING and HOLDING are left out when there is nothing to wait for. After the first ACTIVATE the epoch cannot be
+given up: only a newer epoch can follow.
 
-*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice, too, and takes its
-steps when LEASE repeats them. The epoch waits for such a PE in one case: if the PE must give up something exclusive. So
-the aircraft depends on the ground as little as possible.
+*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice, too, and takes
+its steps when LEASE repeats them. The epoch waits for such a PE in one case: if the PE must give up something
+exclusive. So the aircraft depends on the ground as little as possible.
 
 *On board.* If a PE holds the configuration (protocol rule 5), it needs no slice: PREPARE gives the number of the
-configuration in the table. A PE that reports NOT_ON_BOARD, or is known not to hold the configuration, gets its slice as
-usual.
+configuration in the table. A PE that reports NOT_ON_BOARD, or is known not to hold the configuration, gets its
+slice as usual.
 
-*Repetition.* Every message is repeated until it is acknowledged. The waits before the repetitions are 1, 2, 4, and then
-always 8 heartbeat periods. So a lost frame delays little, and a slow PE is not flooded. The first wait is long enough:
-without losses no answer takes so long (`reconfiguration_bound` checks that). If the manager has waited for one answer
-of a PE for PATIENCE_PERIODS, the PE is overdue; the core fails it and plans without it. After a pause of the manager,
-the driver hands over all waiting frames before any PE counts as overdue (`driver`).
+*Repetition.* Every message is repeated until it is acknowledged. The waits before the repetitions are 1, 2, 4, and
+then always 8 heartbeat periods. So a lost frame delays little, and a slow PE is not flooded. The first wait is
+long enough: without losses no answer takes so long (`reconfiguration_bound` checks that). If the manager has waited
+for one answer of a PE for PATIENCE_PERIODS, the PE is overdue; the core fails it and plans without it. After a
+pause of the manager, the driver hands over all waiting frames before any PE counts as overdue (`driver`).
 
-*Load on the bus.* PREPARE and ACTIVATE are for all PEs, and all PEs answer them. So these commands are repeated once in
-half a heartbeat period at most, however many PEs are late. Slices are paced to half the bus, because their identifier
-outranks all data; the head of a slice goes just before its body.
+*Load on the bus.* PREPARE and ACTIVATE are for all PEs, and all PEs answer them. So these commands are repeated
+once in half a heartbeat period at most, however many PEs are late. Slices are paced to half the bus, because their
+identifier outranks all data; the head of a slice goes just before its body.
 
 *Faults.* An answer names its epoch and how far the PE is, so a late or doubled answer counts once. A doubled command
 has no effect. A manager that restarts does not know an epoch that was under way. A PE that has taken a step of that

@@ -3,28 +3,29 @@
     a change      an epoch that is being prepared is abandoned, and a plan is requested: immediately, or once this
                   manager has listened and the start-up window has closed. A standby manager requests nothing
     a plan        that runs already changes nothing; any other plan opens an epoch (`deployment`)
-    a script      of the operator names a configuration, its target (`held_script`). The target is deployed in place of
-                  the plan if the plan is not better
-    an epoch      that is completed drops its causes. If nothing else is under way, the optimal plan is requested in the
-                  background, or the core reports that the configuration has settled (`Settled`)
+    a script      of the operator names a configuration, its target (`held_script`). The target is deployed in
+                  place of the plan unless it is worse than the plan at level 1
+    an epoch      that is completed drops its causes. If nothing else is under way, the optimal plan is requested
+                  in the background, or the core reports that the configuration has settled (`Settled`)
     a storm       of changes: they are gathered, and what is under way is finished first where possible (`storms`)
 
 Three things stay apart: the plan is desired; `Deployment.current`, the last epoch whose ACTIVATE was sent, is
 commanded; only state frames show what a PE runs.
 
-A fault while an epoch is being prepared ends that epoch. A fault after the first ACTIVATE does not end the epoch: LEASE
-goes on repeating its step until the next epoch is ready to replace it.
+A fault while an epoch is being prepared ends that epoch. A fault after the first ACTIVATE does not end the epoch:
+LEASE goes on repeating its step until the next epoch is ready to replace it.
 
 *What runs already.* After a restart or a take-over, PEs go on with the configuration that they run:
 
-- The manager knows this configuration: it adopts it. If the configuration may stay as it is, the manager requests the
-  optimal plan in the background; if not, it requests an immediate plan.
+- The manager knows this configuration: it adopts it. If the configuration may stay as it is, the manager requests
+  the optimal plan in the background; if not, it requests an immediate plan.
 - The manager does not know this configuration: it requests a plan. The result may be the configuration that runs.
 
-*Advising.* A manager that only advises plans as if it were active, and reports what it would do (`advice`). When the
-PEs run an advised plan, it adopts this plan. While another manager is active, it follows what this manager announces
-and activates, as a standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor
-advised, it reports the unknown epoch, and advises nothing.
+*Advising.* An advising manager, one that only advises, plans as if it were active, and reports what it would do
+(`advice`). When the PEs run an advised plan, the advising manager adopts this plan. While another manager is active,
+the advising manager follows what the active manager announces and activates, as a standby manager does (`following`).
+If the PEs run a configuration that the advising manager has neither overheard nor advised, it reports the unknown
+epoch, and advises nothing.
 
 `planning` drops answers that are late or doubled, and repeats a request after the planner has failed.
 """

@@ -16,7 +16,8 @@ class ManagerSettings:
     node: 126 or 127.
     window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds.
     advise: the manager sends nothing on the bus, and only reports what it would do.
-    on_board: the configurations that PREPARE can name by number, to PEs that hold their part of the contingency file.
+    on_board: the numbers by which PREPARE names configurations to PEs that have their slices of them on board; None:
+        PREPARE names none by number.
     key: key of the fleet; with it every command is tagged, and the manager believes nothing without a tag.
     standby: the manager stands by while another manager is active; without this setting it ends.
     tells_departures: the driver reports when an ALIVE is on the bus; if False, each ALIVE counts as sent immediately.
@@ -45,7 +46,7 @@ class ManagerSettings:
 
     @property
     def goes_first(self) -> bool:
-        """Tell whether this manager may begin as soon as it hears no other manager.
+        """Tell whether this manager may begin a term as soon as it has listened and heard no other manager.
 
         It may if it has node-ID 126, or if `standby` is False.
         """

@@ -1,10 +1,13 @@
-"""The standing of a PE: its state as the manager sees it, and the table of changes; `health` decides on each change.
+"""The standing of a PE: its state as the manager sees it, and the table of changes.
 
-    WAITING    never heard, the start-up window is open
-    UP         heard within its period
-    SUSPECT    a period was missed, and the manager has sent PING; still available
-    DOWN       declared down after `misses` silent periods, or never heard when the window closed, or failed by the
-               manager
+`health` decides on each change.
+
+    WAITING    the manager waits for the PE until the start-up window closes: the PE was not heard yet, or its states
+               are not authenticated yet in a new mastership
+    UP         heard in time
+    SUSPECT    late by a quarter of a heartbeat period, and the manager has sent PING; still available
+    DOWN       silent for `misses` heartbeat periods and a quarter, or still WAITING when the window closed, or failed
+               by the manager, for example after a reboot
     RETURNING  heard again; available after a hold-down without a gap
 
 A PE is available while it is UP or SUSPECT.

@@ -52,8 +52,8 @@ class Suspicions:
     def bus(self, bus: str, by: str) -> None:
         """Note that the PE `by` reports a failure of a bus.
 
-        If the report is new, emit two events: the first has the report, and the evidence of this manager that the bus
-        carries frames or does not. The second has the conclusion.
+        If the report is new, emit two events. The first has the report, and this manager's evidence that the bus
+        carries frames, or says that there is no such evidence. The second has the conclusion.
         """
         element = f"bus:{bus}"
         if not self._note(element, by):

@@ -66,7 +66,7 @@ class Turn:
     def end(self) -> list[ManagerAction]:
         """Return all actions that were requested since the last call of this method, in order, and forget them.
 
-        If `seal` is set, it adds the TAGs.
+        With a key, the function in the attribute `seal` adds the TAGs to them; it is None without a key.
         """
         actions, self._actions = self._actions, []
         return actions if self.seal is None else self.seal(actions)

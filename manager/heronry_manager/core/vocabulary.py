@@ -178,7 +178,7 @@ Order = OrderToExecute | AskStatus | AskTraceback
 
 @dataclass(frozen=True, slots=True)
 class OperatorSaid:
-    """An order of the operator, with the number that its Reply repeats.
+    """An order of the operator, and the `number` by which its Reply is recognized.
 
     The Reply to AskTraceback comes in a later call of the core; every other order is answered in the same call.
     """

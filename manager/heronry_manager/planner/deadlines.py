@@ -1,11 +1,11 @@
 """Deadlines (semantics rule 9), added to the solver's model when a solution has missed one.
 
-Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed. Late messages of a
-solution are ruled out in two ways. Neither way excludes a legal plan.
+Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed. Late messages of
+a solution are ruled out in two ways. Neither way excludes a legal plan.
 
-*In time* is a condition on one message. It is added once, and holds for every set of other messages. The message has a
-*window*: the time from its release until the latest moment at which its transmission may begin. Its first instance
-leaves in time if and only if the bus is free for it at some moment t in the window:
+*In time* is a condition on one message. It is added once, and holds for every set of other messages. The message
+has a *window*: the time from its release until the latest moment at which its transmission may begin. Its first
+instance leaves in time if and only if the bus is free for it at some moment t in the window:
 
     B + sum of ceil((t + 1) / T) x C  <=  t          all in bit times
 
@@ -13,20 +13,22 @@ leaves in time if and only if the bus is free for it at some moment t in the win
     T   period of a more urgent message; the sum is over all these messages
     C   length of that message
 
-The sum grows only just after the moments t = k x T - 1. So few moments count: these, and the end of the window. The
-model has one literal for each of these moments. If the message is published, one of its literals must hold. A message
-that comes over a gateway needs a moment on each of the two buses, and both waits together must fit its deadline. So it
-has one literal for each pair of moments; if there are too many pairs, only the second bus is considered.
+The sum grows only just after the moments t = k x T - 1. So only these moments, and the end of the window, have to be
+examined. The model has one literal for each of them. If the message is published, one of its literals must hold. A
+message that comes over a gateway needs a moment on each of the two buses, and both waits together must fit its
+deadline. So it has one literal for each pair of moments; if there are too many pairs, only the second bus is
+considered.
 
-The condition is not added if it has too many moments, because the deadline is far away. The condition is necessary, but
-not sufficient: it leaves out the jitter of the more urgent messages, and later instances of the message.
+If the deadline is far away, there may be too many moments; then the condition is not added. The condition is
+necessary, but not sufficient: it leaves out the jitter of the more urgent messages, and later instances of the
+message.
 
 *Not together* is a set of messages that must not all be published: a cut. It is added if a message is late although
 the solution meets its condition *in time*, or if the model does not have this condition. The analysis names all
-messages on which the late message depends. Messages are taken out of this set, one after the other, as long as the late
-message stays late: the smaller the set, the more plans the cut rules out. A message that is late in a set is late in
-every larger set, since a further message makes no message earlier. It is also late if another message of the set comes
-over more buses, since that message then has more jitter.
+messages on which the late message depends. Messages are taken out of this set, one after the other, as long as the
+late message stays late: the smaller the set, the more plans the cut rules out. A message that is late in a set is
+late in every larger set, since a further message makes no message earlier. It is also late if another message of the
+set comes over more buses, since that message then has more jitter.
 """
 
 from collections.abc import Iterable, Iterator, Set

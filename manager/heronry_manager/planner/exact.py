@@ -4,18 +4,17 @@ The planner starts from the greedy plan, builds one model for the solver, and ta
 
 1. It maximises the value of the group. Each solution is analysed before it counts. If a solution misses a deadline
    (semantics rule 9), the model excludes it, and the group is solved again.
-2. It fixes the value that was reached: later groups must not make this value worse. So a value is fixed only when a
-   legal configuration reaches it.
+2. It fixes the best value that a legal configuration has reached: later groups must not make this value worse.
 
-A level whose value has reached its upper bound needs no search. As a rule this is so for the levels of the functions,
-since the greedy plan serves all that can be served. If the greedy plan serves less, the planner first chooses which
-modules run, and then finds PEs for them (`choosing`). If this result is below the bound, the planner searches over all
-modules and PEs together.
+A level whose value has reached its upper bound needs no search. As a rule this is so for the levels of the functions
+(levels 1 and 2), since the greedy plan serves all that can be served. If the greedy plan serves less, the planner
+first chooses which modules run, and then finds PEs for them (`choosing`). If this result is below the bound, the
+planner searches over all modules and PEs together.
 
-The planner is deterministic: one worker, a fixed seed, no clock. The search is limited by the solver's own count of its
-work, `effort`. When this limit is reached, the planner returns the best configuration found so far; the plan then says
-for each level whether its value is proven, or how good the value could be. There is always a plan: at worst the greedy
-one.
+The planner is deterministic: one worker, a fixed seed, no clock. The search is limited by the solver's own count of
+its work, `effort`. When this limit is reached, the planner returns the best configuration found so far; the plan then
+says for each level whether its value is proven, or how good the value could be. There is always a plan: at worst the
+greedy one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -228,7 +227,10 @@ class Search:
                 return
 
     def _look(self, solver: CpSolver) -> bool | None:
-        """Search once; tell whether the solution meets its deadlines and was kept. None if no solution was found."""
+        """Search once, and keep the solution if it meets its deadlines and is better than the best one so far.
+
+        Tells whether the solution meets its deadlines. None: no solution was found.
+        """
         status = solver.solve(self._model)
         self._effort -= solver.response_proto.deterministic_time
         if status not in (OPTIMAL, FEASIBLE):

@@ -195,9 +195,10 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
 
 
 def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
-    """Yield the least number of points that each group of modules must lose, because only one of its modules can run.
+    """Yield, for each group of modules of which only one can run, the points of all its modules but the best one.
 
-    The branches of a DEMUX are a group, and so are its ends. A module in several groups counts only in the first one.
+    No configuration can have these points, so the caller subtracts them from the sum of `most`. The branches of a
+    DEMUX are a group, and so are its ends. A module in several groups counts only in the first one.
 
     most: by name of a module, the most points that its inputs can have.
     """

@@ -78,9 +78,9 @@ class Publishing:
             self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
 
     def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
-        """Yield each message on the bus of `hop` that is more urgent than that of `hop`: its key, and a hop for it.
+        """Yield all messages that are sent on the same bus as the message of `hop`, and are more urgent than it.
 
-        A yielded hop names no bus before this one (its `after` is None).
+        Each is given as its key and a hop that stands for it; this hop names no bus before (its `after` is None).
 
         identifiers: identifier of each (producing module, variable); the lower one is more urgent.
         """

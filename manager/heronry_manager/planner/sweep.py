@@ -121,7 +121,9 @@ class Sweep:
         self._used: dict[int, frozenset[str]] = {}  # by `id` of an outcome; outcomes are kept, so it is unique
 
     def run(self, ask: Ask) -> None:
-        """Find the plan for each fault set in each phase, then the plan for the loss of each place in use (if wanted).
+        """Find the plan for each fault set in each phase.
+
+        Then, if `places` of the scope is set, find the plan for the loss of each place that a fault-free plan uses.
 
         ask: gives the plans that need a search.
         """
@@ -194,7 +196,10 @@ class Sweep:
         return twin
 
     def _inherited(self, phase: Phase, down: FaultSet, lost: frozenset[str]) -> Outcome | None:
-        """Give the first plan for all faults of `down` but one that uses no element of `lost`; None: there is none."""
+        """Give a plan for `down` without one of its faults, if that plan uses no element of `lost`.
+
+        The faults are left out in the order of their names; the first such plan is given. None: there is none.
+        """
         for element in sorted(down):
             outcome = self.outcomes[phase, down - {element}]
             if self._used[id(outcome)].isdisjoint(lost):

@@ -2,22 +2,24 @@
 
 *Wires*. Each (consumer, mode, leaf, source) has a literal, which is true if this wire is in use.
 
-*Gates*. Only an input of an OR or a XOR may or may not hold, so only such an input needs a variable. A gate is built by
-two methods; `above` is the literal of what the gate belongs to:
+*Gates*. All inputs of an AND must hold, so they need no variables that say whether they hold. Each input of
+another gate (an OR or a XOR) needs such a variable; for a leaf, those of its wires serve. A gate is built by
+two methods; `above` is the literal of the mode or of the gate to which the gate belongs:
 
-    _require   builds a gate that must hold if `above` is true. If `above` is false, nothing below the gate is wired
-    _offer     builds an input that may hold while `above` is true. It returns literals: if the input holds, exactly one
-               of them is true
+    _require   builds a gate that must hold if `above` is true. If `above` is false, nothing below the gate is
+               wired
+    _offer     builds an input that may hold while `above` is true. It returns literals: if the input holds,
+               exactly one of them is true
 
 A leaf that must hold, with only one possible source, needs no variable: the literal of its wire is `above` itself.
 
-A gate of the kind 0-of-n holds with nothing wired below it. So both values of its literal mean the same configuration.
-This does no harm, since the loader allows no such gate in a XOR.
+A gate of the kind 0-of-n holds with nothing wired below it. So both values of its literal mean the same
+configuration. This does no harm, since the loader allows no such gate in a XOR.
 
-*Purpose* (semantics rule 5). A module that serves no function by itself must feed a module that has a purpose. Modules
-that feed each other in a circle must not get their purpose from each other alone. So the model has ranks: each module
-has a higher rank than some module that it feeds. Only modules on such circles have ranks (strongly connected components
-of the relation "could feed").
+*Purpose* (semantics rule 5). A module that serves no function by itself must feed a module that has a purpose.
+Modules that feed each other in a circle must not get their purpose from each other alone. So the model has
+ranks: each module has a higher rank than some module that it feeds. Only modules on such circles have ranks
+(strongly connected components of the relation "could feed").
 """
 
 from collections.abc import Iterable, Iterator
@@ -56,7 +58,8 @@ class Wiring:
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
         """Yield each wire's variable with the value that the variable has for this configuration.
 
-        A wire without a variable of its own is left out. The values of all other variables follow.
+        Left out are wires that have no variable of their own, and the variables of gates and ranks: the solver
+        finds the values of these variables itself.
         """
         for (consumer, mode, path), wires in self.wires.items():
             running = configuration.modules.get(consumer)

@@ -187,7 +187,7 @@ class ControlSocket:
         return OperatorSaid(self._number, order)
 
     def _follow(self, caller: socket.socket) -> None:
-        """Make a caller a follower of events, or refuse because there are too many followers.
+        """Make a caller a follower of events; if there are too many followers already, tell the caller so.
 
         A new follower gets no answers to the orders that it gave before.
         """

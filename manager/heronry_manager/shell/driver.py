@@ -152,7 +152,7 @@ class ManagerDriver:
                 self._telling.tell_until(self._now_ns() - HELD_NS if self._frozen_ns is None else None)
 
     def _emit(self, told: dict[str, Any]) -> None:
-        """Give an event to the stream of this process, and to all clients that follow the events."""
+        """Give an event to `emit` (with `in_order`, after a delay), and to all clients that follow the events."""
         if self._telling is None:
             self._tell_stream(told)
         else:
@@ -245,7 +245,7 @@ class ManagerDriver:
                 return
 
     def _departed(self, frame: Frame, _now_ns: int, _took_ns: int) -> None:
-        """Keep an ALIVE frame that is on the bus, to report it to the core after the present step."""
+        """Keep an ALIVE frame that was sent on the bus; `_take_frames` reports it to the core."""
         if frame.can_id == self._core.alive_id:
             self._said.append(frame)
 

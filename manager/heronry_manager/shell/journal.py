@@ -1,35 +1,36 @@
-"""The manager's journal: its memory on disk. If the process is killed, even within a write, a restart has all it needs.
+"""The manager's journal: its memory on disk, complete for a restart even if the process is killed within a write.
 
-    STATE_DIR/manager-NODE.journal      lines of `checked_lines`. Lines are only appended. The whole file is written
-                                        anew when it is opened, and when it has grown long
+    STATE_DIR/manager-NODE.journal      lines of `checked_lines`. Lines are only appended. The whole file is
+                                        written anew when it is opened, and when it has grown long
 
-Each line is `[number, kind, fields...]`. Line 0 is the head (format, name and digest of the spec). The other lines are
-records of `heronry_manager.core.memory`, numbered in turn. *Every line is written twice*, with an empty line between
-the copies. So if a single bit has changed on the disk, even in a line break, one copy of every record is left. If both
-copies of a record are damaged:
+Each line is `[number, kind, fields...]`. Line 0 is the head (format, name and digest of the spec). The other
+lines are records of `heronry_manager.core.memory`, numbered in turn. *Every line is written twice*, with an
+empty line between the copies. So if a single bit has changed on the disk, even in a line break, one copy of
+every record is left. If both copies of a record are damaged:
 
-    facts     are read only up to the damage: a restart has the facts that were known before this record was written
-    numbers   (terms, blocks of epochs or counters) are read from every undamaged line, also after the damage, since
-              numbers only rise
+    facts     are read only up to the damage: a restart has the facts that were known before this record was
+              written
+    numbers   (terms, blocks of epochs or counters) are read from every undamaged line, also after the damage,
+              since numbers only rise
 
 To reserve a block of numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the
 first frame that uses a number of the block. The driver carries actions out in order, so the record is fsynced before
 any later frame is sent. After a restart `memory.reserved[kind]` is the last number that may have been used.
 
-When each part is on disk:
+The parts of the journal reach the disk at different times:
 
     terms, blocks of numbers   fsynced before `write` returns, hence before any later frame
-    facts                      given to the kernel by `write` (a kill of the manager loses nothing), fsynced by a thread
-                               that `sync` starts, so that a slow disk delays no frame
+    facts                      given to the kernel by `write` (a kill of the manager loses nothing), fsynced by
+                               a thread that `sync` starts, so that a slow disk delays no frame
     the whole file             a draft is fsynced and replaces the old file; then the folder is fsynced
 
-A disk that is full or read-only does not stop the manager. `problem` says what is wrong, and the manager goes on with
-the memory in this process. It tries to write the whole file anew at every later record, and in `sync` every `RETRY_NS`.
-Until this succeeds, a restart may use a term or a block of numbers a second time.
+A disk that is full or read-only does not stop the manager. `problem` says what is wrong, and the manager goes
+on with the memory in this process. The journal tries to write the whole file anew at every later record, and in
+`sync` every `RETRY_NS`. Until this succeeds, a restart may use a term or a block of numbers a second time.
 
-A full disk or a power cut may leave an empty file. An empty file must not keep a manager from starting, so the journal
-then begins anew, and `warning` says so. If the path leads to a pipe or a folder, or to a journal of a later version,
-the manager does not start.
+A full disk or a power cut may leave an empty file. An empty file must not keep a manager from starting, so the
+journal then begins anew, and `warning` says so. If the path leads to a pipe or a folder, or to a journal of a
+later version, the manager does not start.
 
 A journal belongs to one spec. If the spec has changed, the manager starts only with `--changed-spec`. Then the numbers
 are kept, and the facts are dropped, since they are about another aircraft. Only one manager at a time may write a

@@ -1,16 +1,19 @@
 """Runs the processes that plan: gives them the requests for plans, and takes their answers.
 
-`heronry_manager.core.planning_policy` (the *policy*) decides which process gets which request. The planner's process is
-started before the flight, the pre-planner's process with its first request.
+`heronry_manager.core.planning_policy` (the *policy*) decides which process gets which request. The planner's
+process is started before the flight, the pre-planner's process with its first request.
 
-The policy learns that a configuration has settled when no other request came for `CALM_NS`. So while a device fails and
-recovers again and again, nothing is pre-planned, and the nodes on this computer get the time. For the same reason the
-planner's last optimal plans are kept: it is deterministic, so a repeated question is answered without its process.
+Two measures save processor time while a device fails and recovers again and again:
 
-Every request has a time budget, which begins when the request is made. A process that has not answered by the end of
-the budget is killed and replaced, and all its requests have failed. (The process may have been stopped, its disk may
-not answer, or the search may not end.) If the aircraft waits for the plan, the policy then uses the greedy planner,
-which needs no process.
+- The policy learns that a configuration has settled only when no other request has come for `CALM_NS`. So
+  nothing is pre-planned meanwhile, and the nodes on this computer get the processor time.
+- The planner's last optimal plans are kept. The planner is deterministic, so if a request is repeated, the kept
+  plan answers it, and the planner's process is not needed.
+
+Every request has a time budget, which begins when the request is made. A process that has not answered by the
+end of the budget is killed and replaced, and all its requests have failed. (The process may have been stopped,
+its disk may not answer, or the search may not end.) If the aircraft waits for the plan, the policy then uses
+the greedy planner, which needs no process.
 """
 
 import time
@@ -97,9 +100,10 @@ class PlannerProcesses:
         return [one for one in (self._planner, self._pre_planner) if one is not None]
 
     def take(self, told: RequestPlan | Settled) -> list[PlanReady | PlanFailed]:
-        """Give a request or report of the core to the policy; returns an immediate answer, if there is one.
+        """Take a request or report of the core; returns an immediate answer, if there is one.
 
-        `poll` gives later answers.
+        A request goes to the policy at once, and `poll` gives its later answers. The report that a
+        configuration has settled goes to the policy in `poll`, if no request comes within `calm_ns`.
         """
         if isinstance(told, Settled):
             if self._settled is None or self._settled[1] != told:
@@ -132,7 +136,8 @@ class PlannerProcesses:
     def next_deadline_ns(self) -> int | None:
         """The time (ns) at which to call `poll` at the latest; None: nothing waits for a time.
 
-        Then the budget of a request ends, or the configuration has run for long enough. 0: an answer is at hand.
+        At this time the budget of a request ends, or the configuration has run for `calm_ns`, so that
+        pre-planning for it may begin. 0: a kept plan already waits for `poll`.
         """
         if self._at_hand:
             return 0
@@ -159,7 +164,11 @@ class PlannerProcesses:
         return answers
 
     def _is_at_hand(self, request: RequestPlan) -> bool:
-        """Answer a request with a kept plan, at the next poll; if there is none, note the request and return False."""
+        """Have the next poll answer a request with a kept plan; returns False if no plan is kept for the request.
+
+        In that case the request is noted, so that its plan can be kept. A request without a running placement
+        is never answered with a kept plan, and not noted.
+        """
         if request.running is None:
             return False
         question = Question(request.now, request.running)

@@ -45,10 +45,10 @@ def target_of(text: str, spec: Spec, core: ManagerCore) -> FlyTarget:
 
 
 def target_in(text: str, spec: Spec, now: Situation, running: Configuration) -> FlyTarget:
-    """Apply a script to the configuration `running` in the situation `now`, and return the resulting configuration.
+    """Apply a script to the configuration `running` in the situation `now`, and return the result.
 
-    If the script cannot be applied, or if one of its edges can be no wire, the result gives the reason as its
-    `problem`.
+    In two cases the result gives a reason as its `problem` instead: the script cannot be applied, or one of its
+    edges does not lead from an output of a module to an unwired input for the same variable.
     """
     outcome = apply_to_plan(text, spec, now, running, MOST_PLACEMENTS)
     if outcome.errors:

@@ -107,8 +107,8 @@ class Faults:
     def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
         """Record a fault; returns the frames that report it.
 
-        Returns no frames while an earlier report of the fault is not acknowledged. If the code is REPORTED, this also
-        holds for a second after the acknowledgement.
+        Returns no frames while an earlier report of the fault is not acknowledged. If the code is `FaultCode.REPORTED`
+        (a module has reported the element), it also returns none for a second after the acknowledgement.
         """
         key = (code, kind, index)
         if key in self._pending:

@@ -2,32 +2,32 @@
 
 Two things can be measured at any CAN interface:
 
-    carried     the bit rate that the radio achieves. While a frame of this node is in the controller, the radio is
-                never idle. So this bit rate is the bits of the frame, and of all frames heard meanwhile, divided by the
-                time for which the frame was in the controller. Where the driver cannot tell this time, the carried bit
-                rate is not measured
-    delivered   the share of the frames that arrive. Frames are numbered: state frames for each bus, data and output
-                echoes for each identifier. A gap in the numbers shows a loss
+    carried     the bit rate that the radio achieves. While a frame of this node is in the controller, the radio
+                is never idle. So this bit rate is the bits of the frame, and of all frames heard meanwhile,
+                divided by the time for which the frame was in the controller. Where the driver cannot tell this
+                time, the carried bit rate is not measured
+    delivered   the share of the frames that arrive. Frames are numbered: state frames for each bus, data and
+                output echoes for each identifier. A gap in the numbers shows a loss
 
-The usable bit rate is the carried bit rate times the delivered share, both over the last ten heartbeat periods. If this
-product over the last two periods is at most half of the product over ten, only the last two periods count. The reason:
-if the bandwidth is reduced too late a queue grows, so it is better to reduce it too early.
+The usable bit rate is the carried bit rate times the delivered share, both over the last ten heartbeat periods.
+If this product over the last two periods is at most half of the product over ten, only the last two periods
+count. The reason: if the bandwidth is reduced too late a queue grows, so it is better to reduce it too early.
 
-An *outage* is a time in which the radio carries nothing in either direction: no frame is heard for a period and a half
-or more. An outage shows nothing about the bandwidth before and after it. So it counts as only one lost frame of each
-sender, and the frame of this node that was stuck in the controller does not count.
+An *outage* is a time in which the radio carries nothing in either direction: no frame is heard for a period and
+a half or more. An outage shows nothing about the bandwidth before and after it. So it counts as only one lost
+frame of each sender, and the frame of this node that was stuck in the controller does not count.
 
-The radio is *gone* when no frame has been heard for as many periods as a node of its bus may miss, plus an eighth of a
-period. The manager declares a node down only an eighth of a period later. So the manager first learns that the radio is
-gone, and everything beyond it with it. When a frame is heard again, the measurement begins anew.
+The radio is *gone* when no frame has been heard for as many periods as a node on the bus of the radio may miss, plus an
+eighth of a period. The manager declares a node down only an eighth of a period later. So the manager hears that the
+radio is gone before it would declare the single nodes beyond the radio down, and considers all of them down at once.
 
 The numbers of a sequence are counted anew in two cases:
 
 - They jump: the sender has rebooted.
 - The sequence was not heard for ten periods: its frames may have taken another route.
 
-A doubled or late frame does not count as a loss. A forged state frame looks like a loss. It reduces the bandwidth that
-the gateway uses over this radio, and has no other effect on the aircraft.
+A doubled or late frame does not count as a loss. A forged state frame looks like a loss. It reduces the
+bandwidth that the gateway uses over this radio, and has no other effect on the aircraft.
 """
 
 from collections import deque

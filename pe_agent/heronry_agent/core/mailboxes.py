@@ -115,8 +115,8 @@ class Mailboxes:
     def inputs(self, module: int, now_ns: int) -> Mapping[str, tuple[str, Datum]]:
         """Return the present inputs of a module: (variable, datum) by path of the leaf.
 
-        Until the first datum of a leaf has come, the initial value of the leaf is its datum, if it has one. A leaf
-        without a fresh datum is left out.
+        A leaf that has an initial value gets this value until the first datum of its source has come. A leaf
+        that has neither a fresh datum nor this initial value is left out.
         """
         seen = {}
         for wire in self._wires[module]:

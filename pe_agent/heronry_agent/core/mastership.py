@@ -1,24 +1,24 @@
 """Which manager a PE follows: that of the highest term heard (protocol rule 7), and whether its lease still runs.
 
-*Term.* A term belongs to the manager that was first heard with it. Two managers never use the same term. So the PE
-refuses a command of another manager with this term, and every command with a lower term.
+*Term.* A term belongs to the manager that was first heard with it. Two managers never use the same term. So the
+PE refuses a command of another manager with this term, and every command with a lower term.
 
 *Lease.* The lease of the manager runs as long as the PE has heard a LEASE of the highest term within the last T_lease.
 Here T_lease is that of the slowest bus between the manager and this PE, since LEASE comes at the rate of that bus. If
-the lease ends, modules continue (policy `keep`). The state frames then report that no LEASE is heard, and the standby
-manager counts these reports.
+the lease ends, all modules continue with the policy `keep`, and with the policy `safe_mode` all but the expendable ones
+(`without_manager`). The state frames then report that no LEASE is heard, and the standby manager counts these reports.
 
-*Has the manager activated?* A manager that has just become active does not know yet what runs, and which PEs have
-released their exclusive outputs. Its first LEASE or ACTIVATE with the step GO_ALL shows that it knows both
+*Has the manager activated?* A manager that has just become active does not know yet what runs, and which PEs
+have released their exclusive outputs. Its first LEASE or ACTIVATE with the step GO_ALL shows that it knows both
 (`has_activated`).
 
-*Lost, late, doubled and forged frames.* Up to four LEASEs in a row may be lost within T_lease. A doubled LEASE has no
-effect. A late LEASE counts from the time at which it arrived, not from when it is read: a pause of the process does not
-prolong a lease. If the PE has a key, `authenticity` refuses forged LEASEs.
+*Lost, late, doubled and forged frames.* Up to four LEASEs in a row may be lost within T_lease. A doubled LEASE
+has no effect. A late LEASE counts from the time at which it arrived, not from when it is read: a pause of the
+process does not prolong a lease. If the PE has a key, `authenticity` refuses forged LEASEs.
 
-*Restart.* The term is kept in memory only. A PE that restarts runs nothing, and follows the first manager that it
-hears. This manager may already have been replaced by another one. Then the PE reports an epoch of the replaced manager.
-The active manager has not commanded this epoch, and notices that at once.
+*Restart.* The term is kept in memory only. A PE that restarts runs nothing, and follows the first manager that
+it hears. This manager may already have been replaced by another one. Then the PE reports an epoch of the
+replaced manager. The active manager has not commanded this epoch, and notices that at once.
 """
 
 from heronry_wire.management import MAX_TERM

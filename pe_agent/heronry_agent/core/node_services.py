@@ -1,18 +1,19 @@
 """How a PE answers CANaerospace node services: IDS, NSS, TIS and STS on channel 0 (V1.7, p. 10-16).
 
     IDS  identification    answered: immediately, or after (node-ID - 92) ms if the request was for all nodes
-    NSS  time stamp        no answer. The time stamp can be read (object 2022h), but sets no clock: a PE uses its own
-                           clock, which an unverified time must not change
-    TIS  set an interval   answered. Only the interval of the CANopen heartbeat can be set, within the limits of object
-                           1017h; anything else is OUT_OF_RANGE, since the plan sets the rates of data. A request to all
-                           nodes is ignored, since an identifier belongs to one node
-    STS  transmit status   the answer is the state itself: pages 0 and 1 on every port, at most once in a heartbeat
-                           period, and after (node-ID - 92) ms if the request was for all nodes. Data frames keep their
-                           schedule
+    NSS  time stamp        no answer. The time stamp can be read (object 2022h), but sets no clock: a PE uses
+                           its own clock, which an unverified time must not change
+    TIS  set an interval   answered. Only the interval of the CANopen heartbeat can be set, within the limits of
+                           object 1017h; anything else is OUT_OF_RANGE, since the plan sets the rates of data. A
+                           request to all nodes is ignored: it names one CAN identifier, and only one node sends
+                           under this identifier
+    STS  transmit status   the answer is the state itself: pages 0 and 1 on every port, at most once in a
+                           heartbeat period, and after (node-ID - 92) ms if the request was for all nodes. Data
+                           frames keep their schedule
 
-Other services and other channels are not answered; malformed requests are counted. If a request or an answer is lost,
-the client sends the request again. A doubled request gets two answers at most. A forged request has the effect of a
-true one: the node sends a few frames more, and no output is affected.
+Other services and other channels are not answered; malformed requests are counted. If a request or an answer is
+lost, the client sends the request again. A doubled request gets two answers at most. A forged request has the
+effect of a true one: the node sends a few frames more, and no output is affected.
 """
 
 from collections.abc import Callable

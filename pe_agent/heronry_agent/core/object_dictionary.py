@@ -47,7 +47,8 @@ class ObjectDictionary:
         arrays: by index of an array, a function that returns the elements of the array.
         number_writers, bytes_writers: by place, a function that writes a value, and returns None, or the reason
             why it refuses the value.
-        takes_bytes: tells whether values of any length are accepted now; called before the first byte comes.
+        takes_bytes: tells whether a value whose type has no fixed length may be written now; called when a
+            write begins, before the first byte of the value comes.
         """
         self._node = node
         self._readers, self._arrays = readers, arrays

@@ -152,7 +152,10 @@ class OutputAuthorization:
             self._missed_ns = arrived_ns
 
     def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:
-        """Tell whether T_lease has passed since `doubted_ns`; True for None."""
+        """Tell whether at least T_lease has passed since `doubted_ns`, the time of a doubt or of a node-ID clash.
+
+        doubted_ns: None if there was no doubt or clash; then the result is True.
+        """
         return doubted_ns is None or now_ns - doubted_ns >= self._lease_ns
 
     def clashed(self, arrived_ns: int) -> None:
@@ -179,7 +182,10 @@ class OutputAuthorization:
         self._overtake()
 
     def confirmed(self) -> None:
-        """Note that this PE is not overtaken: it takes GO_ALL, or a LEASE names its configuration at GO_ALL."""
+        """Note that this PE is not overtaken.
+
+        It takes GO_ALL, or a LEASE or ACTIVATE at GO_ALL names its running configuration.
+        """
         self._overtaken = False
 
     def _overtake(self) -> None:
@@ -189,4 +195,4 @@ class OutputAuthorization:
 
 
 def _withdraw_nothing() -> None:
-    """Do nothing: the value of `revoked` until the agent is built."""
+    """Do nothing; `revoked` is set to this function until the agent sets it to a function of its own."""

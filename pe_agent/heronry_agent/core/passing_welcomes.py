@@ -1,9 +1,10 @@
 """How a gateway with a key forwards each WELCOME for another node, and the TAG that follows the WELCOME.
 
-With the command WELCOME a manager answers the nonce of a PE; a TAG proves the command before it (`authenticity`). A
-gateway verifies only commands for itself, so it forwards these two frames unverified. A TAG names the kind of its
-command, but not the node. So a TAG of a WELCOME that follows no WELCOME for this gateway is taken as the TAG of the
-oldest forwarded WELCOME that still lacks one. The gateway waits for the TAG of a forwarded WELCOME for T_lease at most.
+With the command WELCOME a manager answers the nonce of a PE; a TAG proves the command before it
+(`authenticity`). A gateway verifies only commands for itself, so it forwards these two frames unverified. A TAG
+names the kind of its command, but not the node. So if a TAG names the kind WELCOME, and proves no command for
+this gateway, the gateway takes this TAG for that of the oldest forwarded WELCOME that still lacks one. The
+gateway waits for the TAG of a forwarded WELCOME for T_lease at most.
 """
 
 from collections import deque

@@ -148,9 +148,10 @@ class PhaseRequests:
         return self._request(module, phase, now_ns, watch=None)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """Return the frames that repeat the last request for the manager of a new term.
+        """Return the frames that send the last phase request once more, because a new term has begun.
 
-        Returns no frames while the request is not acknowledged, since `faults` repeats it anyway.
+        Returns no frames if this request was withdrawn. Returns none either while the request is not
+        acknowledged, since `faults` repeats it anyway.
         """
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 

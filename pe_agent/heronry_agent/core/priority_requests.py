@@ -46,7 +46,7 @@ class PriorityRequests:
             self._faults.withdraw_priority(function)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """Return the frames that repeat the requests of running modules for the manager of a new term.
+        """Return the frames that send the standing requests once more, because a new term has begun.
 
         Requests that are not acknowledged yet are left out, since `faults` repeats them anyway.
         """

@@ -51,9 +51,9 @@ class RadioPort:
     def send(self, frame: Frame, until_ns: int | None, since_ns: int) -> None:
         """Queue a frame for the radio.
 
-        until_ns: when to drop the frame; None: T_lease after `since_ns`. A command that has the same effect when it
-            comes late (`is_patient`) is dropped five heartbeat periods of the radio after `since_ns` instead.
-        since_ns: when the frame was made here, or arrived here to be forwarded.
+        until_ns: time in ns at which to drop the frame. None: T_lease after `since_ns` or, for a command that has the
+            same effect when it comes late (`is_patient`), five heartbeat periods of the radio after `since_ns`.
+        since_ns: time in ns at which the frame was made here, or arrived here to be forwarded.
         """
         patience_ns = _PATIENCE_PERIODS * self._entry.heartbeat_ns if is_patient(frame) else self._lease_ns
         self._queue.push(frame, since_ns + patience_ns if until_ns is None else until_ns)

@@ -199,7 +199,7 @@ class RunningModules:
         self._echo(echo or self._publisher.output_echo(event.module, running.mode))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
-        """Restart or give up each module that has failed; a late report of a step is only counted."""
+        """Restart or give up each module that has failed; if its module was stopped, a failed step is only counted."""
         match event:
             case StepFailed(module, release, reason, traceback):
                 if self.schedule.end(module, release, 0):
@@ -288,7 +288,7 @@ class RunningModules:
             self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, index, 0)
 
     def entered(self, phase: int) -> None:
-        """Note the mission phase that the manager announces; send what `phase_rules` request in a new one."""
+        """Note the mission phase that the manager announces; send the phase requests that follow from a new one."""
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
@@ -374,7 +374,7 @@ class RunningModules:
         return f", with {', '.join(names[:_MOST_NAMES])}{more}," if names else ""
 
     def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
-        """Return, for the index of each module that reads from modules on this PE, the indices of those modules."""
+        """Map the index of each module that reads from modules on this PE to the indices of those modules."""
         here = {self._index.modules[module.module].name: module.module for module in wanted.modules}
         chains = {}
         for module in wanted.modules:
@@ -435,9 +435,9 @@ class RunningModules:
         self._turn.out.append(Send(self._index.uplink, frame))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
-        """Report an event of a module that is not a fault to the manager; returns whether the report was sent.
+        """Send an EMCY about a module, for an event that is not a fault; returns whether the EMCY was sent.
 
-        It is not sent if the same code was reported for this module within the last second.
+        It is not sent if an EMCY with the same `code` was sent for this module within the last second.
         """
         now_ns, index = self._turn.now_ns, running.entry.index
         if now_ns - self._noticed_ns.get((index, code), -FAULT_QUIET_NS) < FAULT_QUIET_NS:

@@ -43,7 +43,8 @@ class Turn:
     def arrived(self, age_ns: int, late_ns: int) -> None:
         """Set the age in ns of the frame that the core handles in its present call.
 
-        If the age exceeds `late_ns`, this process was paused, and frames from before now may be outdated.
+        If the age exceeds `late_ns`, this process was paused. Then all frames that arrived up to now may be
+        outdated, and `held_until_ns` is set to this moment.
         """
         self.arrived_ns = self.now_ns - age_ns
         if age_ns > late_ns:

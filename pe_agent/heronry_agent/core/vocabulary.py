@@ -175,7 +175,10 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Tell the plant that another PE has commanded the actuator `device` to `value`, by that PE's output echo."""
+    """Tell the plant to which `value` another PE has commanded the actuator `device`.
+
+    The output echo of the other PE has shown this value.
+    """
 
     device: str
     value: float

@@ -55,7 +55,8 @@ class FailOver(Module):
 class NVersion(Module):
     """Gives the value of one variable, chosen among its versions: the best version that the others do not outvote.
 
-    A subclass sets `variable`, `authors`, `output` and `tolerance`, and may set `patience_ns`.
+    A subclass sets `variable`, `authors` (for each version, the element to report if the version is wrong),
+    `output` and `tolerance`, and may set `patience_ns`.
     """
 
     variable: ClassVar[str]

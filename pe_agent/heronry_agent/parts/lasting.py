@@ -23,8 +23,9 @@ class Lasting:
     def is_due(self, holds: bool) -> bool:
         """Note whether the condition holds in this step; tells whether it is to be reported now.
 
-        The result is True when the condition has held for `patience_ns`, and again after each further `patience_ns`,
-        because the operator may have cleared the first report.
+        The result is True when the condition has held for `patience_ns`, and for at least three steps, without
+        a break. It is True again each time after the same number of steps, because the operator may have
+        cleared the fault after the first report.
         """
         self._held = self._held + 1 if holds else 0
         return holds and self._held % self._enough == 0

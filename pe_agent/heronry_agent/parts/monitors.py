@@ -66,7 +66,11 @@ class StuckSensorMonitor(Monitor):
 
 
 class ActuatorMonitor(Monitor):
-    """Reports an actuator whose position does not follow its command; a subclass sets the attributes."""
+    """Reports an actuator whose position does not follow its command.
+
+    A subclass sets the attributes `element`, `output`, `command`, `position`, `tolerance` and `lag_s`, and may
+    set `patience_ns`.
+    """
 
     command: ClassVar[str]
     position: ClassVar[str]

@@ -1,6 +1,6 @@
 """How images read numbers from their inputs: a datum that is not valid, or not a finite number, counts as missing.
 
-The result is None in four cases:
+A datum is missing for `number` and `whole` in four cases:
 
 - The datum is not supplied.
 - The datum is too old.

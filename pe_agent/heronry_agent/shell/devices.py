@@ -51,9 +51,10 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
 
 
 def open_drivers(table: PeTable, origin_ns: int, name: str = PLANT) -> dict[str, DeviceDriver]:
-    """Start the device driver `name` once, and return it for each device of the modules in the table, by device.
+    """Start the device driver `name`; returns, by name of a device, the driver that opens it.
 
-    Returns an empty mapping, and starts nothing, if no module of the table has a device.
+    The mapping has an entry for each device of the modules in the table, with the same driver for all.
+    It is empty, and no driver is started, if no module of the table has a device.
 
     origin_ns: take-off time of the simulated flight, in ns of the monotonic clock.
 
@@ -127,7 +128,11 @@ class Devices:
         return value if valid else None
 
     def drive(self, order: Drive, now_ns: int) -> Driven | DriveFailed | None:
-        """Command the device of a module; returns the value it moved to, or why it failed; None if it did not move."""
+        """Command the device of a module.
+
+        Returns Driven with the value to which the device moved, or DriveFailed with the reason if the command
+        failed; None if the command succeeded, but the device did not move.
+        """
         device = self._bolted_to[order.module]
         if device is None:
             return DriveFailed(order.module, "the module has no device to drive")

@@ -147,7 +147,10 @@ class AgentDriver:
         return bool(select.select([sys.stdin], [], [], 0)[0]) and not os.read(sys.stdin.fileno(), 4096)
 
     def _look_at_links(self, now_ns: int) -> None:
-        """Log what has happened to the buses; after a long outage of the uplink begin as a new incarnation."""
+        """Log the link status events of all buses, and report changes of lost channels to the core.
+
+        If the uplink is back after it was lost for more than T_lease, begin as a new incarnation.
+        """
         for port, link in enumerate(self._links):
             for sentence in link.take_link_events():
                 self._tell(Note("bus", sentence))

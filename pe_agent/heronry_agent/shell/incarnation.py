@@ -76,7 +76,7 @@ class BootCount:
         return (count + 1 + randbelow(_COUNTS - 2)) % _COUNTS  # neither that of the last start nor that of the next one
 
     def _left(self) -> int:
-        """How many counts may be used before the file must be written again; 0 if it could not be written."""
+        """How many counts after the present one the reserve on the disk covers, 0..RESERVE; 0 if it covers none."""
         assert self._count is not None
         left = 0 if self._reserved is None else (self._reserved - self._count) % _COUNTS
         return left if left <= RESERVE else 0

@@ -82,9 +82,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(source: "TopSource", *, once: bool) -> int:
-    """Print snapshots as JSON: of a recording, the snapshot at its cursor; of a live system, one every half second.
+    """Print snapshots as JSON; returns 0.
 
-    once: end after the first snapshot of a live system.
+    Of a recording, print the one snapshot at its cursor. Of a live system, print one every half second until
+    the command is interrupted.
+
+    once: of a live system, print only the first snapshot.
     """
     from heronry_tools.watch.snapshot import document  # noqa: PLC0415
 

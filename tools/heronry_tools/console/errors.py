@@ -89,7 +89,10 @@ def _drop_output() -> None:
 
 
 def as_user_error(error: Exception, command: str | None = None) -> str | None:
-    """Give the sentence for an error that the user of `command` can correct; None for a defect of heronry."""
+    """Give the sentence for an error that the user can correct; None for a defect of heronry.
+
+    command: the command in which the error occurred; None: not known.
+    """
     can = sys.modules.get("can")  # slow to import; a process that has not imported it has none of its errors
     if isinstance(error, HeronryError) or (can is not None and isinstance(error, can.CanError)):
         return str(error)

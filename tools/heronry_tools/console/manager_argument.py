@@ -1,4 +1,7 @@
-"""The options --of NAME and --socket PATH, by which a command finds a manager, and the output of its answer."""
+"""The options --of NAME and --socket PATH, by which a command finds a manager.
+
+Also prints what the manager answers to an order.
+"""
 
 import argparse
 import json
@@ -39,7 +42,8 @@ def manager_socket(arguments: argparse.Namespace) -> Path:
 def say_answer(arguments: argparse.Namespace, answer: "Answer") -> int:
     """Print what a manager answered to an order; returns the exit code: 0 if the order is carried out, 1 if not.
 
-    Raises UserError where the order names what the spec does not have.
+    Raises UserError if the manager could not read the order, or if the order names an element, function or
+    phase that the spec does not have.
     """
     if answer.is_unusable:
         raise UserError(answer.sentence)

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
 
 
 def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
-    """Give the situation in which to evaluate a plan: the plan's own situation, with the parts that options replace."""
+    """Give the situation in which to evaluate a plan.
+
+    This is the situation that the plan itself states. Each of the options --down, --limit, --phase and
+    --priority that the user gives replaces the same part of it.
+    """
     from heronry_dg.plan import read_situation  # noqa: PLC0415
     from heronry_dg.situation import Situation  # noqa: PLC0415
 

@@ -85,7 +85,10 @@ def spec_text(text: str) -> SpecText:
 def spec_path(text: str) -> Path:
     """Give the path of the spec file that `text` names, for a command that reads the file more than once.
 
-    Raises UserError if `text` names standard input, a pipe or a version in git, or no file of a spec.
+    `text` is the name of a shipped spec, or a path with an ending other than `.table`. Whether the file exists
+    is not checked.
+
+    Raises UserError for any other text, such as standard input, a pipe, a version in git or a table.
     """
     if text == "-" or _is_pipe(text) or _is_in_git(text):
         raise UserError(
@@ -111,7 +114,10 @@ def _is_pipe(text: str) -> bool:
 
 
 def _is_in_git(text: str) -> bool:
-    """Tell whether a text is REV:PATH, and not a file; an empty REV stands for the staged content."""
+    """Tell whether a text has the form REV:PATH, and there is no file of this name.
+
+    An empty REV stands for the staged content.
+    """
     return ":" in text and not text.startswith("-") and not Path(text).exists()
 
 

@@ -1,7 +1,7 @@
 """Tables as text: coloured on a terminal that can show colours, plain anywhere else.
 
-One description of the tables has two renderers. The plain renderer needs no further package, and its lines are suited
-to `grep`.
+Two functions write the same `Table`: one in colour, with the package rich; the other as plain lines, with no
+further package. The plain lines are suited to `grep`.
 """
 
 import sys

@@ -1,8 +1,8 @@
 """Wind and turbulence in which an aircraft flies: a logarithmic profile near the ground, gusts after Dryden.
 
-Source: MIL-F-8785C, section 3.7 (also MIL-HDBK-1797A, appendix). The wind at 20 ft, W20, determines the mean wind in
-the boundary layer and the intensity of the turbulence. The index u is along the heading, v is across the heading, and w
-is vertical. Below 1 000 ft, with the height h in ft:
+Source: MIL-F-8785C, section 3.7 (also MIL-HDBK-1797A, appendix). The wind at 20 ft, W20, determines the mean
+wind in the boundary layer and the intensity of the turbulence. The index u is along the heading, v is across
+the heading, and w is vertical. Below 1 000 ft, with the height h in ft:
 
     mean wind     W20 ln(h / z0) / ln(20 / z0), z0 = 0.15 ft
     scales        L_w = h, L_u = L_v = h / (0.177 + 0.000823 h)^1.2
@@ -10,14 +10,14 @@ is vertical. Below 1 000 ft, with the height h in ft:
 
 At 1 000 ft all three scales are 1 000 ft, and all three intensities are 0.1 W20. Above 1 000 ft:
 
-    mean wind     interpolated between the points `aloft`; without such points as at 1 000 ft
+    mean wind     interpolated between the points `aloft`; if there are none, the wind at 1 000 ft
     scales        grow to 1 750 ft at 2 000 ft, and are constant above
-    intensities   constant up to 2 000 ft, and fall exponentially above (the standard has tables of exceedance instead)
+    intensities   constant up to 2 000 ft; fall exponentially above (in the standard: tables of exceedance)
 
-The spectra, with the scale L and the airspeed V: u is white noise through one lag of L / V; v and w are white noise
-through a squared lag with a lead of sqrt(3) L / V. Both filters are discretised exactly. Their output, with a variance
-of 1, is then multiplied by the intensity at the present height. So the variance is right for any time step, and follows
-the height immediately.
+The spectra, with the scale L and the airspeed V: u is white noise through one lag of L / V; v and w are white
+noise through a squared lag with a lead of sqrt(3) L / V. Both filters are discretised exactly. Their output,
+with a variance of 1, is then multiplied by the intensity at the present height. So the variance is right for
+any time step, and follows the height immediately.
 
 Gusts are the same over the whole span, so they do not roll the aircraft. All random numbers come from the seed.
 JSBSim's own turbulence has no effect below 1 000 ft, where landings are.

@@ -70,7 +70,7 @@ class ReleasedPlant:
 
     @staticmethod
     def follows(sensors: Iterable[str]) -> frozenset[str]:  # noqa: ARG004 - one plant moves everything itself
-        """Return the actuators whose output echoes the plant needs: none."""
+        """Return the actuators of which the plant needs output echoes: none."""
         return frozenset()
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:

@@ -40,7 +40,10 @@ class GliderMission:
     longest_s: float = 9_000.0
 
     def wind(self) -> Wind:
-        """Return the wind that the seed draws: from the west, within 20 degrees aloft and 60 degrees at the ground."""
+        """Return the wind that the seed draws; it comes roughly from the west.
+
+        Below 1 000 ft its direction differs from west by up to 60 degrees; at 9 000 m and above, by up to 20.
+        """
         chance = Random(f"{self.seed} wind")
         speed, from_deg = chance.uniform(0.0, self.strongest_wind_m_per_s), chance.uniform(210.0, 330.0)
         stream_deg = chance.uniform(250.0, 290.0)

@@ -1,7 +1,7 @@
 """Injects the faults of a simulated flight when they are due, and records what the manager reports.
 
-In the record, a fault or a reconfiguration is a mark at one moment. A phase lasts for a stretch of time, and so does
-the time in which a module runs on one PE.
+In the record, a fault or a reconfiguration is a mark at one time. A phase is a stretch of time. The time in
+which a module runs on one PE in one mode is a stretch, too.
 """
 
 from typing import Any, cast
@@ -44,7 +44,10 @@ class Happenings:
         return next((time_s - struck_s for time_s in self.reconfigured_s if time_s >= struck_s), None)
 
     def inject_due(self, time_s: float, height_m: float) -> None:
-        """Inject each fault whose time of the flight has come, or below whose height the aircraft is now."""
+        """Inject each fault that is due and has not been injected before.
+
+        A fault is due when its time of the flight has come, or when the aircraft is below the fault's height.
+        """
         for blow in list(self._due):
             by_time = blow.at_s is not None and time_s >= blow.at_s
             if by_time or (blow.below_m is not None and height_m < blow.below_m):

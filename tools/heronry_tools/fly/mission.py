@@ -38,14 +38,14 @@ class Mission:
     """The settings of a flight of the EAV on final approach.
 
     strongest_wind_m_per_s: upper limit of the wind at 20 ft; the seed draws the wind
-    corrections_lost_s: time of the flight at which the differential receiver becomes inaccurate; None: it does not
+    corrections_lost_s: time of the flight from which the differential receiver is inaccurate; None: it never is
     has_rover: whether the rover is beside the runway
     must_land: whether the operator orders to land even without a good position
     blows: faults that are injected at a time of the flight or below a height
     acts: faults of the kinds of `heronry sim`; their times count from the beginning of the flight
     most_height_bias_m: upper limit of the constant height error of the differential receiver; the seed draws the error
     `judged`: whether the simulator's oracles check the flight; `Landing.violations` has what they find
-    probed: whether latencies from sensor to servo are measured; the air is then still, and the sensors have no errors
+    probed: whether latencies from sensor to servo are measured; the air is then still, and only the camera has errors
     longest_s: time of the flight; if there is no touchdown before it, the flight ends at this time
     """
 

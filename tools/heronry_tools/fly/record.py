@@ -153,7 +153,7 @@ class Recorder:
         self._structure.update(name for name in truth.touching if not is_wheel(name))
 
     def state(self, time_s: float, kind: StretchKind, subject: str, label: str | None) -> None:
-        """Record that the subject has the state `label` from `time_s` on; None: it has no state from then on.
+        """Record that the subject has the state `label` from `time_s` on; a label of None: it has no state.
 
         If `label` differs from the label before, the previous stretch of the subject ends; else that stretch goes on.
         """
@@ -186,7 +186,10 @@ class Recorder:
 
 
 def place_labels(plan: Mapping[str, Any]) -> dict[str, str]:
-    """Return the label of each module's place, its PE and mode, in a plan as JSON data."""
+    """Return, by name of each module in a plan, its PE and mode as the label `PE (MODE)`.
+
+    plan: a plan as JSON data.
+    """
     return {name: f"{one['pe']} ({one['mode']})" for name, one in plan["modules"].items()}
 
 

@@ -67,8 +67,8 @@ class Servos:
     def fail(self, servo: str, how: str, offset: float) -> None:
         """Make a servo fail; `how` is a `Failure`.
 
-        If this servo was the last to be driven at its surface, the surface stops ("dead", "stuck") or floats
-        ("loose"). With "bias", each command from the next one on is wrong by `offset`.
+        If this servo was commanded last of the servos at its surface, the surface stops ("dead", "stuck") or
+        floats ("loose"). With "bias", `offset` is added to each command from the next one on.
         """
         self.failed[servo] = how, offset
         surface = self.surfaces[self.pushes[servo]]

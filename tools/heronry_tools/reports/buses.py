@@ -71,7 +71,10 @@ def _row(schedule: BusSchedule, message: ScheduledMessage) -> Sequence[Cell]:
 
 
 def _worst(schedule: BusSchedule, message: ScheduledMessage) -> Cell:
-    """Write the longest time until a message is received; also its deadline, if the message may miss it."""
+    """Write the longest time in ms until a message is received; also its deadline, if the message may miss it.
+
+    If there is no bound for this time, the text says so. On a bus that is not wired, the text is "-".
+    """
     if schedule.bus.kind != "wired":
         return "-"
     if message.response_ns is None or message.slack_ns is None:

@@ -14,7 +14,11 @@ _MOST_OF_NO_SCRIPT = 3
 
 
 def graph_text(graph: Graph) -> str:
-    """Write a graph: its members, and its edges."""
+    """Write a component graph: each of its components, and each of its edges.
+
+    For a leaf, the text also says its image, and whether it is a plant or pinned to a side. For any other
+    component, the text names the components in it.
+    """
     vertices = "1 vertex" if len(graph.vertices) == 1 else f"{len(graph.vertices)} vertices"
     lines = [f"{graph.name}: {_count(graph.members, 'member')}, {vertices}, {_count(graph.edges, 'edge')}"]
     for name, member in graph.members.items():

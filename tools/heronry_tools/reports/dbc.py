@@ -1,8 +1,9 @@
-"""A DBC for one spec, with which cantools, SavvyCAN and other tools read the bus by name and unit.
+"""Makes a DBC, which gives cantools, SavvyCAN and other tools names and units for the frames on a bus.
 
-The DBC has data frames by variable and producer, with unit and CANaerospace header. It describes field by field:
-management frames, states, EMCY, heartbeats and output echoes. The fields come from the tables that the codecs use
-(`heronry_wire.management`, `heronry_wire.canaerospace`), so the DBC cannot differ from the codecs.
+With a spec, the DBC has the data frames: one for each variable and producer, with the unit and the header of
+CANaerospace. With or without a spec, it describes every field of management frames, states, EMCY, heartbeats and
+output echoes. These fields come from the tables that the codecs use (`heronry_wire.management`,
+`heronry_wire.canaerospace`), so the DBC cannot differ from the codecs.
 
 In three kinds of frames the fields vary. A DBC can express this only if one field multiplexes the others:
 

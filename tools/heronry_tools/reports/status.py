@@ -75,7 +75,10 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _latched(fault: Mapping[str, Any], reason: str | None) -> str:
-    """Write a latched fault; reason: why the module failed, as its PE gives it."""
+    """Write a latched fault.
+
+    reason: why the module failed, as its PE gives it; None: no reason is known.
+    """
     ago = f"{fault['for_ns'] // _NS_PER_S} s ago"
     if fault["code"] == OPERATOR_CODE:
         return f"! {fault['element']} counts as failed, reported by {fault['by']} ({ago})"
@@ -144,10 +147,12 @@ def _standstills(counts: Mapping[str, int] | None) -> str:
 
 
 def _unproven(authentic: Mapping[str, Any] | None) -> str:
-    """Write what is wrong with the proofs of one PE; an empty text if nothing is, or without a key.
+    """Write what is wrong with the proofs of one PE; the text is empty if nothing is wrong.
 
-    This is: that its states are not believed, how many states of the PE the manager refused, how many reports
-    in its name were never proven, and how many commands the PE refused.
+    The text says that the states of the PE carry no valid proof, how many of its states the manager refused,
+    how many reports in its name were never proven, and how many commands the PE refused.
+
+    authentic: these facts as the status has them; None: the system has no key, and the text is empty.
     """
     if authentic is None:
         return ""

@@ -108,7 +108,10 @@ def _worded(value: Any) -> Any:
 
 @dataclass(slots=True)
 class Story:
-    """Turns events into lines; their times count from when the first configuration ran, or was advised."""
+    """Turns events into lines; the times in the lines count from the first event of a kind in `_STARTS`.
+
+    Such an event says that a configuration was activated, adopted or advised, or that an unknown epoch runs.
+    """
 
     spec: Spec
     _start_ns: int | None = None
@@ -293,11 +296,12 @@ class Story:
             yield from self._roster()
 
     def _control_paths(self, paths: Mapping[str, str]) -> Iterator[Line]:
-        """Give a line for each plant whose control loop is closed again, or is not closed and has changed its state.
+        """Give a line for each plant whose control loop is closed again, or is newly open, or open in another way.
 
-        At the first call, give a line for each plant whose control loop is not closed.
+        At the first call, give a line for each plant whose control loop is open.
 
-        paths: by name of a plant, the state of the control loop through it; `on_path`: the loop is closed.
+        paths: by name of a plant, the state of the control loop through the plant. With `on_path` the loop is
+            closed; with any other state it is open, in the way that `_PATHS` says.
         """
         for plant, state in paths.items():
             was = self._paths.get(plant, "on_path")
@@ -398,7 +402,7 @@ def _heartbeat(event: Mapping[str, Any]) -> Line:
 
 
 def _living(pe: str, waited: Mapping[str, Any]) -> Line:
-    """Give the line for a PE of a demo that is lost although its process still runs.
+    """Give the line for a PE that is lost in a demo although the process of the PE still runs.
 
     Only this computer can be the cause of such a loss.
 
@@ -463,10 +467,10 @@ def _consequences(spec: Spec, before: Mapping[str, Any], after: Mapping[str, Any
 
 
 def _no_longer_served(function: Function, before: Mapping[str, Any], after: Mapping[str, Any]) -> Line:
-    """Give the reason why a function is no longer served.
+    """Give the line that says why a function is no longer served.
 
-    A function that was served before need not have been wanted: its module may have run because other modules used its
-    data.
+    A function may have been served although it was not wanted, since other modules used the data of its module.
+    If it is not wanted in the new phase either, the line says that this module has ended.
     """
     name, phase = function.name, after["phase"]
     if function.priority_in(phase) > 0 or function.priority_in(before["phase"]) > 0:

@@ -18,9 +18,9 @@ _Choices = tuple[tuple[str, str, str, tuple[tuple[str, Wire], ...]], ...]  # of 
 
 
 def edge_key(edge: Edge) -> str:
-    """Name an edge by its two symbols, and for each end by the number of the cell that it joins.
+    """Name an edge by its two symbols and, for each of them, by the number of the cell at which the edge ends.
 
-    The number is `-` where the edge joins the symbol itself and not a cell of it.
+    The number is `-` if the edge ends at the symbol as a whole, and not at one of its cells.
     """
     cells = ("-" if cell is None else str(cell) for cell in (edge.out_cell, edge.in_cell))
     return f"{edge.source}>{edge.target}#{'/'.join(cells)}"

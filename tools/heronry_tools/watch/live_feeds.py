@@ -54,14 +54,18 @@ class Feed(Protocol):
         """Give the events since the last poll, without waiting."""
 
     def close(self) -> None:
-        """Close the manager's connection or the buses."""
+        """Close the connection to the manager, or the buses."""
 
 
 class HeardBuses:
     """The buses that a feed listens to, and the events that their frames give."""
 
     def __init__(self, spec: Spec, choices: Sequence[BusChoice], listening: Listening) -> None:
-        """Open the buses; raises LinkError."""
+        """Open the buses; raises LinkError if one of them cannot be opened, and then leaves none open.
+
+        choices: the interface and channel of each bus that is opened.
+        listening: derives the events from the frames.
+        """
         self._listening = listening
         self._ears: dict[str, Ear] = {}
         try:
@@ -209,7 +213,12 @@ class ListenedBuses:
     def __init__(
         self, spec: Spec, choices: Sequence[BusChoice], *, key: Key | None = None, tables: tuple[PeTable, ...] = ()
     ) -> None:
-        """Open the buses; raises LinkError. `tables`: the tables of the PEs, with the contingencies on board."""
+        """Open the buses; raises LinkError if one of them cannot be opened.
+
+        choices: the interface and channel of each bus that is opened.
+        key: the key of the flight; None: the flight has no key.
+        tables: the tables of the PEs, with the contingencies on board.
+        """
         self.spec = spec
         self.spec_file: Path | None = None
         self.trouble: str | None = None

@@ -5,14 +5,15 @@
     state.snapshot
 
 An event comes from the manager (`heronry_manager.core.events`), or is an observation that a feed adds (`observations`).
-An event of an unknown kind, or of a later version, only raises the number of events.
+An event of an unknown kind changes only the number of events and the time.
 
 The reducer is pure: it reads no clock and never changes a state. So the same events give the same snapshot, whether
 they come live or from a recording.
 
-The running configuration is that of the last event `reconfigured`, `runs`, `epoch_seen` or `status`. A plan that is
-ready, and an epoch that is being prepared, are kept until the epoch runs. The situation (what is down) is updated with
-every event, so that the graph shows a loss before the plan for this loss runs.
+The running configuration is that of the last event `reconfigured`, `runs`, `epoch_seen`, `status` or `resumed`; after
+`unknown_epoch` it is not known. A plan that is ready, and the plan of an epoch that is being prepared, are kept until
+the epoch runs. The situation (what is down) is updated with every event that changes it, so that the graph shows a loss
+before the plan for this loss runs.
 """
 
 from collections.abc import Callable, Iterable, Mapping

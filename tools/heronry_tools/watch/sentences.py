@@ -1,7 +1,8 @@
 """Events as views list them: a severity and one sentence each.
 
-An event for which `reports.story` has a sentence of its own gets that sentence. A suspected PE that answers in time is
-not listed, since a busy computer delays answers often.
+Some kinds of events have their sentence in this file (`_OWN`). Any other event gets its sentence from
+`reports.story`, if there is one that needs only this event. All other events are not listed;
+among these are `pe_suspected` and `pe_answered`, since a busy computer delays answers often.
 """
 
 from collections.abc import Callable, Mapping

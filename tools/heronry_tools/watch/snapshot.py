@@ -116,7 +116,7 @@ class Wire:
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """A module of the spec; `pe` is null where it does not run."""
+    """A module of the spec; `pe` is the PE on which the module runs, or null if it does not run."""
 
     pe: str | None = None
     mode: str | None = None

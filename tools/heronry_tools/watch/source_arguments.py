@@ -31,7 +31,10 @@ EXAMPLES = """\
 
 
 def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = False) -> None:
-    """Add the arguments that name a manager, buses or, except where `is_live`, a recording."""
+    """Add the arguments with which a user names a source: a manager, buses or a recording.
+
+    is_live: leave out the arguments for a recording.
+    """
     from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
 
     parser.add_argument(

@@ -103,7 +103,10 @@ class Site:
         return JSONResponse(document(state.snapshot), headers=_NO_STORE)
 
     async def stream(self, request: Request) -> Response:
-        """Answer with the events of a page: the present state of a system as it changes, or a recording as it plays."""
+        """Answer with the stream of server-sent events for one page (`stream`).
+
+        It shows the present state of a system as it changes, or a recording as it plays.
+        """
         if isinstance(self.shown, Live):
             lines = live_stream(self.shown, self.closing)
         else:
@@ -128,11 +131,11 @@ class Site:
         return StreamingResponse(lines, media_type="text/plain", headers=head)
 
     async def ask(self, request: Request) -> Response:
-        """Answer a question with what the planner's process answers.
+        """Pass a question on to the planner's process, and answer with what this process answers.
 
         A body that is no JSON object is refused with status 400.
 
-        If the page closes the request before the answer has come, or the server ends, the search ends.
+        If the page closes the request before the answer has come, or the server ends, the planner's search is ended.
         """
         question = await _json(request)
         if question is None:

@@ -26,7 +26,7 @@ def picture(spec: Spec, function: str | None) -> str:
 
 
 def symbols(spec: Spec) -> list[dict[str, str]]:
-    """List the symbols of the whole graph for the table beside it: key, kind and label of each."""
+    """List the symbols of the whole graph for the table beside it: key, kind, label and note of each."""
     nodes = _bare(spec, None).nodes.values()
     return [{"key": node.key, "kind": node.kind, "label": node.label, "note": node.note} for node in nodes]
 

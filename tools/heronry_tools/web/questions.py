@@ -29,7 +29,7 @@ class Questions:
         self._turn = asyncio.Lock()
 
     async def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the answer to a question; if this task is cancelled, the search ends.
+        """Return the answer to a question; if the task that awaits it is cancelled, the planner's process is ended.
 
         If the process ends before it has answered, the answer has the field `refused`, with the reason.
         """

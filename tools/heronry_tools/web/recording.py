@@ -25,7 +25,7 @@ class Recording(Timeline):
 
     @property
     def first_configuration_ns(self) -> int:
-        """Give the time (ns) at which the first configuration runs, or the recording begins if none ever runs.
+        """Give the time (ns) at which the first configuration runs; if none ever runs, the begin of the recording.
 
         A page begins at this time.
         """

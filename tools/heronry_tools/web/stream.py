@@ -2,11 +2,13 @@
 
     event: whole     sent first: the snapshot, the loads of the last minutes, and for a recording its begin and end
     event: change    what differs from the snapshot that was sent before (`changes`)
-    event: beat      sent at least once a second: for how long nothing has come from the feed
+    event: beat      sent at least once a second. For a live feed: for how long nothing has come, and why; for a
+                     recording: the time that is shown, and whether the recording plays
 
-Two changes are sent at least `_BETWEEN_FIGURES_S` apart, `_BETWEEN_LINES_S` if the second one adds an event to the
-snapshot's list of events. On a busy computer, every change that the browser draws delays the next event. If a page gets
-no beat any more, it knows that the server itself is gone.
+For a live feed, a change is sent at least `_BETWEEN_FIGURES_S` after the change before, or `_BETWEEN_LINES_S` after it
+if the change adds an event to the snapshot's list of events. The reason for these pauses: on a busy computer, every
+change that the browser draws delays the next one. If a page gets no beat any more, it knows that the server itself is
+gone.
 """
 
 import asyncio

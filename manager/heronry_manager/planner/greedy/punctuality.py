@@ -204,8 +204,11 @@ class Punctuality:
     ) -> float | None:
         """Give the response time of a source on one bus in ns: an upper bound or, with `is_jitter`, the exact value.
 
-        0: the source is late. None: the load is too high for the bounds, the bounds do not decide whether the
-        source is late or, with `is_jitter`, they give no exact value.
+        0: the source is late. None in three cases:
+
+        - the load is too high for the bounds
+        - the bounds do not decide whether the source is late
+        - `is_jitter` is set, and the bounds do not give the exact value
 
         level: the load of all messages on the bus that are more urgent than the source.
         jitter: the jitter of the source on this bus, in ns.

@@ -3,7 +3,7 @@
 1. *Adopt*: keep functions that can still run as they did, the most important first.
 2. *Serve* the other functions, the most important first, in the room that is left.
 3. *Make room* for each function that found no room:
-   - Put modules on the PEs that are full into cheaper modes, as far as no function loses value.
+   - Switch the modules that run on full PEs to cheaper modes, as far as no function loses value.
    - Stop functions that matter less, and put other functions into worse modes, one by one until the function fits.
    - Then serve the stopped functions again, as far as possible.
    - Undo all of this if the configuration is not better at levels 1 and 2 than before.
@@ -178,7 +178,10 @@ class Repair:
         return False
 
     def _shrink(self, pes: int) -> None:
-        """Put each module on these PEs into the cheapest mode that can run and adds as much to the functions.
+        """Switch each module that runs on one of these PEs to the cheapest mode that is possible for it.
+
+        The new mode must add as much to levels 1 and 2 as the present one. If no cheaper mode is possible, the
+        module keeps its mode.
 
         pes: the set of PEs, as bits by number of the PE.
         """

@@ -11,9 +11,9 @@ from heronry_manager.planner.greedy.numbering import Numbering
 class Routes:
     """Routes between PEs, and the load that each variable puts on a bus.
 
-    way: for each PE, the PEs and buses on the route from the manager to this PE. The set is an integer, with one bit
-        for each element: PEs from bit 0 on, buses from bit `first_bus` on. If there is no such route, the integer is
-        `never`, in which only the next higher bit is set.
+    way: for each PE, the PEs and buses on the route from the manager to this PE. The set is an integer, with one
+        bit for each element: PEs from bit 0 on, buses from bit `first_bus` on. If there is no such route, the
+        integer is `never`, in which only the first bit after those of all buses is set.
     """
 
     route: list[list[tuple[int, ...]]]  # from one PE to another one: the buses between them

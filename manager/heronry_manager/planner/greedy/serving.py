@@ -1,19 +1,19 @@
-"""Serving one function: start its output module, wire the inputs of this module, and start the producers that it needs.
+"""Serving one function: start its output module, wire the inputs of this module, and start the producers it needs.
 
-- A module is tried on its old PE first, then on the other PEs, the emptiest first. If no PE has room, other modules are
-  moved away from one PE to PEs where they fit (`_clear`).
-- An input is wired to a running producer if possible. If there is none, a producer is started: one that ran before, or
-  else the cheapest.
+- A module is tried on its old PE first, then on the other PEs, the emptiest first. If no PE has room, other modules
+  are moved away from one PE to PEs where they fit (`_clear`).
+- An input is wired to a running producer if possible. If there is none, a producer is started: one that ran before,
+  or else the cheapest.
 - A producer in an unsuitable mode is put into a suitable mode, if all modules that read from it accept that mode
   (`switch`).
 
 *Adopting* serves in the same way, but starts only modules that ran before, in their old modes and on their old PEs.
 
 A module whose inputs are being wired is *busy*. It counts as running, so that its own outputs may feed it, and its mode
-must not change. If a function of this file returns False, it has left the draft unchanged; the exception is `hold`.
+must not change. If a method of `Server` returns False, it has left the draft unchanged; the exception is `Server.hold`.
 
-Two counts of tries limit the work: `fuel` for one function, and a budget for all functions. So a plan takes a limited
-time even on a full aircraft. Since no clock is used, the plan is the same on every machine.
+Two counts of tries limit the work: `fuel` for one wanted function, and a budget for all of them. So a plan takes a
+limited time even on a full aircraft. Since no clock is used, the plan is the same on every machine.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -45,7 +45,8 @@ class Wanted:
 def wanted_in(numbers: Numbering, price: Sequence[int], now: Situation) -> Wanted:
     """Work out the wanted functions of a situation, by its phase and priorities.
 
-    price: by number of a mode, an estimate of the CPU that the mode takes together with its cheapest producers.
+    price: by number of a mode, the CPU, RAM and flash that the mode takes together with its cheapest producers,
+        as one sum of shares (`orders`).
     """
     appraiser = _Appraiser(numbers, now)
     functions = [one for one in numbers.spec.functions.values() if now.priority_of(one) > 0]
@@ -103,10 +104,11 @@ class _Appraiser:
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
     """Give the key by which functions are sorted, the most important one first.
 
-    The key has three parts: the class; the priority of a critical function, 0 for any other; the priority
-    divided by the price of the cheapest mode of the function.
+    The key has three parts: the class; the priority of a critical function, 0 for any other; the priority divided
+    by the price of the cheapest mode of the function.
 
-    price: by number of a mode, an estimate of the CPU that the mode takes together with its cheapest producers.
+    price: by number of a mode, the CPU, RAM and flash that the mode takes together with its cheapest producers, as
+        one sum of shares (`orders`).
     """
     cheapest = 1 + min((price[mode] for mode in goal.modes), default=0)
     return goal.rank, -goal.priority if goal.rank < len(CRITICAL_CLASSES) else 0, -(goal.priority * 10**9 // cheapest)

@@ -112,7 +112,10 @@ class TrackingFilter:
             self._ways.popleft()
 
     def use_receiver(self, position_m: Sequence[float]) -> None:
-        """Correct the state by a position that the receiver has measured, with the receiver's bias and noise in it."""
+        """Correct the state by a position x, y, h (m) that the receiver has measured.
+
+        The filter expects this position to be the real one plus the receiver's bias, which is in the state, and noise.
+        """
         for i, measured in enumerate(position_m):
             row = [0.0] * STATES
             row[i] = row[BIAS_X + i] = 1.0

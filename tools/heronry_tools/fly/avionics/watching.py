@@ -71,7 +71,7 @@ class AccuracyMonitor(Module):
 
 
 class SurfaceMonitor(Module):
-    """Reports the driven servo of a surface when the surface does not follow the commands."""
+    """Reports that the servo that drives a surface has failed, when the surface does not follow the commands."""
 
     surface: ClassVar[str]
     position: ClassVar[str] = "angle"

@@ -120,6 +120,7 @@ class BigBluePlant:
     ) -> None:
         """Place the aircraft at the beginning of `start`.
 
+        air: the moving air; None: the air is still
         pace: steps of the plant for one step of the avionics, while the aircraft hangs on its line
         watch: is called with the state after each step near the ground, once the line is cut
         """

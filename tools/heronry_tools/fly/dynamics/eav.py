@@ -92,6 +92,7 @@ class EavPlant:
     ) -> None:
         """Place the aircraft in trimmed flight on final approach.
 
+        air: the moving air; None: the air is still
         start_m: x, y and height
         corrections_lost_s: time of the flight from which the differential receiver is inaccurate; None: it never is
         height_bias_m: a constant error of the differential receiver's height, in addition to its usual errors

@@ -64,7 +64,10 @@ class FlightDriver:
         return FlightDevice(self, name)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:  # noqa: ARG002
-        """Return the actuators whose output echoes this driver needs: none; the plant process gets every command."""
+        """Return the actuators of which this driver needs output echoes: none.
+
+        The plant process itself gets every command.
+        """
         return frozenset()
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:

@@ -131,7 +131,7 @@ class PlantProcess:
         self._writer.write(Snapshot(now_ns, truth.height_m, readings, refusing))
 
     def _wait_until(self, due_ns: int) -> bool:
-        """Wait until `due_ns` and execute commands of standard input meanwhile.
+        """Wait until `due_ns`, and meanwhile make devices fail as lines on standard input request.
 
         Return False if standard input is closed.
         """

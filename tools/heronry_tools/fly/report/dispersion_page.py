@@ -1,7 +1,7 @@
-"""The report of many flights of one aircraft: where and how hard it touches down, and which landings are acceptable.
+"""The report of many flights of one aircraft: where and how hard it lands, and which landings are acceptable.
 
-If results have a `height_bias_m`, the constant error of the height by which the aircraft steers, the report shows the
-share of acceptable landings against that error.
+The `height_bias_m` of a result is the constant error of the height that the aircraft measures. If results have
+it, the report shows the share of acceptable landings against this error.
 """
 
 from collections import Counter
@@ -147,7 +147,11 @@ def _sinks(landings: Sequence[Landing]) -> str:
 
 
 def _by_bias(landings: Sequence[Landing]) -> str:
-    """Draw the share of acceptable landings in bins of the height error, each share with its 95 % interval."""
+    """Draw the share of acceptable landings against the constant error of the height, without its sign.
+
+    The landings are put into bins of the error, each `_BIN_M` wide. Each share is drawn with its 95 % interval.
+    A bin with fewer than `_FEWEST` flights is not drawn.
+    """
     bins: dict[int, list[bool]] = {}
     for landing in landings:
         if landing.height_bias_m is not None:

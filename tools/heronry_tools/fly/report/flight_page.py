@@ -298,8 +298,9 @@ def _stripes(record: FlightRecord, drawn: Panel, factor: float) -> Iterator[str]
 def _lanes(record: FlightRecord, reach: tuple[float, float], factor: float, top: float) -> tuple[list[str], float]:
     """Draw for each module a row that shows, over time, the PE and mode in which it ran.
 
-    If some modules have moved, changed or ended, only these get a row. Returns the elements of the picture, and
-    their height in px; no elements and 0 if no module ran.
+    If some modules have moved, changed their mode, started after 0.5 s or ended more than 0.5 s before the last
+    row of the record, only these modules get a row. Returns the elements of the picture, and their height in
+    px; no elements and 0 if no module ran.
 
     reach: the range of the horizontal axis
     factor: converts seconds to the unit of this axis

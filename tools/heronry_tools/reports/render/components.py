@@ -19,7 +19,8 @@ _DEVICE: Final = "device:"
 def component_picture(graph: ComponentGraph, model: ComponentGraph | None = None) -> Graph:
     """Make the picture of a graph.
 
-    model: the whole graph, in which loops are searched for, if `graph` is only a view of it; None: `graph` is whole.
+    model: the whole graph, if `graph` is only a view of the whole; loops are searched for in the whole graph.
+        None: `graph` itself is whole.
     """
     found = loops(model or graph)
     drawn = [name for name, member in graph.members.items() if not member.components]
@@ -43,7 +44,10 @@ def _node(graph: ComponentGraph, name: str, found: Loops, kinds: Mapping[str, Ki
 
 
 def _device_kinds(graph: ComponentGraph) -> dict[str, Kind]:
-    """Give the kind of each device in a plan's graph: edges lead from sensors to modules, from modules to actuators."""
+    """Give the kind of each device in the graph of a plan: sensor or actuator.
+
+    An edge that leads from a device to a module shows a sensor; an edge from a module to a device, an actuator.
+    """
     kinds: dict[str, Kind] = {}
     for start, end in graph.edges:
         for vertex, kind in ((start, "sensor"), (end, "actuator")):

@@ -46,7 +46,10 @@ class Marks:
         return not self.found.can_hold(gate, before=len(self.found.lost) + 2)
 
     def demux_dead(self, demux: Demux) -> bool:
-        """Tell whether no module can give the variable of a DEMUX, or none of its ends can run."""
+        """Tell whether a DEMUX cannot work in the situation.
+
+        This is so if no module can give the variable of the DEMUX, or no module at an end of the DEMUX can run.
+        """
         ends = (self.spec.modules[end] for end in demux.ends)
         return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 
@@ -77,8 +80,8 @@ class Marks:
 
 
 def marks(spec: Spec, now: Situation, configuration: Configuration | None = None) -> Marks:
-    """Make the `Marks` of a spec in a situation, with this configuration or with no running module.
+    """Make the `Marks` of a spec in a situation and a configuration.
 
-    configuration: every module, mode and PE in it must be one of the spec.
+    configuration: every module, mode and PE in it must be one of the spec. None: no module runs.
     """
     return Marks(spec, feasible(spec, now), configuration or Configuration())

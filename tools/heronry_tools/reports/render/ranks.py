@@ -109,11 +109,12 @@ def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[
 
 
 def _tightened(graph: Graph, edges: list[Edge], start: Mapping[str, int], last: int) -> dict[str, int]:
-    """Return new columns of the symbols that make the edges shorter; every edge still leads to the right.
+    """Give every symbol a new column, so that the edges become shorter and still lead to the right.
 
-    One symbol is moved at a time, in several passes over all symbols.
+    One symbol is moved at a time, in several passes over all symbols. Sensors stand in column 0, actuators in
+    column `last`.
 
-    start: the present column of each symbol. last: the column of the actuators.
+    start: the present column of each symbol.
     """
     ranks = dict(start)
     into: dict[str, list[str]] = {key: [] for key in graph.nodes}
@@ -145,7 +146,7 @@ def _weight(source: str) -> int:
 
 
 def _length(edges: list[Edge], ranks: Mapping[str, int]) -> int:
-    """Give the sum of the lengths of all edges, in ranks.
+    """Give the sum of the lengths of all edges; an edge to the next column has the length 1.
 
     Edges out of one symbol share a trunk, so only the longest of them counts.
     """

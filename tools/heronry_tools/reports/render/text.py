@@ -48,7 +48,10 @@ def mermaid(graph: Graph) -> str:
 
 
 def mermaid_node(number: str, node: Node, look: str) -> str:
-    """Write one symbol under its number; `look` is the name of its style class, or empty."""
+    """Write the line of Mermaid for one symbol.
+
+    number: the number that stands for the symbol in the text. look: the name of its style class; empty: none.
+    """
     before, after = _BRACKETS[node.kind]
     return f'  {number}{before}"{"<br/>".join(_words(node))}"{after}{f":::{look}" if look else ""}'
 

@@ -265,7 +265,10 @@ class Fleet:
         return None
 
     def last_words(self, name: str) -> str:
-        """Give the last line that a process wrote to its standard error, or a sentence if it wrote nothing."""
+        """Give the last line that a process wrote to its standard error.
+
+        If the process wrote nothing, give a sentence that says so.
+        """
         log = self.folder / f"{name}.log"
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
         return lines[-1] if lines else "it wrote no message"

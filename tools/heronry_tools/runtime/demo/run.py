@@ -46,10 +46,10 @@ class Show:
     """One run of a demo.
 
     fleet: the processes.
-    choices: the kind of each bus, by its name.
+    choices: the python-can bus that stands for each bus of the spec, by the name of the bus in the spec.
     tell: gets every event, in the order of their times.
-    behind: the process that makes plans for the next demo, if any.
-    page: the process that serves a page, if any.
+    behind: the process that makes plans for the next demo; None: there is none.
+    page: the process that serves a page; None: there is none.
     """
 
     def __init__(
@@ -230,10 +230,10 @@ class Show:
         return one
 
     def _pass_on(self, one: Mapping[str, Any]) -> None:
-        """Pass on an event of the manager; if a PE was lost although its process runs, add the field `waited`.
+        """Pass on an event of the manager; if `_noted` has added the field `waited` to it, fill this field before.
 
-        The field has the longest time for which a process has waited for a processor. The processes of the PE, of the
-        managers and of the buses count, since each of them may be the reason for the loss (`_waited`).
+        The field gets the longest time for which a process has waited for a processor. The processes of the lost
+        PE, of the managers and of the buses count, since each may be the reason for the loss (`_waited`).
         """
         if one["event"] == "pe_lost" and "waited" in one:
             one = {**one, "waited": self._waited([one["pe"]])}

@@ -115,9 +115,10 @@ class Hearing:
             self.on_channel[channel].add(speaker)
 
     def clocks(self, wall_ns: int, monotonic_ns: int) -> None:
-        """Take readings of the wall clock and the monotonic clock at the same moment.
+        """Take readings of the wall clock and of the monotonic clock, both from the same moment.
 
-        The largest change of their difference is kept in `clock_step_ns`: it shows whether the wall clock was set.
+        The difference of the two clocks changes if the wall clock is set. `clock_step_ns` keeps the largest
+        change from one call to the next.
         """
         offset_ns = wall_ns - monotonic_ns
         if self._offset_ns is not None:
@@ -128,7 +129,10 @@ class Hearing:
 def assess_hearing(
     heard: Hearing, expected: Expected | None, seconds: float, bus: BusNamed = _CAN0
 ) -> Iterator[Finding]:
-    """Give findings about the frames that were heard in `seconds` on this bus."""
+    """Give findings about the frames that were heard in `seconds` on this bus.
+
+    expected: has the PEs of the bus; None: no PE is reported as missing or as not in the spec.
+    """
     yield _assess_traffic(heard, seconds, bus)
     yield _assess_managers(heard, bus)
     yield from _assess_nodes(heard, expected, bus)
@@ -195,7 +199,11 @@ def _assess_nodes(heard: Hearing, expected: Expected | None, bus: BusNamed) -> I
 
 
 def assess_digests(digests: dict[int, str | None], expected: Expected | None) -> Iterator[Finding]:
-    """Give findings about the digest of each PE's table; a digest is None where a PE did not answer."""
+    """Give findings about the digest of each PE's table.
+
+    digests: by node-ID; the digest is None if the PE did not answer.
+    expected: has the right digest; None: all digests are compared with the first one that is known.
+    """
     silent = [str(node) for node, digest in digests.items() if digest is None]
     if silent:
         yield Finding("tables", f"no answer by SDO from node {', '.join(silent)}", "repeat on an idle bus")

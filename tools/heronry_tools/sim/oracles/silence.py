@@ -40,7 +40,10 @@ InForce = Callable[[int, int], Iterable[Situation]]
 
 
 class LeftOut:
-    """Tells whether the activated epochs explain a silent function: one rightly left it out, or it moved."""
+    """Tells whether the activated epochs explain why a function is silent.
+
+    They do if one of them rightly leaves the function out, or if the function moves to another PE.
+    """
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch], in_force: InForce) -> None:
         """Begin with the activated epochs, by number; epochs that the caller adds later are used, too."""
@@ -78,8 +81,9 @@ class LeftOut:
     def _is_right(self, function: str, epoch: Epoch, configuration: Configuration) -> bool:
         """Tell whether it is right that a configuration does not serve a function; False if it serves the function.
 
-        It is right if, in some situation between the preparation and the activation of the epoch, the best plan
-        does not serve the function either, or is no better than the configuration.
+        It is right if the best plan does not serve the function either, or is no better than the configuration. It is
+        enough that this holds for one phase and one set of priorities that were in force at some moment from the
+        preparation to the activation of the epoch.
         """
         if _serves(self._spec, configuration, function):
             return False

@@ -131,10 +131,10 @@ class TermCheck(Oracle):
         self._tell(t_ns, "reign", story)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
-        """Note that a station has used a term at `t_ns`, and verify that no other station uses this term, too.
+        """Note that a station has used a term at `t_ns`, and verify that it does not share the term for too long.
 
-        It is a violation if several stations have all used the term during more than `_together_ns`. While the
-        bus is broken in the middle, nothing is noted or verified.
+        It is a violation if several stations have used this term side by side for longer than `_together_ns`. While
+        the bus is broken in the middle, nothing is noted or verified.
         """
         if self._is_split:
             return

@@ -80,9 +80,9 @@ class TransitionCheck(Oracle):
         return [f"from epoch {before.number} to {epoch.number}: {one}" for one in found if one.rule == "t.bus"]
 
     def _before(self, pages: Sequence[StatePage0]) -> Epoch | None:
-        """Return the epoch that all `pages` report as ACTIVE, with its digest.
+        """Return the epoch that all `pages` report as ACTIVE, if they also report the digest of this epoch.
 
-        None: the pages do not agree on one such epoch, or the epoch is not known.
+        None: the pages do not agree on one epoch, or the epoch is not known, or it has another digest.
         """
         said = {(page.epoch, page.digest, page.state) for page in pages}
         number, digest, state = next(iter(said), (NO_EPOCH, 0, PeState.UNCONFIGURED))

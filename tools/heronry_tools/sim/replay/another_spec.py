@@ -40,7 +40,8 @@ def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Itera
 
     Yields, for each check, the PREPARE of the epoch that is checked, and whether the check succeeds.
 
-    called: digests of the contingencies on board; None: these are not known, so they are not checked.
+    called: digests of the contingencies on board; None: these are not known, so a PREPARE that names a
+        contingency by its number is not checked.
     """
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}

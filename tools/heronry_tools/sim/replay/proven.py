@@ -39,7 +39,10 @@ def is_tagged(frames: Iterable[LoggedFrame]) -> bool:
 
 
 def proven(spec: Spec, key: Key, frames: Sequence[LoggedFrame]) -> list[LoggedFrame]:
-    """Return the frames on the manager's bus that are proven, in the order in which they are proven."""
+    """Return the frames that are proven or need no proof, in the order in which this is decided.
+
+    Commands, pages and EMCYs are changed or left out as the head of this file says.
+    """
     reader = _Reader(spec, key)
     return [logged._replace(frame=frame) for logged in frames for frame in reader.read(logged)]
 

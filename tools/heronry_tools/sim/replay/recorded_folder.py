@@ -103,6 +103,9 @@ def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
 
 
 def _whole_lines(file: Path) -> list[str]:
-    """Return the lines of a file; the last one is left out if its end is missing, since a kill may have cut it."""
+    """Return the complete lines of a file.
+
+    A last line without its end is left out: `heronry record` may have been killed while it wrote the line.
+    """
     whole, _, _ = file.read_text(encoding="utf-8", errors="replace").rpartition("\n")
     return whole.splitlines()

@@ -33,7 +33,10 @@ _SAID_BY |= {heartbeat_id(node): node for node in MANAGER_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A manager's PREPARE of an epoch, or a step of an ACTIVATE; decisions that differ only in `t_ns` are equal."""
+    """A PREPARE or an ACTIVATE that a manager has sent for an epoch.
+
+    Decisions that differ only in `t_ns` are equal.
+    """
 
     t_ns: int = field(compare=False)
     what: str  # PREPARE, or the name of the step of an ACTIVATE

@@ -7,7 +7,8 @@ what the manager prepared next:
 - If the prepared digest is that of the best plan, of the greedy plan, or of a contingency, this plan is the answer. The
   answer was given at the time of the PREPARE.
 - If the prepared configuration is another one, but legal in the situation of the core's request, the core gets this
-  configuration, so that the replay can continue. A remark reports the difference, and the value of both plans.
+  configuration, so that the replay can continue. A remark reports the difference, and the value of the recorded plan
+  and of the best one.
 - If the configuration prepared next is not legal in this situation, or none was prepared, there was no answer in time:
   the next request replaced this request, or the plan was no better than what ran.
 - If a LEASE before any PREPARE names a configuration that could be the answer, the manager adopted this configuration.
@@ -161,7 +162,10 @@ class Rerun:
         self._until(self._mastership.last_ns)
 
     def _until(self, t_ns: int) -> None:
-        """Call the core for all deadlines, and with all answers of the planner, that are due before `t_ns`."""
+        """Call the core for all deadlines before `t_ns`, and with the planner's answers that come by `t_ns`.
+
+        These calls are made in order of time.
+        """
         while not self._ended:
             deadline_ns, answer = self._due_ns(self._core.next_deadline_ns()), self._answer
             if answer is not None and answer.at_ns <= t_ns and (deadline_ns is None or answer.at_ns <= deadline_ns):
@@ -174,9 +178,9 @@ class Rerun:
                 return
 
     def _due_ns(self, deadline_ns: int | None) -> int | None:
-        """Return when the manager handles a deadline: when it is due, or at the end of the standstill around it.
+        """Return when the manager handles a deadline; None if there is no deadline.
 
-        None if there is no deadline.
+        This is the time of the deadline or, if the manager may have stood still then, the end of that standstill.
         """
         if deadline_ns is None:
             return None
@@ -218,8 +222,9 @@ class Rerun:
 
         It cannot be derived in two cases:
 
-        - The recorded manager neither adopted one of the replay's own plans nor sent a PREPARE afterwards.
-        - The PREPARE names none of these plans, but a configuration that is unknown, or illegal in the situation.
+        - After the request, the recorded manager neither adopted one of the replay's own plans nor sent a PREPARE.
+        - The PREPARE after the request names none of these plans, but a configuration that is unknown, or illegal
+          in the situation of the request.
         """
         likeliest_last = list(self._planners.plans(request))[::-1]
         known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}

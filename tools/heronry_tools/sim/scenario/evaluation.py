@@ -3,7 +3,8 @@
 There are three kinds of expectations:
 
     something is sent or has a state    holds since the first frame of a *chain*: an unbroken series of frames that
-                                        agree with the expectation, and that lasts to the end of its time
+                                        agree with the expectation, and that lasts until the time of the expectation
+                                        ends
     a PE reports something              holds since the first frame with this report
     silent, unchanged, not reported     holds after the last frame that contradicts the expectation
 
@@ -97,10 +98,11 @@ class Evaluation:
                 return [(t, one.subject in (element, module_of(element))) for t, element in heard.reports], None
 
     def _last_against(self, one: Expectation) -> int | None:
-        """Return the time of the last frame that contradicts an expectation of silence or of no change.
+        """Return the time of the last frame that contradicts an expectation of silence, of no change or of no report.
 
-        Every frame of the subject contradicts silence; every frame of a newer epoch contradicts `epoch unchanged`.
-        None: no frame contradicts the expectation.
+        Only frames within the time of the expectation count. Silence is contradicted by every frame of the subject,
+        `epoch unchanged` by every state that names another epoch than the one at the beginning of this time, and
+        `nothing reported` by every report. None: no frame contradicts the expectation.
         """
         kind, _, name = one.subject.partition(":")
         heard = self._heard
@@ -122,10 +124,12 @@ class Evaluation:
         return max((t for t in times if self._ns(one.from_ns) < t <= self._ns(one.until_ns)), default=None)
 
     def _epoch_at(self, from_ns: int) -> int:
-        """Return the epoch in the last state of any PE that came until `from_ns`, a time of the script.
+        """Return the epoch that the last state heard by `from_ns` names, whichever PE has sent this state.
 
-        A state that names no epoch is ignored. If there is no such state until then, the first later one counts.
-        NO_EPOCH: no state names an epoch.
+        States that name no epoch are ignored. If every state that names an epoch was heard later, the first of them
+        counts. NO_EPOCH: no state names an epoch.
+
+        from_ns: a time of the script
         """
         named = [(s.t_ns, s.page.epoch) for s in self._heard.states if s.page.epoch != NO_EPOCH]
         before = [epoch for t, epoch in named if t <= self._ns(from_ns)]

@@ -105,8 +105,8 @@ def _end(flight: Simulation, script: Script, injections: Injections) -> list[str
 def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
     """Return the kills and the jammed actuators of a script as faults, for the oracle `service`.
 
-    If one of two managers is killed, the kill is a fault without duration, since the other manager takes over.
-    The fault of a jammed actuator names no element, since the monitors decide when the actuator is reported.
+    If one of two managers is killed, the kill is a fault without duration, since the other manager takes over. The
+    fault of a jammed actuator names no element, since it depends on the monitors when the actuator counts as failed.
     """
     start_ns, restored = _start_ns(flight), dict[str, int]()
     for deed in reversed(script.deeds):
@@ -140,7 +140,7 @@ def _begin(flight: Simulation, script: Script) -> None:
 
 
 def _start_ns(flight: Simulation) -> int:
-    """Return the time at which the first configuration ran; the present time if none has run."""
+    """Return the time (ns) at which the first configuration began to run; the present time if none has run."""
     return next((event["t_ns"] for event in flight.events_of("reconfigured")), flight.now_ns)
 
 

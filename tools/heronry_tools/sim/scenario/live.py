@@ -8,8 +8,8 @@ Time is real, and the computer also runs other programs. So three things differ 
 
 `--patience N` makes the 100 ms N times as long, and also the time within which an expectation must come true.
 
-Partitions load their code when their first module starts. So the script begins when all functions that the first
-configuration serves have been heard, but no later than `LOADING_S` seconds after this configuration runs.
+Partitions load their code when their first module starts. So the script begins when all functions that the newest
+plan serves have been heard, but no later than `LOADING_S` seconds after the first configuration began to run.
 
 Only some deeds can be done to processes (`process_deeds`), and a radio can be disturbed (`bad_radios`). Other faults of
 wires, clocks and controllers can be injected only in the simulator.

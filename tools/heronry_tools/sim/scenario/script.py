@@ -22,8 +22,8 @@ Times are seconds from the moment at which the first configuration runs. What ca
     kill|restore manager               kill: the active manager; restore: manager 126
     kill|restore primary|standby       with two managers: 126 is the primary, 127 the standby
     phase NAME       fail|clear KIND:NAME       priority FUNCTION N|default     (orders of the operator)
-    script FILE                        (an order, too) run the script in this *.pcs.script file, and keep what it makes;
-                                       FILE is a path from this file's folder
+    script FILE                        (an order, too) run the script in this *.pcs.script file, and keep the
+                                       configuration that the script makes; FILE is a path from this file's folder
     release                            (an order, too) end the script that the manager runs
     stick device:NAME                  the device still answers, but with its last reading (simulator)
     wait                               nothing is done; the expectations below count from this time
@@ -258,7 +258,10 @@ class _Reader:
                 )
 
     def _prepared(self, words: list[str]) -> bool:
-        """Read a line that describes the aircraft, before the first deed; return whether it is such a line."""
+        """Read a line if it describes the aircraft before the first deed, for example `standby`.
+
+        Returns whether the line is of this kind; if not, the line is not read.
+        """
         match words:
             case ["standby"]:
                 self.has_standby = True

@@ -60,7 +60,7 @@ class Disk:
             self._sync(now_ns)
 
     def torn(self, random: Random, now_ns: int) -> None:
-        """Cut the power: of the bytes that are not synced, a random number remains, counted from the first one.
+        """Cut the power: only a random number of the bytes that are not synced remains, the first ones.
 
         A random piece of these remaining bytes is replaced by random bytes.
         """

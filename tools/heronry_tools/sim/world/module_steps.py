@@ -77,10 +77,10 @@ class ModuleSteps:
     ) -> None:
         """Begin with modules that run on time: no step hangs, and the processor is not slow.
 
-        drive: is called with every step of a module that drives an output.
-        look: is called with every eighth of those steps that have inputs and whose modules drive no output, so that
-            oracles see some of them.
-        broken: how a module fails in its steps, by the name of the module or, for one PE, by NAME@PE.
+        drive: is called with every step of a module that drives an actuator, or is a branch of a DEMUX.
+        look: is called with every eighth of the other steps that have inputs, so that oracles see some of them.
+        broken: how a module fails in its steps, or which phase it requests (ASKS and the phase); by the name of
+            the module or, for one PE, by NAME@PE.
         broke: is called with the name of a module that has raised an error, or given a value outside the range of
             its type.
         """

@@ -55,7 +55,7 @@ class ReplicatedPort:
         told: Callable[[frozenset[int]], None],
         witness: Callable[[Copy], None],
     ) -> None:
-        """Join the stations of two channels to one port, which takes the place of their own listeners.
+        """Make one port of the stations on two channels; from now on the port is the listener of both stations.
 
         wires: for channel 0 and channel 1, the bus and the station on it.
         heartbeat_ns: heartbeat period of the bus.

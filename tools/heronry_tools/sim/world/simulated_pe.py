@@ -72,11 +72,11 @@ class SimulatedPe(Node):
         """Join the buses of the PE's table, and start the PE.
 
         buses: the channels of each bus, by the name of the bus
-        drive: is called with every step of a module that drives an output
-        look: is called with every eighth of those steps that have inputs and whose modules drive no output
+        drive: is called with every step of a module that drives an actuator, or is a branch of a DEMUX
+        look: is called with every eighth of the other steps that have inputs
         move: is called when the PE allows a device to move
-        broken: what a module does in its steps, by module or by NAME@PE: a way to fail, or ASKS and the phase that it
-            requests
+        broken: how a module fails in its steps, or which phase it requests (ASKS and the phase); by the name of
+            the module or, for one PE, by NAME@PE
         broke: is called with the name of a module that has raised an error or given a value outside its type's range
         witness: is called with every copy of a frame on a replicated bus
         lacks: modules whose code is missing on this PE

@@ -44,7 +44,7 @@ _OWN_ACTIONS = frozenset(
 
 
 def _shown(key: str, action: str, words: str | None = None) -> Binding:
-    """Bind a key to an action, so that no widget gets the key, and show the key in the footer.
+    """Return a binding of a key to an action, which no widget can take away and which the footer shows.
 
     words: the label of the key in the footer; None: the name of the action.
     """
@@ -56,7 +56,7 @@ def _quiet(key: str, action: str) -> Binding:
 
 
 class Reading(ModalScreen[None]):
-    """A page of text over the panels; a key that opens such a page also closes it."""
+    """A page of text over the panels; each of the keys Escape, q, d and ? closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [("escape,q,d,question_mark", "close", "close")]
 
@@ -220,11 +220,11 @@ class TopApp(App[None]):
     # What the keys do
 
     def action_help(self) -> None:
-        """Show the page that explains keys and letters."""
+        """Show the page that explains the keys, and the letters that stand beside the colours."""
         self.push_screen(Reading(_HELP + "\n" + "\n".join(panels.LEGEND)))
 
     def action_details(self) -> None:
-        """Show a page with all that is known of the selected PE."""
+        """Show a page with the details of the selected PE, the last reconfiguration and the functions not served."""
         self.push_screen(Reading("\n".join(panels.details(self.snapshot(), self.look)) or "nothing is known yet"))
 
     def action_freeze(self) -> None:

@@ -52,9 +52,10 @@ def seconds(ns: int | None, digits: int = 1) -> str:
 
 
 def head(view: Snapshot) -> list[Text]:
-    """Give the head of the view: a line about the system, and lines about what is wrong with it as a whole.
+    """Give the head of the view: a line about the system, and lines about what is wrong with the system.
 
     The first line has spec, phase, epoch, term, manager and stage (for example PLANNING or RUNNING).
+    Below it there is a line for each of the first lost functions, and a line with everything else that is wrong.
     """
     manager = view.manager
     state = _MANAGER.get(manager.state, manager.state)
@@ -100,7 +101,7 @@ def _bus(name: str, bus: Bus, cells: int) -> Text:
 
 
 def pes(view: Snapshot, look: Look) -> list[Text]:
-    """Give one line for each PE."""
+    """Give a heading, and one line for each PE that matches the filter."""
     lines = [Text("  PE         heard epoch CPU     mod rst", "bold")]
     for name, pe in view.pes.items():
         if _matches(look, name, pe.why):
@@ -142,7 +143,11 @@ def function_state(function: Function) -> tuple[str, str]:
 
 
 def functions(view: Snapshot, look: Look) -> list[Text]:
-    """Give one line for each function; a function that is not served has `lost <- ` and the reason."""
+    """Give a heading, one line for each wanted function, and one line with the names of the other functions.
+
+    A wanted function that is not served has `lost`, for how long, and after `<-` the reason. Functions that do
+    not match the filter are left out.
+    """
     lines = [Text("  function         cl mode", "bold")]
     shown = [(name, one) for name, one in view.functions.items() if _matches(look, name, one.why_not, one.mode)]
     lines += [_function(view, name, one) for name, one in shown if one.wanted]
@@ -234,7 +239,11 @@ def _told(view: Snapshot, told: Told) -> Text:
 
 
 def details(view: Snapshot, look: Look) -> Iterator[str]:
-    """Give all that is known of the selected PE and of the last reconfiguration, as lines of text."""
+    """Give the details that a page shows, as lines of text.
+
+    These are all that is known of the selected PE and of the last reconfiguration. At the end, each wanted function
+    that is not served is listed with the reason.
+    """
     pe = view.pes.get(look.selected)
     if pe is not None:
         yield f"PE {look.selected} (node {pe.node_id}) is {pe.standing}" + (f": {pe.why}" if pe.why else "")

@@ -44,7 +44,8 @@ class Topic:
     def read(self, index: int, sub_index: int, wanted: bytes | int | Abort) -> Talk[None]:
         """Read an object and demand that it has the value `wanted`.
 
-        wanted: the bytes; or a number, which may have any length; or the reason for which reading must be refused
+        wanted: the bytes; or a number, whatever the length of the object is; or the reason for which the PE must refuse
+            to give the object
         """
         found = yield from self._sdo.upload(index, sub_index)
         same = wanted == (
