@@ -6,9 +6,11 @@ old a frame is. Each time before it reads the bus, the caller takes a *look*: it
 the clock of the day may have been set. Two rules limit the error that this causes:
 
     two offsets   The offset is the clock of the day minus CLOCK_MONOTONIC. The time of arrival is computed twice: with
-                  the offset at the last look, and with the offset at the look before. The earlier result counts
+                  the offset at the last look, and with the offset at the look before the last one. The earlier of the
+                  two results is used
     empty queue   If a reading leaves the queue of the bus empty, each frame that is read later has arrived after the
-                  look before this reading. No frame gets an earlier time of arrival than this look
+                  look that the caller took for this reading. No later frame gets an earlier time of arrival than that
+                  look
 
 By the first rule a frame never seems newer than it is. So a process that was paused does not take an old LEASE for a
 new one. By the second rule a frame in a running node never seems more than a few milliseconds too old.
@@ -61,7 +63,7 @@ class ArrivalTimes:
         self._empty_ns = self._looked_ns
 
     def age_ns(self, message: can.Message) -> int:
-        """Return the age of a message in ns at the last call of `look`, counted from its arrival; 0 or more."""
+        """Give the time in ns from the arrival of a message to the last call of `look`; 0 or more."""
         if isinstance(message, StampedMessage):
             return max(0, self._looked_ns - message.monotonic_ns)
         offset_ns = max(self._offset_ns or 0, self._offset_before_ns)

@@ -4,7 +4,7 @@ A tag is a keyed BLAKE2s hash (RFC 7693), cut to the room in the frame: 48 bits 
 covers the bytes of the frame and, in addition:
 
     command   - manager; kind of the command; term; number of the command in that term
-              - in a WELCOME, the command by which a manager answers the nonce of a PE: this nonce
+              - in a WELCOME, by which a manager answers the nonce of a PE: the nonce that it answers
     state     - node; manager, term and number of the WELCOME that opened the node's session
               - digest of the configuration that the PE runs (page 0) or has staged (page 1). In the frame, the tag
                 stands in place of this digest

@@ -61,7 +61,7 @@ class BusHealth:
             self.off_since_ns = None
 
     def reported(self, report: ControllerReport, now_ns: int) -> None:
-        """Count the errors and the state of the controller that an error frame has reported.
+        """Count each error and the state of the controller, as far as an error frame has named them.
 
         Makes a link status event if the state is one of `_BAD`.
         """

@@ -34,11 +34,14 @@ def bus_name(config: Mapping[str, Any]) -> str:
 
 
 def look_at_interface(config: Mapping[str, Any]) -> None:
-    """Raise LinkError if a SocketCAN interface cannot be used for this bus now.
+    """Raise LinkError if the bus is on a SocketCAN interface that is up, but must not be used now.
 
-    - The interface has another bit rate than the bus: LinkError.
     - The controller is bus-off, and Linux will restart it (`restart-ms`): LinkError.
-    - The controller is bus-off, and Linux will not restart it: it is restarted here. LinkError if the restart fails.
+    - The controller is bus-off, and Linux will not restart it: this function restarts the interface. LinkError if the
+      restart fails.
+    - The interface has another bit rate than `config` requests: LinkError.
+
+    No error for another back-end, or for an interface that does not exist or is down.
     """
     interface = config.get("channel") if config.get("interface") == "socketcan" else None
     reason = None if interface is None else obstacle(interface, config.get("bitrate"))

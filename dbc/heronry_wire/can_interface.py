@@ -74,12 +74,14 @@ def take_down_and_up(name: str) -> None:
 
 
 def obstacle(name: str, bitrate: int | None) -> str | None:
-    """Give the reason why an interface should not be used now; None: there is no reason.
+    """Give the reason why an interface that is up should not be used now; None if there is no such reason.
 
-    If the controller is bus-off and Linux is not set to restart it, restart the interface. If this succeeds,
-    there is no reason.
+    None, too, if the interface does not exist or is down: an attempt to open it then gives the reason.
 
-    bitrate: bit rate that the bus must have; an interface with another bit rate is not used. None: any bit rate.
+    A controller that is bus-off is a reason if Linux is set to restart it. If Linux is not, this function restarts
+    the interface. If the restart succeeds, the result is None; if it fails, the controller is the reason.
+
+    bitrate: bit rate that the bus must have; another bit rate of the interface is a reason. None: any bit rate.
     """
     interface = read_interface(name)
     if interface is None or not interface.is_up:

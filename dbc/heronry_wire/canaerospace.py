@@ -3,7 +3,7 @@
 The format is that of the CANaerospace Interface Specification V1.7 (Stock Flight Systems, 2006). Below, [S p.8] means
 page 8 of this specification.
 
-    byte 0   node-ID: of the sender (in node services: of the addressed node)     [S p.8]
+    byte 0   node-ID: of the sender (in a request for a node service: of the addressed node)     [S p.8]
     byte 1   data type: 0..31 of [S p.5-7], 32..99 reserved, 100..255 user-defined
     byte 2   service code: in data frames of this project the status of the datum, see below
     byte 3   message code: rises by one with each frame of this identifier and node; 255 is followed by 0

@@ -91,8 +91,8 @@ class Entry:
     """One object of the dictionary.
 
     variables: for a VAR or DOMAIN, one variable; for a RECORD, those of sub-indices 1, 2, ...; for an ARRAY, one
-        variable that describes each of its elements.
-    most: largest number of elements of an ARRAY.
+        variable, which stands for every element.
+    most: largest number of elements of an ARRAY; not used for another kind of object.
     count: the variable at sub-index 0 of an ARRAY or RECORD; None where sub-index 0 holds only the number of
         elements (ARRAY), or the highest sub-index (RECORD).
     """

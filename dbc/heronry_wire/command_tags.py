@@ -206,7 +206,11 @@ class CommandVerifier:
         return found._replace(arrived_ns=same[-1].arrived_ns) if same else found
 
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
-        """Give the term and number that the command must have if its TAG is valid, or the reason for its refusal."""
+        """Give the term and number that a command must have for its TAG to be valid, or why the TAG is refused.
+
+        payload: bytes of the command. low: the lowest 13 bits of its number, from the TAG; a WELCOME has its whole
+        number in the payload.
+        """
         last = self.places.get(manager)
         if kind == WELCOME_KIND:
             term, _, _, upper, lower = CONTROL.fields_of(payload)

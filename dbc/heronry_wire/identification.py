@@ -30,9 +30,12 @@ class IdentificationService:
         self.next_ns = NEVER_NS
 
     def asked(self, port: int, frame: Frame, now_ns: int) -> bool:
-        """Take a frame that came under the identifier of requests, and schedule its answer.
+        """Take a frame that has the identifier of requests; schedule an answer to an IDS request.
 
-        Returns False where the frame is malformed, and True for any other frame, also if it gets no answer.
+        Only a request to this node or to all nodes gets an answer. Returns False where the frame is malformed, and True
+        for any other frame, also if it gets no answer.
+
+        port: position of the bus on which the frame came; the answer goes out on the same bus.
         """
         request = decode_service(frame)
         if isinstance(request, Malformed):

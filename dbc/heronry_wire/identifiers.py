@@ -100,7 +100,10 @@ class Use(Enum):
 
 
 class Meaning(NamedTuple):
-    """Meaning of an identifier: its use, and the node and the management command where these are fixed."""
+    """Meaning of an identifier.
+
+    node_id, command: the node and the management command to which the identifier belongs; None: to no single one.
+    """
 
     use: Use
     node_id: int | None = None
@@ -199,8 +202,9 @@ def classify(can_id: int) -> Meaning:
 class Source:
     """A pair (producing module, variable), which needs an identifier.
 
-    standard: the standard identifier that the spec gives the variable, if any.
-    best_version: the version in the producer's first listed mode that gives the variable.
+    standard: the standard identifier that the spec gives the variable; None if it gives none.
+    best_version: the version in which the producer gives the variable in the first of its modes, in the order of the
+        spec, that give it.
     criticality_rank: best criticality of the functions that the source serves, in any phase: 0 (A) .. 4 (E).
     rate_mhz: rate at which the variable is sent, in thousandths of a hertz.
     order: position of the source in the spec.

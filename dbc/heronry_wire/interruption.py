@@ -12,19 +12,19 @@ A command passes through these states. A function of this file, or a signal, lea
 - *Loading*: nothing has been done, so nothing is to be cleaned up. The handler of the signal ends the process at once.
   It raises no exception, because code that runs during an import may swallow an exception, or turn it into an
   ImportError.
-- *Running*: the handler raises `Interrupted` in the main thread, so that `with` blocks clean up. Since this may fail, a
-  second thread ends the process after `_PATIENCE_S`, if it still runs.
+- *Running*: the handler raises `Interrupted` in the main thread, so that `with` blocks clean up. Since the exception
+  may have no effect, a second thread ends the process if the process still runs `_PATIENCE_S` after the signal.
 - *Interrupted*: no output of the command counts as a result any more. `expect_none`, which is called before a file is
   written, raises `Interrupted` once more. A second signal ends the process at once.
 
 The exit code is 128 + the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP.
 
-*Why `Interrupted` may fail.* Python raises an exception only between two instructions, but native code is one long
-instruction: CP-SAT searches for seconds. And a callback of the interpreter may swallow the exception.
+*Why `Interrupted` may have no effect.* Python raises an exception only between two instructions, but native code is one
+long instruction: CP-SAT searches for seconds. And a callback of the interpreter may swallow the exception.
 
-*The second thread.* Python's own C handler wakes it when a signal comes. Before the thread ends the process, it kills
-the worker processes of `multiprocessing`. If the clean-up of a command takes longer, the command uses `in_order`; then
-the thread does not end the process.
+*The second thread.* Python's own C handler wakes this thread when a signal comes. Before the thread ends the process,
+it kills the worker processes of `multiprocessing`. If the clean-up of a command takes longer, the command uses
+`in_order`; then the thread does not end the process.
 
 *Other handlers.* A program that serves until it is stopped (the manager, an agent) installs its own handlers for these
 signals; then the thread does nothing. A signal that the parent process has ignored (`nohup`) stays ignored.
@@ -167,7 +167,7 @@ def _end(number: int) -> NoReturn:
 
 
 def _report_unraisable(unraisable: "sys.UnraisableHookArgs", /) -> None:
-    """Report an exception that the interpreter swallows as Python does, but print nothing for an `Interrupted`.
+    """Report an exception that the interpreter has swallowed, as Python does; report no `Interrupted`.
 
     After a swallowed `Interrupted`, the second thread (see the head of this file) ends the process.
     """
@@ -176,10 +176,11 @@ def _report_unraisable(unraisable: "sys.UnraisableHookArgs", /) -> None:
 
 
 def _open_standard_streams() -> None:
-    """Open the standard streams that the caller has closed (`>&-`).
+    """Open the standard streams that were closed when this process started (`>&-` in a shell).
 
-    If a stream stayed closed, the next file that is opened would get its number. Of the streams opened here, standard
-    input is empty, a write to standard output is an error, and what is written to standard error is lost.
+    If a stream stayed closed, the next file that is opened would get the number of the stream. Of the streams opened
+    here, standard input is empty, a write to standard output is an error, and what is written to standard error is
+    lost.
     """
     for number, flags in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:

@@ -27,7 +27,8 @@ def read_key(file: Path) -> Key:
             mode = os.fstat(stream.fileno()).st_mode
             text = stream.read(2 * KEY_BYTES + 2)
     except OSError as error:
-        raise KeyFileError(f"{file}: {error.strerror}; 'heronry key {file}' makes a key") from error
+        remedy = "name a key file that you can read, or make a key with 'heronry key FILE'"
+        raise KeyFileError(f"{file}: {error.strerror}; {remedy}") from error
     except UnicodeDecodeError as error:
         raise KeyFileError(f"{file} holds no key; 'heronry key' makes one") from error
     if mode & _FOR_OTHERS:
@@ -56,5 +57,6 @@ def make_key(file: Path) -> Key:
     except OSError as error:
         if descriptor >= 0:
             file.unlink(missing_ok=True)  # this call made it, and it holds no key
-        raise KeyFileError(f"{file}: {error.strerror}; name a file in a folder that can be written") from error
+        remedy = "name a file in an existing folder to which you can write"
+        raise KeyFileError(f"{file}: {error.strerror}; {remedy}") from error
     return Key(secret)

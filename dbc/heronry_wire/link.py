@@ -349,9 +349,9 @@ class Link:
         self._overruns = dropped
 
     def _has_nothing_left(self) -> bool:
-        """Tell whether all frames have been read, after `recv` has given None.
+        """Tell, after `recv` has given None, whether no frame is left to read.
 
-        The None does not show this: `recv` also gives None if a serial modem has sent an answer, which is no frame.
+        A None alone does not show this: `recv` also gives None if a serial modem has sent an answer, which is no frame.
         Raises OSError if the connection has ended.
         """
         if self._is_well_known or self._bus is None:

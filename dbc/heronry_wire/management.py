@@ -20,9 +20,9 @@ ACTIVATE. What a PE does at each step:
     GO       starts the other modules, but holds DEMUX branches that are new on this PE; reports PARTIAL if it holds one
     GO_ALL   starts these branches, too; reports ACTIVE
 
-A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. Every command
-may be lost, late or doubled, since it names its epoch: a PE ignores an older epoch, a lower term, and a step that it
-has already taken.
+A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. PREPARE,
+SLICE, ACTIVATE and LEASE may be lost, late or doubled, since each names its epoch (SLICE modulo 256). A PE ignores an
+older epoch, a lower term, and a step that it has already taken.
 
 *Numbers.* Epochs are compared modulo 2^16 (`is_newer`); 0 means that there is no epoch. A term is 1..4095 (PREPARE has
 no room for more) and only rises; any other value is malformed. A digest is 24 bits. All numbers are big-endian, except

@@ -12,8 +12,8 @@ answers do not all start together.
 
 Every node of this project answers IDS (identification) on channel 0. A PE also executes TIS (transmission interval),
 STS (state transmission) and NSS (synchronisation) on this channel. No program of this project sends the other services.
-A program that needs them for a unit of another maker encodes the request with `request`, and decodes the answer as any
-node service frame. This file does not split or join the data blocks of DDS (data download) and DUS (data upload).
+A program that needs them for a unit of another maker encodes the request with `request`, and decodes the answer with
+`decode_service`. This file does not split or join the data blocks of DDS (data download) and DUS (data upload).
 
 Channel 110 is never used here, since its identifiers belong to CANopen (LSS).
 """

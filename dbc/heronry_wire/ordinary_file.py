@@ -24,7 +24,7 @@ def read_ordinary(file: Path, most_bytes: int | None = None) -> bytes:
 
 
 def open_ordinary(file: Path) -> int:
-    """Open a file for writing: a new one, or the existing one, emptied. Gives the descriptor; raises OSError."""
+    """Create a file, or empty an existing one, and open it for writing; gives its descriptor, or raises OSError."""
     descriptor = _opened(file, os.O_WRONLY | os.O_CREAT)
     os.ftruncate(descriptor, 0)
     return descriptor

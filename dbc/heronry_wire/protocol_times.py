@@ -10,8 +10,8 @@ tells what it is:
 A *beat* is a frame that a node sends in every period: the state of a PE, the LEASE of a manager. These times count from
 the last beat of a node. k is the number of beats that a node may miss, as the spec gives it.
 
-    1 1/4 periods     `late_ns`      the next beat is late: the manager sends PING to a PE; on a replicated bus, the
-                                     channel has failed for the node whose beat is late on it
+    1 1/4 periods     `late_ns`      the next beat is late: the manager sends PING to a PE; on a replicated bus, a
+                                     channel without this beat counts as failed for the frames of the beat's identifier
     k + 1/4 periods   `silent_ns`    k beats have not come: a PE is down, a channel is lost
     3 1/4 periods     `unsent_ns`    no frame of a silent PE can be on its way any more
 

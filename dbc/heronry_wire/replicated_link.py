@@ -153,7 +153,7 @@ class ReplicatedLink:
         return taken
 
     def pump(self, now_ns: int) -> None:
-        """On each channel, hand the most urgent frame to the controller if the controller has no frame of this link.
+        """On each channel, hand the most urgent queued frame to the controller once it has no other frame of this node.
 
         The driver calls this after `send`, and at `next_deadline_ns`.
         """
@@ -180,9 +180,10 @@ class ReplicatedLink:
             link.close()
 
     def _left(self, channel: int, frame: Frame, now_ns: int, took_ns: int) -> None:
-        """Note that one channel has sent its copy of a frame.
+        """Note that a channel has sent its copy of a frame at `now_ns`.
 
-        The other channel drops its copy if it has not begun to send the copy after `latest_copy_ns`.
+        The other channel drops its own copy if it has not begun to send it within `latest_copy_ns` from `now_ns`.
+        took_ns: how long the controller had the copy that was sent.
         """
         self._watch.left(channel, now_ns)
         self.links[1 - channel].queue.limit(frame, now_ns + self._latest_copy_ns, now_ns)

@@ -46,10 +46,10 @@ class Send(NamedTuple):
 class Withdraw:
     """Action: remove the frames with these identifiers from this node's queues, because they must not be sent any more.
 
-    When a state frame of this node reports that the node has stopped, another node may begin to send under the same
-    identifiers. This state frame is more urgent than data. So without this action it would overtake data frames in the
-    queue, and the node would send these after its report. A frame that the controller already has leaves before the
-    report.
+    A state frame of this node may report that the node has stopped sending such frames. From then on another node may
+    send under the same identifiers. The state frame is more urgent than data. So without this action it would overtake
+    data frames in the queue, and the node would still send these data frames after the report. A frame that the
+    controller already has leaves before the report.
     """
 
     identifiers: frozenset[int]

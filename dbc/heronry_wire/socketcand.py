@@ -65,6 +65,6 @@ def _at_its_server(config: Mapping[str, Any]) -> dict[str, Any]:
     host, _, port = server.rpartition(":")
     if not channel or not host or not port.isdecimal():
         raise ValueError(
-            f"a socketcand bus is named INTERFACE@HOST:PORT, such as can0@192.168.1.5:29536, not '{server}'"
+            f"a socketcand bus is named INTERFACE@HOST:PORT, such as can0@192.168.1.5:29536, not '{channel}@{server}'"
         )
     return {**config, "channel": channel, "host": host, "port": int(port)}

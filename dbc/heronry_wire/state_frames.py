@@ -5,9 +5,9 @@
     page 2   with a key: the nonce with which a PE requests a new session
     page 3   with a key: the digest of the running configuration, and the number of refused commands
 
-Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. A new
-flag is a member of `PeFlags`; its bit is the highest bit of the field `state`, which no state uses yet. A new field of
-a page is a `Field` in the page's layout and a field in its dataclass, in the same order.
+Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. To add
+a flag, add a member to `PeFlags`, and give it the highest bit of the field `state`, which no state uses yet. To add a
+field to a page, add a `Field` to the page's layout and a field to its dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state`
 takes a digest or tag out, and `joined_state` puts a tag in. Some functions below give a single field, and are faster

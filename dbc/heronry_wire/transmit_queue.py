@@ -51,9 +51,9 @@ class TransmitQueue:
             self.dropped += 1
 
     def limit(self, frame: Frame, until_ns: int, now_ns: int) -> None:
-        """Let the first frame equal to `frame` expire at `until_ns` at the latest.
+        """Let one queued frame equal to `frame` expire at `until_ns`: the first that would expire later.
 
-        Drops frames that have expired at `now_ns`.
+        Drops all frames that have expired at `now_ns`.
         """
         kept = [one for one in self._frames if one[3] >= now_ns]
         self.expired += len(self._frames) - len(kept)

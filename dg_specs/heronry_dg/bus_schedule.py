@@ -151,7 +151,9 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 def _messages(
     spec: Spec, bus: Bus, data: list[ScheduledMessage], jitters: list[int | None]
 ) -> tuple[ScheduledMessage, ...]:
-    """Add the regular management frames to the data on a bus, with their response times if the bus is wired.
+    """Give all regular messages of a bus by priority: its management frames, and between them `data`, unchanged.
+
+    On a wired bus the management frames get their response times.
 
     jitters: jitter of each message of `data` in ns; None: the jitter of this message has no bound. If one has no
         bound, management frames with a lower priority than data (CANopen heartbeats) get no response time.

@@ -71,10 +71,10 @@ class ExpressionReader:
         return {name: reading.expression for name, reading in readings if reading is not None}
 
     def read(self, node: Node) -> Reading | None:
-        """Read the `needs` of a mode; gives None, and adds findings, if they have a mistake.
+        """Read the `needs` of a mode; gives None where `needs` has a mistake, about which findings are added.
 
-        Gives None, too, once all modes read so far have more than MOST_LEAVES_OF_ALL inputs; the first such mode
-        gets a finding.
+        Gives None, too, once all modes read so far together have more than MOST_LEAVES_OF_ALL inputs; the mode that
+        first exceeds this number gets a finding.
         """
         reading = self._expression(node, below_choice=False)
         if reading is None:

@@ -65,7 +65,7 @@ def _priority_range(value: object) -> tuple[int, int]:
             return low, high
         case _:
             pass
-    sentence = f"must be the lowest and the highest priority, 0 to {MOST_PRIORITY}, not {shown(value)}"
+    sentence = f"must be a list of two whole numbers from 0 to {MOST_PRIORITY}: the lowest priority, then the highest"
     raise UnfitError(rules.WRONG_TYPE, sentence, "write priority_range: [0, 100]")
 
 

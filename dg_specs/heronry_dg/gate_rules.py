@@ -63,7 +63,7 @@ class _GateRules:
         self.branches: dict[str, list[str]] = {name: [] for name in draft.demuxes}
 
     def read_module(self, module: ModuleElement, reader: ExpressionReader) -> None:
-        """Read the `needs` of all modes, and note the DEMUXes of which the module is a branch."""
+        """Read the `needs` of all modes of a module, and note the DEMUXes of which this module is a branch."""
         for mode in module.modes.values():
             needs = _needs(mode)
             if needs is None:
@@ -79,7 +79,7 @@ class _GateRules:
             self.branches[demux].append(module.name)
 
     def check_branches(self) -> None:
-        """Check that every mode of a branch names the DEMUX, and that every DEMUX has two branches or more."""
+        """Check that every mode of a branch names its DEMUX, and that every DEMUX has at least two branches."""
         for demux, modules in self.branches.items():
             for module in modules:
                 self._check_modes_of_branch(self._draft.modules[module], demux)

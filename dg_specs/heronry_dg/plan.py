@@ -369,8 +369,8 @@ def check_names(spec: Spec, configuration: Configuration) -> None:
             leaf = leaves.get(path)
             if leaf is None or leaf.variable != wire.variable or not leaf.accepts(wire.version):
                 raise PlanError(
-                    f'modules.{name}.inputs["{path}"]: mode {running.mode} has no input that takes '
-                    f"{wire.variable}@{wire.version} there"
+                    f'modules.{name}.inputs["{path}"]: mode {running.mode} has no such input, or the input does not '
+                    f"accept {wire.variable} in version {wire.version}: make a new plan"
                 )
 
 
@@ -407,7 +407,7 @@ def _fields(pairs: list[tuple[str, object]]) -> Json:
 
 
 def _no_constant(name: str) -> object:
-    raise PlanError(f"{name} is no JSON number")
+    raise PlanError(f"the file holds {name}, which is no JSON number: make a new plan")
 
 
 _NAMES: Mapping[type, str] = {

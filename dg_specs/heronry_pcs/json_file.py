@@ -67,12 +67,12 @@ class _Object(dict[str, Any]):
 
 
 def _no_number(name: str) -> object:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"the file holds {name}, which is no JSON number; write a finite number")
 
 
 def _whole_number(digits: str) -> int:
     if len(digits) > _MOST_DIGITS:
-        raise ValueError(f"a number has {len(digits)} digits, more than {_MOST_DIGITS}")
+        raise ValueError(f"the file holds a number with {len(digits)} digits; write at most {_MOST_DIGITS}")
     return int(digits)
 
 

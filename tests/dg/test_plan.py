@@ -231,7 +231,7 @@ WIRED = '{"modules": {"a": {"pe": "p", "mode": "m", "inputs": {"0.1": %s}}}}'
         ("", "line 1, column 1: this is not JSON (Expecting value)"),
         ('{\n "modules": {,}}', "line 2, column 14: this is not JSON"),
         ("[]", "the plan is [] and must be an object"),
-        ("NaN", "NaN is no JSON number"),
+        ("NaN", "the file holds NaN, which is no JSON number"),
         ("1" * 5000, "the file holds a number too long for a plan"),
         ("[" * 100_000, "the file is nested too deeply to be a plan"),
         ("{}", "the plan has no 'modules'"),
@@ -275,7 +275,7 @@ def test_what_is_malformed_is_named(text: str, sentence: str) -> None:
         (
             ("modules", "chute_logic", "inputs", "1", "variable"),
             "altitude",
-            'modules.chute_logic.inputs["1"]: mode only has no input that takes altitude@1 there',
+            'modules.chute_logic.inputs["1"]: mode only has no such input, or the input does not accept altitude',
         ),
     ],
 )

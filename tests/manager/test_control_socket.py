@@ -141,7 +141,7 @@ def test_another_users_process_gets_no_order(place: Path, monkeypatch: pytest.Mo
     with manager_on(place) as heard:
         monkeypatch.setattr(os, "getuid", lambda: 4711)
         monkeypatch.setattr(control_client, "user_beyond", lambda _: 815)
-        with pytest.raises(ControlError, match=r"is another user's \(815\): no order is sent to it"):
+        with pytest.raises(ControlError, match=r"another user's \(user ID 815\), so nothing is sent to it; "):
             call(place, AskStatus())
         monkeypatch.undo()
         assert heard == []

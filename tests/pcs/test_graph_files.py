@@ -151,8 +151,10 @@ BAD_JSON = {
     "{": "1:2: this is not JSON",
     "[]": "1:1: the file must be an object, not a list",
     "{}": "1:1: the file lacks 'pcs', 'leaves' and 'graph'",
-    '{"pcs": NaN}': "1:1: this is not JSON of a graph: NaN",
-    f'{{"pcs": {"9" * 5000}}}': "1:1: this is not JSON of a graph: a number has 5000 digits, more than 1000",
+    '{"pcs": NaN}': "1:1: this is not JSON of a graph: the file holds NaN",
+    f'{{"pcs": {"9" * 5000}}}': (
+        "1:1: this is not JSON of a graph: the file holds a number with 5000 digits; write at most 1000"
+    ),
     '{"pcs": 1, "pcs": 1, "leaves": {}, "graph": {"vertices": [], "edges": [], "components": []}}': (
         "1:9: the file gives 'pcs' twice"
     ),

@@ -113,7 +113,7 @@ def test_a_bus_that_management_alone_fills_has_no_bound(capsys: pytest.CaptureFi
     split.write_text(SPLIT.replace("can1: {bitrate: 1000000}", "can1: {bitrate: 20000}"))
     code, out, _ = run(capsys, str(split), "--decide", "30")
     assert code == 1
-    assert "management frames alone can fill can1" in out
+    assert "management frames alone can fill bus can1" in out
     assert "no bound" in out
 
 

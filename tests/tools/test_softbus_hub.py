@@ -19,6 +19,7 @@ from heronry_tools.runtime.softbus.place import BusNameError, path_to_listen
 from heronry_tools.runtime.softbus.protocol import BusFrame, encode_command, encode_frame
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.frame import Frame
+from heronry_wire.runtime_folder import RuntimeFolderError
 
 PATIENCE_S = 10.0
 HELLO = {"do": "hello", "protocol": 2, "own": False}
@@ -192,7 +193,9 @@ def test_a_name_is_not_looked_up_in_a_folder_that_others_can_write(
         [sys.executable, "-m", "heronry_tools", "softbus"], capture_output=True, text=True, check=False
     )
     assert (ran.returncode, ran.stdout) == (2, "")
-    assert "other users can write to it" in ran.stderr
+    assert "other users can write to it: name the bus by a path, such as ./can0.sock" in ran.stderr
+    with pytest.raises(RuntimeFolderError, match="name the bus by a path"):
+        path_to_listen("can0")
 
 
 class RawClient:

@@ -104,13 +104,21 @@ def _told(
 
 
 def _without_echoes(told: list[Finding], rules: Mapping[str, Rule]) -> list[Finding]:
-    """Remove each finding that may be only a consequence of an error of the same family."""
+    """Remove the findings of rules that are an `echo` if the same family of rules has an error among `told`.
+
+    Such a finding may be only a consequence of that error.
+    """
     hushed = {finding.code[:3] for finding in told if finding.severity is Severity.ERROR}
     return [finding for finding in told if not (rules[finding.code].echo and finding.code[:3] in hushed)]
 
 
 def _unused(file: str, said: Instructions, used: set[Ignore], ran: tuple[str, ...], choice: Choice) -> list[Finding]:
-    """Find comments that name a checked code and suppress no finding."""
+    """Give a finding for each ignore comment that matched no finding; the comments in `used` matched one.
+
+    A comment counts only if the check of its code ran and the user wants findings of this code.
+
+    ran: prefixes of the families whose checks ran.
+    """
     rule = file_rules.UNUSED_IGNORE
     unused = Findings(file)
     for ignore in said.ignores:

@@ -4,8 +4,8 @@ There are three forms:
 
 `altitude: {type: FLOAT}  # dg: ignore[DG240] read by the ground station` DG240 is ignored on this line; the text after
     the bracket is the reason `# dg: ignore[DG240, DG241] read by the ground station`, on a line of its own both codes
-    are ignored on the next line that is neither empty nor a comment `# dg: error[DG401]`, above the first line of the
-    spec the warning DG401 counts as an error in the whole spec
+    are ignored on the next line that is neither empty nor a comment `# dg: error[DG401]`, on a line of its own, above
+    the first line of the spec the warning DG401 counts as an error in the whole spec
 
 An instruction begins at the first `# dg:` of a line, even inside a quoted text. Two kinds of findings cannot be
 ignored: those that stop a spec from being loaded, and those about the instructions themselves.

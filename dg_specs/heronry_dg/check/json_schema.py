@@ -1,8 +1,8 @@
 """The JSON schema of a spec (draft 7). With it an editor completes fields, shows their meaning, and marks mistakes.
 
-The schema is generated from the forms of schema.py; gate expressions, initial values and names are added. It accepts
-everything that the loader accepts, including a key without a value. It does not check whether a name refers to
-something.
+The schema is generated from the forms of schema.py. This file adds what those forms do not state: the form of gate
+expressions, of initial values and of names. The schema accepts everything that the loader accepts, including a key
+without a value. It does not check whether a name refers to something.
 """
 
 import json
@@ -144,7 +144,13 @@ def _number_given(field: str) -> dict[str, Any]:
 
 
 def _complete(form: dict[str, Any]) -> None:
-    """Add patterns of names and gate expressions to the schema of a form, and remove titles that only repeat a name."""
+    """Complete the schema of a form, which pydantic has generated, in place.
+
+    - The field `needs` accepts a gate expression or null, the field `initial` an initial value, and any other optional
+      field also null.
+    - The keys of a map must be names.
+    - Titles, which only repeat a name, and defaults of None are removed.
+    """
     form.pop("title", None)
     required = form.get("required", ())
     for name, field in form.get("properties", {}).items():

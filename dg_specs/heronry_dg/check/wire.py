@@ -1,13 +1,13 @@
-"""DG5xx: checks the frames of a spec: their variables (CANaerospace's list), their identifiers, and the arbitration.
+"""DG5xx: checks what a spec puts on its buses: standard identifiers, bit rates, limits of the wire, and arbitration.
 
-The bit rates of wired buses are compared with those of CiA 301.
+A variable with a standard identifier is compared with CANaerospace's list, and the bit rate of a wired bus with those
+of CiA 301. The arbitration is checked for less critical data that make data of class A or B late.
 
 The check needs no solver. The plan decides later which frames are sent. So for the arbitration the check assumes that
 every frame that some configuration could put on a bus is sent, at its fastest rate. On a bus behind a gateway, the
 response time of a forwarded frame is counted from its arrival at the gateway.
 
-How a rule is added: define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in
-`check`.
+To add a rule, define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in `check`.
 """
 
 from collections import defaultdict
@@ -97,10 +97,10 @@ def lacks_identifiers(spec: Spec) -> bool:
 
 
 def _allocated_to(spec: Spec) -> list[tuple[str, str]]:
-    """Give the (module, variable) pairs that need an allocated identifier.
+    """Give as many (module, variable) pairs as need an allocated identifier, in the spec's order.
 
-    Of a variable with a standard identifier, the first module in the spec's order gets that identifier; any other
-    module needs an allocated one.
+    One module that gives a variable with a standard identifier gets that identifier. The first such module in the
+    spec's order is left out here; `identifiers.allocate` may choose another one, which does not change the number.
     """
     standard = {name for name, variable in spec.variables.items() if variable.identifier is not None}
     pairs = []

@@ -198,7 +198,7 @@ class Bounds:
         times = {bus: self._frames.on(bus, burst) for bus in self._spec.buses if bus in buses}
         crowded = [bus for bus, found in times.items() if found is None]
         if crowded:
-            raise CrowdedError(f"management frames alone can fill {' and '.join(crowded)}")
+            raise CrowdedError(f"management frames alone can fill bus {' and bus '.join(crowded)}")
         return {bus: found for bus, found in times.items() if found is not None}
 
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:

@@ -95,7 +95,7 @@ class Journal:
             self._stream.flush()
         except OSError as error:
             why = f"{self.file} cannot be written: {error.strerror}"
-            raise JournalError(f"{why}; make room, and give the same command again to continue") from error
+            raise JournalError(f"{why}; make room: the same command then continues from this file") from error
 
     def _learn(self, content: object) -> bool:
         match content:

@@ -31,7 +31,10 @@ def next_term(node: int, highest: int) -> int:
     """Give the first term above `highest` that the manager `node` may use; raises NoTermError if none is left."""
     term = highest + 1 + (highest + node - FIRST_MANAGER) % 2
     if term > MAX_TERM:
-        raise NoTermError(f"there is no term after {highest}; restart the PEs, and remove the manager's journals")
+        raise NoTermError(
+            f"there is no term after {highest}; end all managers, remove the manager's journals (manager-*.journal in "
+            "the folder of --state-dir), with --key make a new key, and restart the PEs and the managers"
+        )
     return term
 
 

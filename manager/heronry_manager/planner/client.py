@@ -73,7 +73,7 @@ class PlannerClient:
         """
         data = file.read_bytes()
         if sha256(data).hexdigest() != spec.digest:
-            raise PlannerError(f"{file} has changed since it was loaded: load it again")
+            raise PlannerError(f"{file} has changed since it was loaded: start 'heronry manager' again")
         self.ready = False
         self._niceness = niceness
         self._spec = spec

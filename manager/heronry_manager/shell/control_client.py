@@ -108,4 +108,7 @@ def _is_listened_on(path: Path) -> bool:
 def _expect_own_process(line: socket.socket, path: Path) -> None:
     user = user_beyond(line)
     if os.getuid() not in (0, user) and user != 0:
-        raise ControlError(f"the process that listens on {path} is another user's ({user}): no order is sent to it")
+        raise ControlError(
+            f"the process that listens on {path} is another user's (user ID {user}), so nothing is sent to it; "
+            "give the command as that user, or name another socket with --socket"
+        )

@@ -27,7 +27,13 @@ def path_to_listen(channel: str) -> Path:
     Raises RuntimeFolderError if the folder cannot be created or another user could write into it, and
     BusNameError if `channel` is neither a path nor a name.
     """
-    return Path(channel) if _is_path(channel) else owned_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
+    if _is_path(channel):
+        return Path(channel)
+    try:
+        folder = owned_folder(runtime_folder())
+    except RuntimeFolderError as error:
+        raise RuntimeFolderError(f"{error}: name the bus by a path, such as ./{channel}.sock") from error
+    return folder / f"{_checked(channel)}{_SUFFIX}"
 
 
 def path_to_call(channel: str) -> Path:
