@@ -184,7 +184,8 @@ class CommandVerifier:
             elif self._key.command_tag(manager, kind, place, payload, covered) == tag:
                 return self._believe(manager, place, held, waiting)
         if refusal is Refusal.UNKNOWN:
-            found = self._sought(manager, fields, held) if self._may_seek(arrived_ns) else refusal
+            may_seek = kind != Command.SLICE and self._may_seek(arrived_ns)  # a SLICE does not name its term
+            found = self._sought(manager, fields, held) if may_seek else refusal
             held.clear()
             return found
         return refusal

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -28,6 +28,8 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
+    Prepare,
+    SliceBody,
     Step,
     is_welcome,
 )
@@ -421,6 +423,28 @@ def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_its_comma
     assert [event["term"] for event in one.events if event["event"] == "taken_over"] == [4]
     spoke, tag = one.frames[:2]
     assert CommandSigner(KEY, 127, 4).tag(spoke) == tag
+
+
+def test_a_standby_takes_no_command_of_its_manager_for_an_attack() -> None:
+    one = OneManager(node=127, key=KEY)
+    one.core = ManagerCore(one.spec, 127, NOTHING, one.now_ns, key=KEY, standby=True)
+    active_manager = CommandSigner(KEY, NODE, 3)
+    messages = [SliceBody(LEFT, 2, number, b"12345") for number in range(1, 20)]
+    deployed = [command_frame(message, NODE) for message in (Prepare(3, 2, 815), *messages)]
+    for drawn in range(1 + 2_000 * MS // BEAT_NS):
+        for frame in lease_of(active_manager, NODE, 3, 1, 1000):
+            one.hear(frame)
+        for frame in deployed:
+            one.hear(frame)
+            one.hear(cast("Frame", active_manager.tag(frame)))
+        nonce = KEY.nonce(LEFT, drawn)
+        one.hear(Frame(state_id(LEFT), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode()))
+        for _ in range(10):
+            for frame in active_manager.welcome(LEFT, nonce):
+                one.hear(frame)
+        one.pass_time(BEAT_NS)
+    assert one.of("standing_by")
+    assert attacks(one) == []
 
 
 def test_slices_leave_room_for_their_tags() -> None:

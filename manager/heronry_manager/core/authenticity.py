@@ -305,12 +305,13 @@ class Authenticity:
             session = Session(manager, order.term, order.a << 16 | order.b)
             self._overheard[manager].append(_Overheard(self._by_node[order.node], session, control))
 
-    def _follow(self, manager: int, tag: bytes) -> None:
+    def _follow(self, manager: int, tag: bytes) -> bool:
         """Open the session that another manager offers with a WELCOME, if this TAG proves the WELCOME.
 
         Only the WELCOMEs of `manager` that were kept are tried. The session is with the PE to which the WELCOME
-        was sent. It is not opened if the same or a newer session of this PE is known. No effect if the TAG proves
-        none of these WELCOMEs.
+        was sent. It is not opened if the same or a newer session of this PE is known.
+
+        Returns whether a session was opened.
         """
         kind, _, proof = decode_tag(tag) or (None, 0, 0)
         for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
@@ -320,18 +321,21 @@ class Authenticity:
                 self._overheard[manager].remove(answer)
                 if all(place > Place(known.session.term, known.session.number) for known in peer.sessions()):
                     peer.offers.append(_Opened(answer.session))
+                    return True
+        return False
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
         """Keep a command of another manager, and the event that brought it, until the TAG of the command comes."""
         self._managers.hold(manager, command, event, self._turn.now_ns)
 
     def proven(self, manager: int, tag: bytes) -> Held | None:
-        """Give the command of another manager that this TAG proves; None: there is no such command.
+        """Give the command of another manager that this TAG proves; None: it proves none, or a WELCOME to a PE.
 
-        A command that may be a replay of one of this manager's own commands does not count as proven. If the
-        result is None, the TAG and its command count as forged frames.
+        A command that may be a replay of one of this manager's own commands does not count as proven. A TAG that
+        proves nothing counts as forged, and so does its command.
         """
-        self._follow(manager, tag)
+        if self._follow(manager, tag):
+            return None
         found = self._managers.tagged(manager, tag, self._turn.now_ns)
         if not isinstance(found, Held) or self._was_mine(manager):
             self._attack.forged(_COMMAND_FRAMES)

@@ -3,8 +3,8 @@
     state of a PE          to `pe_reports`; with a key only if it is believed
     EMCY of a PE           to `pe_reports`; with a key once a page 0 has proven it. A report on a channel of a
                            replicated bus needs no proof, since it changes no plan
-    command of a manager   to `succession`; with a key once its TAG has come. PREPARE and SLICE need no TAG, since a
-                           proven ACTIVATE or LEASE names their digest
+    command of a manager   to `succession`; with a key once its TAG has come. PREPARE and SLICE do not wait for their
+                           TAG, since a proven ACTIVATE or LEASE names their digest
     report of a gateway    to `known_situation`; nothing proves it (`authenticity`)
     SDO answer of a PE     to `pe_details`, if the manager reads objects; nothing proves it, and no decision depends on
                            it
@@ -128,9 +128,11 @@ class Inbound:
         authenticity = self._known.authenticity
         if authenticity is None or command in _NEEDS_NO_TAG:
             self._succession.heard(node, decode_command(command, frame.data))
-        elif command is Command.TAG:
+        if authenticity is None:
+            return
+        if command is Command.TAG:
             found = authenticity.proven(node, frame.data)
-            if found is not None:
+            if found is not None and found.command not in _NEEDS_NO_TAG:
                 self._succession.heard(node, decode_command(found.command, found.event.frame.data))
         else:
             if command is Command.CONTROL and (self._is_advising or self._claim.state is Mastership.STANDBY):
