@@ -21,7 +21,10 @@ class Command:
     file: str = ""
 
     def module(self) -> str:
-        """Give the name of the file in `commands/`: `file`, or if that is empty the command's name with `_` for `-`."""
+        """Give the name of the file in `commands/`: `file`, if it is not empty.
+
+        If `file` is empty, the name of the file is the name of the command, with `_` for `-`.
+        """
         return self.file or self.name.replace("-", "_")
 
 

@@ -1,19 +1,21 @@
 """Limits the memory of a partition, with its child processes and shared memory, by control groups (cgroup v2).
 
-The other limit, RLIMIT_DATA (`partition_process`), applies to a single process: it counts neither shared memory nor the
-child processes of a module. A control group counts both. It also allows the agent to end all processes of a partition
-together.
+The other limit, RLIMIT_DATA (`partition_process`), applies to a single process: it counts neither shared
+memory nor the child processes of a module. A control group counts both. It also allows the agent to end all
+processes of a partition together.
 
-Groups are used only if the agent was started in a group that it may divide. Systemd marks such a group with the
-attribute `user.delegate` (`Delegate=` in the unit). A divided group must not contain a process itself (cgroups(7)). So
-the agent first moves to a group below it:
+Groups are used only if the agent was started in a group that the agent may divide. Systemd marks such a group
+with the attribute `user.delegate` (`Delegate=` in the unit). All processes must be in the groups below a
+divided group, and none in the divided group itself (cgroups(7)). So the agent first moves to a group below:
 
-    heronry-agent@nav.service     delegated
-        agent                     the agent
-        partition.4711            a partition, named by its process number, until all its processes have ended
+    heronry-agent@nav.service     the delegated group, which the agent divides
+        agent                     the group of the agent
+        partition.4711            the group of a partition, named by the partition's process number; it is
+                                  there until all processes of the partition have ended
 
-A group has no limit while its partition loads its code. Afterwards the kernel kills all processes of a partition that
-exceeds the limit. If control groups cannot be used, only RLIMIT_DATA limits the partition.
+The group of a partition has no memory limit while the partition loads its code. Later it has one, and the
+kernel kills all processes of a partition that exceeds the limit of its group. If control groups cannot be
+used, only RLIMIT_DATA limits the partition.
 """
 # ruff: noqa: PTH103, PTH106, PTH112, PTH123 - without pathlib, like all of the agent's own files
 
@@ -84,7 +86,10 @@ class PartitionGroups:
         return PartitionGroup(folder)
 
     def retire(self, group: PartitionGroup) -> bool:
-        """Remove the group of an ended partition; tells whether the kernel killed it because its memory ran out."""
+        """Remove the group of an ended partition, at once or as soon as the group has no process left.
+
+        Returns whether the kernel killed the partition because the partition exceeded its memory limit.
+        """
         ran_out = group.ran_out()
         if not group.remove():  # child processes of the partition may take a moment longer to end
             self._ended.append(group)

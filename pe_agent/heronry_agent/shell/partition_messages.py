@@ -67,7 +67,7 @@ class Load(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Order: build a module, or go on with the object of the module that STOP has kept.
+    """Order: build the object of a module, or go on with the object that STOP has kept.
 
     leaves: (path, variable) of each leaf; an input in STEP names its leaf by the position in this tuple.
     """

@@ -113,7 +113,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _spec_of(recording: Path, text: str | None) -> "Spec":
-    """Give the spec of the flight; raises UserError if the recording is of another spec, or if no spec is named."""
+    """Give the spec of the flight: the one that `text` names, or if `text` is None, the one in the recorded folder.
+
+    Raises UserError if a recorded folder is of another spec than `text`, if a log file is given without a spec, or
+    if `recording` is itself a spec.
+    """
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.recorded_folder import is_recorded_folder, spec_of  # noqa: PLC0415

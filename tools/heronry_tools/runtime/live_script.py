@@ -1,8 +1,9 @@
 """Gives a reconfiguration script (`heronry_pcs`) to a running manager, and waits for the result.
 
-The manager answers as soon as it has understood the script. Then it requests the best plan, and compares this plan with
-the configuration of the script. It deploys this configuration, or refuses the script: for example, if this
-configuration is worse than the best plan at level 1 (critical functions). The status of the manager shows the progress.
+The manager answers as soon as it has understood the script. Then it requests the best plan, and compares this
+plan with the configuration of the script. It deploys the configuration of the script, or refuses the script:
+for example, if the configuration of the script is worse than the best plan at level 1 (critical functions).
+The status of the manager shows the progress.
 """
 
 import time
@@ -21,9 +22,12 @@ _LOOK_S = 0.1  # with each look the manager reads from the PEs, too
 
 
 def fly(path: Path, text: str, spec: Spec) -> Answer:
-    """Give a script to the manager on a socket; returns the result as a sentence.
+    """Give a script to a manager, and return success or failure with a sentence.
 
-    Raises ControlError if no manager answers, and UserError if the manager has another spec.
+    path: the socket of the manager.
+    text: the script.
+    spec: the spec for which the script is written.
+    Raises ControlError if no manager answers, and UserError if the manager has another spec than `spec`.
     """
     flies = dict(call(path, AskStatus()).status or {})
     if flies["spec_digest"] != spec.digest:

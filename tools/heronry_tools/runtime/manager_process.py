@@ -1,4 +1,8 @@
-"""Starts and runs the manager of `heronry manager`: bus, operator's socket, planner, term, core, driver."""
+"""Starts the manager of `heronry manager`, and runs it until it ends.
+
+This file opens the bus and the operator's socket, starts the planner, reads the journal (with the last term),
+and runs the core with its driver.
+"""
 
 import argparse
 import os
@@ -43,9 +47,10 @@ _PLANNER_NICENESS, _PRE_PLANNER_NICENESS = 5, 15
 
 
 def mastership(arguments: argparse.Namespace) -> int:
-    """Run the manager; returns 0, or 1 where it ended by itself.
+    """Run the manager until it is stopped, or its core ends by itself.
 
-    Raises WireLimitError where the spec exceeds what the protocol can encode.
+    Returns 0 if the manager was stopped, and 1 if its core has ended by itself.
+    Raises WireLimitError if the spec exceeds what the protocol can encode.
     """
     spec = with_heartbeat(load_spec_file(arguments.spec), arguments.slower_heartbeat_ns)
     require_wire_limits(spec)
@@ -133,8 +138,8 @@ def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
 def _node(arguments: argparse.Namespace) -> int:
     """Give the node-ID of this manager.
 
-    This is the node-ID on the command line. If none is there, it is the usual one of a standby manager with the
-    option --standby, else the usual one of an active manager.
+    This is the node-ID on the command line. If the command line names none, it is the usual node-ID of a
+    standby manager (with the option --standby) or of an active manager (without this option).
     """
     if arguments.node is not None:
         return int(arguments.node)

@@ -39,7 +39,7 @@ class Trial:
 
     steps: the steps that the module has computed.
     failure: how the module failed; None if it did not fail.
-    failed_in: number of the step in which the module failed, from 1; 0 before the first step.
+    failed_in: if the module failed: number of the step in which it failed, from 1; 0: before step 1.
     longest_ns: the longest time that a step took.
     """
 

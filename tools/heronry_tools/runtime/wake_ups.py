@@ -59,7 +59,10 @@ def kept_heartbeat_ns(late_ns: int) -> int:
 
 
 def with_heartbeat(spec: Spec, at_least_ns: int) -> Spec:
-    """Return the spec with every heartbeat period at least this long; its digest stays the same."""
+    """Return the spec with each heartbeat period that is shorter than `at_least_ns` lengthened to it.
+
+    The digest of the spec stays the same.
+    """
     slower = (replace(bus, heartbeat_ns=max(bus.heartbeat_ns, at_least_ns)) for bus in spec.buses.values())
     return replace(spec, buses={bus.name: bus for bus in slower})
 

@@ -1,14 +1,15 @@
 """Whether functions are really served, as seen on the bus: the witness for demo, simulator and tests.
 
-The witness reads only frames, and nothing that the manager reports. A function counts as served while its outputs are
-heard:
+The witness reads only frames, and nothing that the manager reports. A function counts as served while its
+outputs are heard:
 
-    an output with an actuator      the echo of the actuator, which shows to what it was commanded. An echo from a node
-                                    that does not have the actuator is ignored
+    an output with an actuator      the echo of the actuator, which shows to what it was commanded. An echo
+                                    from a node that does not have the actuator is ignored
     an output without an actuator   the output frame of its module
 
-A function is no longer served if none of these is heard for longer than three periods of its slowest mode plus a tenth
-of a second. The witness also detects when two branches of one DEMUX are driven in turn within this time (`rivals`).
+A function is no longer served if none of these is heard for longer than three periods of the slowest mode of
+all its output modules, plus a tenth of a second. The witness also detects when two branches of one DEMUX are
+driven in turn within this time (`rivals`).
 """
 
 from collections.abc import Iterable

@@ -40,7 +40,8 @@ class FusedAltitude(Module):
         """Publish an altitude.
 
         Without a GPS height, mode `fused` uses the last offset and `gps_only` publishes nothing. `fused` publishes
-        nothing without a pressure, or until a GPS height and a pressure have come together.
+        nothing without a pressure, and nothing before the first step in which both a GPS height and a pressure
+        are present.
         """
         gps_m = number(inputs, "gps_altitude")
         if self.ctx.mode == "gps_only":

@@ -50,12 +50,13 @@ class AttitudeFilter(Module):
         return True
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the attitude; nothing if a rate is missing.
+        """Publish the attitude; publish nothing if a rate is missing.
 
-        In two cases the first attitude needs no rates:
+        There are two exceptions, in which the first attitude needs no rates:
 
-        - After a start in mode `fused` it is the attitude that the accelerations show; nothing without them.
-        - If the mode `fused` ends before the first attitude, it is that of the best glide.
+        - After a start in mode `fused`, the first attitude is the one that the accelerations show. Nothing is
+          published before accelerations are present.
+        - If the mode changes from `fused` before the first attitude, the first attitude is that of the best glide.
         """
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG

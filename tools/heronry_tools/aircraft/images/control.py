@@ -115,7 +115,10 @@ class PitchControl(Module):
 
 
 def _gain(speed_m_per_s: float | None) -> float:
-    """Give the factor by which the gain differs from that at the best glide; 1 if the speed is unknown or nearly 0."""
+    """Give the factor by which the gain differs from the gain at the best glide.
+
+    The factor is 1 if the airspeed is unknown (None) or below `_LEAST_FLOW_M_PER_S`.
+    """
     if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S:
         return 1.0
     return min(max((BEST_GLIDE_M_PER_S / speed_m_per_s) ** 2, 0.4), 1.5)

@@ -35,19 +35,25 @@ class PitchVersions(NVersion):
 
 
 class PitchBetter(ComparatorBetter):
-    """Gives the pitch angle of the better version, in degrees; reports a difference of more than 5 degrees."""
+    """Gives the pitch angle of the better version, in degrees; reports a lasting difference of more than 5 degrees."""
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 
 
 class PitchSafer(ComparatorSafer):
-    """The better of two pitch angles, in degrees; while they differ by more than 5 degrees, the one nearer to level."""
+    """Gives the pitch angle of the better of two versions, in degrees.
+
+    While the versions disagree (a lasting difference of more than 5 degrees), it gives the angle nearer to level.
+    """
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 
 
 class PitchNone(ComparatorNone):
-    """The better version of two pitch angles, in degrees; no value while they disagree, by more than 5 degrees."""
+    """Gives the pitch angle of the better of two versions, in degrees.
+
+    While the versions disagree (a lasting difference of more than 5 degrees), it gives no value.
+    """
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 

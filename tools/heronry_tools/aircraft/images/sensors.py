@@ -1,15 +1,15 @@
 """The drivers of the sensors: modules that convert the readings of their devices to variables in their units.
 
-A driver also decides whether its device has failed. A device is reported as `device:...` if it was silent, or gave
-impossible readings, for half a second. The report is repeated every half second, since the operator may have cleared
-the fault. The half second covers a device that is still starting when its driver starts. In a period without a valid
-reading the driver publishes nothing: readers must not take an old value for a new one.
+A driver also decides whether its device has failed. A device is reported as `device:...` if it was silent, or
+gave impossible readings, for half a second. The report is repeated every half second, since the operator may
+have cleared the fault. The half second covers a device that is still starting when its driver starts. In a
+period without a valid reading the driver publishes nothing: readers must not take an old value for a new one.
 
-The readings of some devices always differ, by their noise at least. Such a device is stuck if it repeats one reading
-for too long (`may_repeat_ns`), and this reading counts as impossible. So the "static hold" of a satellite receiver, if
-it has any, must be off.
+The readings of some devices always differ, by their noise at least. Such a device is stuck if it repeats one
+reading for too long (`may_repeat_ns`), and this reading counts as impossible. So the "static hold" of a
+satellite receiver, if it has any, must be off.
 
-A restart loses only the count of silent periods.
+A restart loses only two counts: that of the periods without a valid reading, and that of repeated readings.
 """
 
 from collections.abc import Mapping

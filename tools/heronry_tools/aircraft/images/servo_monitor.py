@@ -74,9 +74,10 @@ class SurfaceMonitor(Module):
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare the elevator's angle with the angle expected after the commands.
+        """Compare the elevator's angle with the angle expected after the commands, and publish the health.
 
-        Publishes the number of the servo that is accused of not following; 0 if none is.
+        The health is 1 or 2 for the servo of this number, 3 for the angle sensor, 0 if no device counts as failed.
+        If several devices count as failed, it shows the last one that was added.
         """
         commanded_deg, angle_deg = number(inputs, self.command), number(inputs, "elevator_angle")
         if commanded_deg is None or angle_deg is None:

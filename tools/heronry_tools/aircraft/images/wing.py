@@ -2,11 +2,12 @@
 
 The control decides when the valve is open. The monitor decides in which state the wings are. Each module reads the
 output of the other module, so the spec gives `wing_state` an initial value. The control keeps the valve closed while
-the monitor publishes that the wings are cured or leak. From the pressure and the demand of the valve, the monitor tells
-folded wings from wings that are being filled. A leak is a loss of pressure in wings that were firm.
+the monitor publishes that the wings are cured or leak. The pressure and the demand of the valve show the monitor
+whether the wings are folded or being filled. A leak is a loss of pressure in wings that were firm.
 
-A restart of the monitor loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose again.
-So the valve is controlled longer than necessary, which does no harm.
+A restart of the monitor loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose
+again. So the valve is controlled longer than necessary, which does no harm. A restart also loses whether the
+wings have been firm: a leak that is there already is not recognized.
 """
 
 from collections.abc import Mapping
@@ -55,8 +56,8 @@ class InflationControl(Module):
 
         - The pressure is missing.
         - The wings are cured or leak.
-        - The wings are folded, or their state is missing, and the altitude is below 15 000 m. An altitude that is
-            missing counts as below 15 000 m for one minute, and as above after that.
+        - The wings are folded, or their state is missing, and the altitude is below 15 000 m. If the altitude is
+            missing, it counts as below 15 000 m until it has been missing for one minute, and then as above.
         """
         pressure_hpa = number(inputs, "wing_pressure")
         if pressure_hpa is None or self._refrains(inputs):

@@ -32,9 +32,12 @@ class PlantOfDevices(Protocol):
         """
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail: dead (silent), stuck at its present reading, with a bias, or loose.
+        """Make a device fail.
 
-        offset: the bias, in the unit of the device. A loose servo does not hold its surface.
+        how: `dead`: the device does not answer, and moves nothing. `stuck`: a sensor keeps its present reading,
+            and an actuator takes no command. `bias`: the reading or position is wrong by `offset`. `loose`: a
+            servo does not hold its surface; a plant without forces treats a loose device as a stuck one.
+        offset: the bias, in the unit of the device.
         """
 
     def heal(self, device: str) -> None:

@@ -32,7 +32,7 @@ _QUESTIONS_IN_A_TASK: Final = 8
 class Task:
     """Questions about one phase of a spec.
 
-    running: the configuration that runs before the faults; None: it is not known.
+    running: mode and PE of each module that runs before the faults; None: they are not known.
     downs: the fault set of each question.
     """
 

@@ -1,21 +1,21 @@
 """The smallest sets of faults that lose a function.
 
-A function is *lost* when no legal configuration of the remaining elements serves it, even if every other function is
-given up. So a loss does not depend on which other functions are wanted. A *cut set* is a smallest set of faults that
-loses the function. Every set that contains a cut set loses the function, too, since more faults leave fewer
-configurations (`heronry_dg.losses`). So the cut sets of a function describe all sets that lose it. There are two kinds
-of cut sets:
+A function is *lost* when no legal configuration of the remaining elements serves it, even if every other
+function is given up. So a loss does not depend on which other functions are wanted. A *cut set* is a smallest
+set of faults that loses the function. Every set that contains a cut set loses the function, too, since more
+faults leave fewer configurations (`heronry_dg.losses`). So the cut sets of a function describe all sets that
+lose it. There are two kinds of cut sets:
 
-    logical     the graph cannot serve the function, even with unlimited CPU, memory, bandwidth and time, and without
-                placement rules
+    logical     the graph cannot serve the function, even with unlimited CPU, memory, bandwidth and time, and
+                without placement rules
     resources   the remaining PEs and buses cannot carry what the function needs
 
 Every logical cut set also loses the function with real resources, but with real resources a smaller set may be enough.
 
-The best plan of a phase may also *give up* a function that could be served, for a more important function. That is no
-loss as defined above. A further fault may make the more important function impossible, and then the best plan serves
-the given-up function again. So a larger fault set need not give the function up, and `given_up` looks at the best plan
-of every fault set (a sweep).
+The best plan of a phase may also *give up* a function that could be served, for a more important function. That
+is no loss as defined above. A further fault may make the more important function impossible, and then the best
+plan serves the given-up function again. So if the best plan gives up a function after some fault set, it need
+not do so after a larger one. For this reason `given_up` needs a sweep: the best plan of every fault set.
 """
 
 from collections.abc import Callable, Iterator, Mapping

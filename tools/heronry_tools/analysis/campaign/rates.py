@@ -76,7 +76,7 @@ def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]], scope: Scope) -
 
     fault_sets: the minimal fault sets of the scope after which the function is lost.
 
-    Returns None if in no fault set all elements have a rate.
+    Returns None if no fault set has rates for all its elements.
     """
     rates = {element: rate for element in scope.elements if (rate := rate_of(spec, element)) is not None}
     sets = list(fault_sets)

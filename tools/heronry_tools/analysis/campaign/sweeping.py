@@ -76,7 +76,8 @@ def partial_of(file: Path) -> Path:
 def sweep_into(file: Path, spec: Spec, scope: Scope, executor: Executor | None) -> Written:
     """Write the contingency file of a scope; continues the journal FILE.partial that a killed run has left.
 
-    Raises UserError where the file cannot be written, and JournalError while another run writes it.
+    Raises UserError if the contingency file cannot be written. Raises JournalError if another run is writing the
+    journal, or if the disk has no room for the journal.
     """
     expect_writable(file)
     with Journal(partial_of(file), spec, scope) as journal:

@@ -1,11 +1,12 @@
 """The check of the rules DG4xx: functions that are lost with a single fault, and redundancy that is useless.
 
-Lost functions are found by planning for each single fault; useless redundancy is found in the graph. A finding names
-the place in the spec where an engineer would remove the cause, or accept it:
+Lost functions, and plants that lose every control path, are found by planning for each single fault; useless redundancy
+is found in the graph. A finding names the place in the spec where an engineer would remove the cause, or accept it:
 
-    a lost function    the element that fails
-    a gate             its first input
-    a placement rule   the rule itself
+    a lost function or plant    the element that fails
+    a DEMUX                     its entry in `gates`
+    a XOR or a voter            its first input
+    a placement rule            the rule itself
 
 If a spec has more sources than identifiers (DG505), nothing is planned, since the priorities of its frames are unknown.
 """

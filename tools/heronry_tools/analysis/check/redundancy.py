@@ -72,7 +72,10 @@ class Dependence:
         return unserved - self._where(unserved, lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
-        """Yield each XOR and each voter of a mode's needs if each input could hold by itself with nothing down."""
+        """Yield each XOR and each voter among the gates of a mode.
+
+        A gate is left out if at least one of its inputs cannot hold by itself even with nothing down.
+        """
         for path, gate in _gates(mode.needs):
             if _chooses(gate) and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])

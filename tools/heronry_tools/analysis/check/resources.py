@@ -1,12 +1,13 @@
 """The check of DG3xx: room, bandwidth and time for all that is wanted, with everything up.
 
-Checks without a solver come first: each module against the PEs, each bus's reserve against its management frames, and
-the forced traffic. Then the planner is used (servable.py).
+Checks without a solver come first: each module against the PEs, and each bus's reserve against its management
+frames. Then the planner is used (servable.py), and a function that it cannot serve is checked for forced traffic.
 
 Each cause is reported only once:
 
-- If the module of a function fits nowhere, or its data alone overload a bus, the function is not checked again.
-- If a function is not served only because of deadlines, it is reported as late.
+- If the modules of a function fit nowhere, or the data of this function alone overload a bus, nothing else is
+  reported about the function.
+- If deadlines are the only reason why a function is not served, the data that would be late are reported.
 - If a function could not be served even with unlimited resources, the rules of the graph report this.
 
 Two kinds of specs are not planned: a spec with more sources than identifiers (DG505), since the priorities of its

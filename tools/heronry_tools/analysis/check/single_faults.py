@@ -38,9 +38,9 @@ class Loss:
 
 
 def losses(planning: Planning) -> Iterator[Loss]:
-    """Yield a `Loss` for every element without which some critical function cannot be served.
+    """Yield a `Loss` for every element with which at least one critical function is lost.
 
-    A module is left out if the loss of its device loses the same functions.
+    A module is left out if the loss of its device loses the same functions in the same phases.
     """
     spec = planning.spec
     critical = _fitting(planning)

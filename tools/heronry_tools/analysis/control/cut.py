@@ -75,9 +75,9 @@ def _weight(graph: Graph, vertex: str) -> int:
 
 
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
-    """Give the maximum flow from node 0 to node 1, and one side of the minimum cut.
+    """Give the maximum flow from node 0 to node 1, and the nodes on the side of node 1 in the minimum cut.
 
-    This side has the nodes from which capacity that the flow leaves free leads to node 1.
+    A node is on this side if a path on which the flow has left capacity free leads from the node to node 1.
 
     number: the node of each leaf.
     nets: for each port, the leaves that give or read its data.

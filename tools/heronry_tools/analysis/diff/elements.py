@@ -33,7 +33,10 @@ _UNITS: Final[
 
 @dataclass(frozen=True, slots=True)
 class FieldChange:
-    """One changed field; `old` is None if the old spec does not have the field, `new` if the new spec does not."""
+    """One changed field.
+
+    `old` is None if the old spec does not have the field; `new` is None if the new spec does not have it.
+    """
 
     field: str
     old: str | None
@@ -50,7 +53,10 @@ class ElementChange:
 
 
 def element_changes(old: Spec, new: Spec) -> tuple[ElementChange, ...]:
-    """List every element that differs between two specs, in the order of the old spec, then of the new one."""
+    """List every element that differs between two specs.
+
+    The elements of the old spec come first, in its order; those that only the new spec has follow, in its order.
+    """
     before, after = dict(_elements(old)), dict(_elements(new))
     return tuple(
         ElementChange(element, _change(element, before, after), changes)

@@ -1,19 +1,19 @@
 """Why a function is not served as well as it could be: irreducible reasons, and the smallest repairs.
 
-The *goal* has two parts:
+*The plan* is the best plan of the situation that is explained. The *goal* has two parts:
 
 - the function is served, or, if the plan serves it in a worse mode, it is served in its best mode;
 - every other function is served as well as in the plan.
 
-A plan that reaches the goal would usually be better than this plan. But this plan is the best one, so the goal is
-impossible, and this file finds out why. There is one exception: if the function adds too little to the value of a plan,
-it may be left out although the goal is possible. Then there are no reasons and no repairs.
+A configuration that reaches the goal would usually be better than the plan. But the plan is the best one, so the
+goal is impossible, and this file finds out why. There is one exception: if the function adds too little to the
+value of a plan, it may be left out although the goal is possible. Then there are no reasons and no repairs.
 
-*Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other. If
-the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The assumptions
-that are left are irreducible: if any one of them were relaxed, too, the goal would be possible. There may be several
-irreducible sets; only one is shown. The assumptions that explain least are relaxed first. So the set that is shown has
-such an assumption only if it cannot do without it.
+*Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other.
+If the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The
+assumptions that are left are irreducible: if any one of them were relaxed, too, the goal would be possible. There
+may be several irreducible sets; only one is shown. The assumptions that explain least are relaxed first. So such
+an assumption is in the set that is shown only if the set would otherwise not make the goal impossible.
 
 *Repairs.* A repair relaxes at least one assumption of every irreducible set. The smallest repair is found in steps:
 
@@ -21,8 +21,8 @@ such an assumption only if it cannot do without it.
 2. If the planner reaches the goal with this set relaxed, the set is the smallest repair.
 3. If not, find a further irreducible set, and begin again at step 1.
 
-A repair can only bring back elements that are down, or add CPU, memory or bandwidth. The amount of a capacity that is
-needed is found by bisection. A repair counts only if the planner, given the repaired system, really serves the
+A repair can only bring back elements that are down, or add CPU, memory or bandwidth. The amount of a capacity that
+is needed is found by bisection. A repair counts only if the planner, given the repaired system, really serves the
 function.
 """
 
@@ -62,7 +62,7 @@ Possible = Callable[[Iterable[Assumption]], bool]
 class Repair:
     """A repair: the elements to bring back, and the capacities to enlarge.
 
-    Each capacity has with it the whole amount that is needed, not the increase.
+    capacities: each capacity, with the amount that it must have in all (not the increase).
     """
 
     restore: tuple[str, ...]
@@ -129,9 +129,10 @@ def _is_possible(question: Question) -> bool:
 def _irreducible(
     these: Sequence[Assumption], possible: Possible, without: Iterable[Assumption] = ()
 ) -> list[Assumption]:
-    """Leave out of `these` what is not needed to make the goal impossible; gives the assumptions that are kept.
+    """Reduce the assumptions in `these` to an irreducible set, and return this set.
 
-    Together these keep the goal impossible. Without any one of them the goal would be possible.
+    The assumptions of the set, together, make the goal impossible. If any one of them were relaxed, too, the goal
+    would be possible.
 
     possible: tells whether the goal is possible when the given assumptions are relaxed.
     without: assumptions that are relaxed from the beginning.
@@ -223,7 +224,7 @@ def _least_amount(question: Question, one: Assumption, there_is: int) -> int:
     """Find the least amount of a capacity with which `_is_possible` holds for a question.
 
     one: the assumption that names the capacity.
-    there_is: the present amount, with which it does not hold.
+    there_is: the present amount of the capacity; `_is_possible` does not hold with this amount.
     """
     too_little, enough = there_is, max(1, 2 * there_is)
     while enough < PLENTY and not _is_possible(_with(question, one, enough)):

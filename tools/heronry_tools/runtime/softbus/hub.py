@@ -1,7 +1,7 @@
 """The hub of a software bus: one process with a single `select` loop, no threads and no locks.
 
-The hub decides which clients may connect. It passes the frames that clients offer to the line (`line.py`), and each
-frame that has left the line to the clients.
+The hub decides which clients may connect. It passes the frames that clients offer to the line (`line.py`), and
+each frame that has left the line to the clients.
 
 Each round of the loop takes these steps:
 
@@ -10,25 +10,26 @@ Each round of the loop takes these steps:
 3. It reads all records that have come.
 4. It lets the line advance to the time noted in step 1.
 
-So no offer that was made before the noted time is overlooked. An offer that ends the sleep is newer than the noted
-time, so the line does not start it in this round. The next round reads without a sleep. All offers that were made until
-then take part in the arbitration.
+So no offer that was made before the noted time is overlooked. An offer that ends the sleep is newer than the
+noted time, so the line does not start it in this round. The next round reads without a sleep. All offers that
+were made until then take part in the arbitration.
 
 `select` is used because its time-out counts microseconds; the time-out of `epoll` counts whole milliseconds.
 
-Frames are stamped with CLOCK_MONOTONIC. Clients compute the date of a frame from this stamp and from the system clock
-as it stood when the hub started. So if the system clock is set later, neither the date of a frame nor the interval
-between two frames changes.
+Frames are stamped with CLOCK_MONOTONIC. Clients compute the date of a frame from this stamp and from the system
+clock as it stood when the hub started. So if the system clock is set later, neither the date of a frame nor the
+interval between two frames changes.
 
-A bus can be made as bad as a radio (`disturb`): bits take longer, and each receiver misses other frames. The sender
-does not notice that a frame was missed, since the frame has left.
+A bus can be made as bad as a radio (`disturb`): bits take longer, and receivers miss frames. Which frames a
+receiver misses is drawn for each receiver by itself. The sender does not notice that a frame was missed, since
+the frame has left.
 
 Errors:
 
 - A client is slow, stopped or dead: `port.py` handles this.
 - A client breaks the protocol: it gets the reason and is removed.
-- The hub dies: its clients read the end of both sockets. After a restart of the hub the clients connect anew; the hub
-  stores nothing.
+- The hub dies: its clients read the end of both sockets. After a restart of the hub the clients connect anew;
+  the hub stores nothing.
 - Two hubs are started with one path: `address.py` handles this.
 - The process that started the hub dies, even by SIGKILL: `starter.py` handles this.
 """

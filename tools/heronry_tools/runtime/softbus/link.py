@@ -1,14 +1,15 @@
 """The command socket of a client of a software bus: it offers frames to the hub, and gives the hub commands.
 
-A client has a mailbox for one frame. The mailbox is full from the offer of a frame until the client has read the hub's
-`DONE`; only then the next frame may be offered. A `DONE` is read when a caller sends, gives a command, or waits for the
-mailbox. The hub gives one answer to each command.
+A client has a mailbox for one frame. The mailbox is full from the offer of a frame until the client has read
+the hub's `DONE`; only then the next frame may be offered. A `DONE` is read when a caller sends, gives a command,
+or waits for the mailbox. The hub gives one answer to each command.
 
 Threads may share a link: a lock allows one send or command at a time. The time spent waiting for the lock counts
 towards the caller's time-out. With the time-out None a call waits for ever, with 0 not at all.
 
 If the hub is gone (the socket ends) or refuses this client, a call raises CanOperationError of python-can with a
-sentence. If the process of the hub is stopped, offers time out, and commands time out after `_ANSWER_TIMEOUT_S`.
+sentence. If the process of the hub still exists but does not run (SIGSTOP), offers time out, and commands time
+out after `_ANSWER_TIMEOUT_S`.
 """
 
 import errno
@@ -70,9 +71,9 @@ class Link:
             return self._wait_for_mailbox(deadline_s)
 
     def ask(self, command: dict[str, Any], *passed: socket.socket) -> dict[str, Any]:
-        """Send a command, with sockets to pass on, and return its answer.
+        """Send a command to the hub, and return the hub's answer.
 
-        Raises can.CanOperationError if no answer comes.
+        passed: sockets that the hub gets together with the command. Raises can.CanOperationError if no answer comes.
         """
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):
@@ -156,7 +157,10 @@ def read_record(source: socket.socket, max_bytes: int, path: str, deadline_s: fl
 
 
 def deadline_after(timeout_s: float | None) -> float | None:
-    """Return the time of time.monotonic at which a time-out that starts now is over; None for a time-out of None."""
+    """Return the deadline of a time-out that starts now, as a time of time.monotonic.
+
+    timeout_s: the time-out in seconds; None: there is no deadline, and the result is None.
+    """
     return None if timeout_s is None else time.monotonic() + timeout_s
 
 

@@ -53,7 +53,7 @@ def _checked(name: str) -> str:
 
 
 def how_to_start(channel: str) -> str:
-    """Give the remedy for a bus that no hub serves, as a line of text.
+    """Give a line of text with the command that starts a hub for the bus `channel`.
 
     If `channel` is a name, the line also lists the other buses that were started by name.
     """

@@ -110,7 +110,10 @@ class Port:
         self._verdicts.clear()
 
     def accepts(self, can_id: int, *, extended: bool) -> bool:
-        """Tell whether this client wants an identifier; the result is remembered, since there can be many filters."""
+        """Tell whether the filters of this client accept a frame with this identifier.
+
+        The answer is remembered for the next frame with this identifier, since there can be many filters.
+        """
         verdict = self._verdicts.get((can_id, extended))
         if verdict is None:
             if len(self._verdicts) >= _MAX_REMEMBERED_VERDICTS:

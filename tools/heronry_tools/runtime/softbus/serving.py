@@ -1,4 +1,7 @@
-"""Runs the hub of `heronry softbus`, until Ctrl-C or SIGTERM, and with `until_eof` until standard input ends."""
+"""Runs the hub of `heronry softbus` until Ctrl-C or SIGTERM comes.
+
+With `until_eof` the hub also stops when standard input ends.
+"""
 
 import signal
 import socket

@@ -84,8 +84,8 @@ def _fetch(package: str, staging: Path, folder: Path) -> None:
 def _downloaded(package: str, staging: Path) -> Path:
     """Download a package into `staging`, and return the path of its archive.
 
-    apt-get uses the system's package lists; if the download fails, it fetches new lists and tries again. Raises
-    CannotRunError if the second download fails, too.
+    The first download uses the system's package lists. If it fails, this function fetches new lists, and
+    downloads the package with these. Raises CannotRunError if the second download fails, too.
     """
     as_we_are = ["-o", "APT::Sandbox::User="]  # root would hand the download to a user that may not write here
     lists = staging / "lists"

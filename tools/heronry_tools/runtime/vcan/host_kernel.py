@@ -62,8 +62,8 @@ def run(command: Command, expired: Callable[[], bool]) -> int:
 
     If a signal handler raises an exception, the command is ended, and the exception passes on.
 
-    expired: tells whether the time of the command is over.
-    Raises CannotRunError if the command cannot be started, and ExpiredError if it was ended by `expired`.
+    expired: tells whether the time of the command is over; if so, the command is ended.
+    Raises CannotRunError if the command cannot be started, and ExpiredError if its time is over.
     """
     stdin = None if os.isatty(0) else subprocess.DEVNULL
     try:

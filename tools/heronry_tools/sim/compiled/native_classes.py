@@ -139,8 +139,10 @@ def _first(node: ast.ClassDef) -> int:
 def _words(node: ast.ClassDef) -> dict[str, str] | None:
     """Return the arguments of the `dataclass` decorator of a class, in the form for the compiled class.
 
-    `slots` is left out, and `frozen` becomes `unsafe_hash`, unless `eq` is False. Return None for a class without
-    this decorator, with a further one, with a base class, or with a constructor of its own.
+    `slots` and `frozen` are left out. `unsafe_hash=True` stands for `frozen=True`, except if `eq` is False.
+
+    Return None for a class without this decorator, with a further decorator, with a base class, or with a
+    constructor of its own.
     """
     if node.bases or len(node.decorator_list) != 1 or "__init__" in _methods(node):
         return None

@@ -138,8 +138,8 @@ def _ending_mastership(random: Random, at_ms: int, *, of_two: bool) -> Fault:
 def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
     """Draw faults that bring the protocol into the state for which `fault` waits.
 
-    These are losses of PEs that end by themselves. For the state activating, a crash of the manager may be
-    drawn as well.
+    In each of these faults a PE crashes, reboots or is cut off, and then returns. For the state activating, a
+    crash of the manager may be drawn as well.
     """
     others = [f"pe:{pe}" for pe in spec.pes if f"pe:{pe}" != fault.target] or [f"pe:{pe}" for pe in spec.pes]
     if fault.during != "activating":

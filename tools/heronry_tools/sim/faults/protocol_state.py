@@ -2,15 +2,16 @@
 
     planning    a plan has been requested and has not come
     preparing   the slices of an epoch have been sent, and some PE has not staged its slice
-    activating  the first ACTIVATE has been sent, and some PE has not yet released an exclusive output
+    activating  the first ACTIVATE has been sent, but not yet the last step (GO_ALL)
     going       the last step has been sent, and some PE is not ACTIVE
     suspect     none of the above, and a PE has missed a heartbeat
-    rejoining   none of the above, and a PE that was down is heard again and in its hold-down
+    rejoining   none of the above, and a PE that was down was heard again in the last 2 s, and is in its
+                hold-down
     orphaned    no active manager can be heard; this takes precedence over all others
     idle        none of the above
 
-A fault that waits for a state is injected shortly after the protocol has entered this state. If the protocol is in the
-state already, the fault is injected shortly after the time of the fault (`injection.schedule`).
+A fault that waits for a state is injected shortly after the protocol has entered this state. If the protocol is
+in the state already, the fault is injected shortly after the time of the fault (`injection.schedule`).
 """
 
 from collections import Counter
@@ -89,7 +90,10 @@ class ProtocolState:
             self._moved()
 
     def _moved(self) -> None:
-        """If the state has changed, count the entry into the new state; call the callbacks that wait for this state."""
+        """Call the callbacks that are due; before that, if the state has changed, count the entry into it.
+
+        A callback is due if it waits for the present state, and its earliest time has come.
+        """
         if self.now != self._before:
             self._before = self.now
             self.entered[self._before] += 1

@@ -80,8 +80,13 @@ class Coverage:
     def cells(self) -> dict[tuple[str, str], int]:
         """Return the number of injections in each cell (kind, state) that these flights can reach.
 
-        A cell can be reached if its kind has a target in the spec, and if some flight has entered its state. An order
-        of the operator has no cell for the state without an active manager, since no order can be given in this state.
+        A cell can be reached under two conditions:
+
+        - its kind is drawn for this spec (the kind has a target there), or was injected in some flight
+        - some flight has entered its state
+
+        An order of the operator has no cell for the state without an active manager, since no order can be
+        given in this state.
         """
         injected = {kind for kind, _ in self.hits}
         kinds = [*self._kinds, *(kind for kind in KINDS if kind in injected and kind not in self._kinds)]

@@ -37,7 +37,12 @@ def _denied(simulation: Simulation, injections: Injections, targets: Collection[
 
 
 def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:
-    """Return a sentence if a fault was not injected at all, or not in the state that it names; None if it was."""
+    """Return a sentence if a fault was not injected, or not in the state that it names.
+
+    None: the fault was injected, and in the state that it names, if it names one.
+
+    text: the fault as the sentence quotes it.
+    """
     state = injections.state_of.get(fault)
     if state is not None and fault.during in ("", state):
         return None

@@ -192,7 +192,10 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
 
 
 def _fly(simulation: Simulation) -> None:
-    """Simulate until the aircraft has converged, or for `_LONGEST_NS`."""
+    """Simulate until no rule for the end of a flight is violated.
+
+    This takes `_QUIET_NS` at least, and about `_LONGEST_NS` at most.
+    """
     begun_ns = simulation.now_ns
     simulation.run_for(_QUIET_NS)
     while simulation.unsettled() and simulation.now_ns - begun_ns < _LONGEST_NS:

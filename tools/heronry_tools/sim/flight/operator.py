@@ -41,7 +41,11 @@ _AWAY = ("down", "returning")
 
 
 class Operator:
-    """Gives orders to the active manager, and keeps them so that it can repeat them to a later manager."""
+    """Gives orders to the active manager.
+
+    It keeps those orders that declare an element failed or clear an element, and can repeat them to a later
+    manager (`insist`).
+    """
 
     def __init__(self, spec: Spec, clock: Clock, managers: Managers, checks: Checks, truth: Truth) -> None:
         self._spec, self._clock = spec, clock

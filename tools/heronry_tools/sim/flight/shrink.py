@@ -2,16 +2,17 @@
 
 Each change of the list is tried in a flight. It is kept if this flight still fails in the same way.
 
-1. Parts of the list are left out: halves at the beginning, then quarters, and so on down to single faults. At the end
-   the flight fails, and it no longer fails without any one of the remaining faults.
-2. Each fault is made simpler: it is injected at its time, whatever the state of the flight is, and it lasts less long.
+1. Parts of the list are left out: halves at the beginning, then quarters, and so on down to single faults. At
+   the end the flight fails with all faults that remain, and does not fail if any single one is left out.
+2. Each fault is made simpler: it is injected at its time, whatever the state of the flight is, and it lasts less
+   long.
 3. The flight is made to end soon after its last fault.
 
-Without one fault, another fault may meet another state of the flight. So the search may miss a shorter list. But the
-random numbers of a fault do not depend on the other faults (`injection.schedule`).
+If one fault is left out, another fault may meet another state of the flight. So the search may miss a shorter
+list. But the random numbers of a fault do not depend on the other faults (`injection.schedule`).
 
-Source: Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002). Step 1 is their
-algorithm ddmin, without the steps that try one part of the list by itself.
+Source: Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002). Step 1 is
+their algorithm ddmin, without the steps that try one part of the list by itself.
 """
 
 from collections.abc import Callable

@@ -143,7 +143,7 @@ class Simulation:
         return self.managers.events
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
-        """Return the events with this name of all managers."""
+        """Return the events of one kind from all managers; of a standby manager only events about itself."""
         return self.managers.events_of(kind)
 
     def at(self, when_ns: int, what: Callable[[], None]) -> None:

@@ -41,7 +41,10 @@ class Truth:
         return Situation(gone, {}, self._checks.phase, self._checks.priorities)
 
     def broke(self, module: str, pe: str) -> None:
-        """Note that a module has failed on a PE: the module is down there, or everywhere if it has no other PE."""
+        """Record that a module has failed on a PE.
+
+        The module is then down on this PE. If no other PE can run the module, it is down everywhere.
+        """
         self.failed(self._place(module, pe))
 
     def lacks(self, module: str, pe: str) -> None:
@@ -63,7 +66,10 @@ class Truth:
         self._cut.discard(element)
 
     def cut(self, element: str) -> None:
-        """Set an element that has not failed as cut off: it counts as down until `mended` or `is_back` is called."""
+        """Set an element as cut off: it counts as down until `mended` or `is_back` is called.
+
+        An element that has also failed stays down after `mended`.
+        """
         self._cut.add(element)
 
     def mended(self, element: str) -> None:

@@ -63,7 +63,10 @@ _Accepted = tuple[int, Place]  # manager, place
 
 @dataclass(slots=True)
 class _Pe:
-    """What the oracle knows of one PE: the commands that it may have accepted, and those that it has (`least`)."""
+    """What the oracle knows of one PE.
+
+    This is: which commands the PE may have accepted, and which it has certainly accepted (`least`).
+    """
 
     name: str
     node: int

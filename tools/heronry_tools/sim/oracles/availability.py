@@ -48,11 +48,16 @@ class AvailabilityCheck(Oracle):
             self._lost.append(_violation(t_ns, f"the manager has ended its session with {self._pe_of[message.node]}"))
 
     def denials(self, faults: Collection[Fault], witness: Witness, span_ns: range) -> list[Violation]:
-        """Return a violation for each denial of service between the first configuration and the end of a flight.
+        """Return a violation for each denial of service from the first configuration to the end of a flight.
 
-        It is a denial if a function is silent for more than T_lease of the slowest bus, or if the manager ends its
-        session with a PE. The list is empty if there was no fault, if any fault was something other than forged
-        frames, or if forged frames took a tenth of a bus or more.
+        These are denials of service:
+
+        - a function is silent for longer than T_lease of the slowest bus and `Witness.patience_ns`
+        - an ALIVE of the active manager does not name a PE that the ALIVE before it named
+        - the active manager ends its session with a PE
+
+        The list is empty if there was no fault, if any fault was something other than forged frames, or if
+        forged frames took a tenth of a bus or more.
 
         faults: everything that was injected
         span_ns: time of the first configuration, and of the end of the flight

@@ -88,12 +88,18 @@ class Checks:
             oracle.moved(moved)
 
     def driven(self, driven: Driven) -> None:
-        """Report to the oracles a step of a module that drives an output."""
+        """Report a step of a module to the oracles, with the inputs of this step.
+
+        The module drives an actuator, or is a branch of a DEMUX.
+        """
         for oracle in self._of_driving:
             oracle.driven(driven)
 
     def looked(self, stepped: Driven) -> None:
-        """Report to the oracles a computed step of a module that drives no output, with the inputs of this step."""
+        """Report a step of a module to the oracles, with the inputs of this step.
+
+        The module drives no actuator, and is no branch of a DEMUX.
+        """
         for oracle in self._of_looks:
             oracle.looked(stepped)
 
@@ -276,7 +282,8 @@ class Checks:
     def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
         """Return a violation for each service that forged frames alone have denied in a flight with a key.
 
-        The list is empty without a key, and if any fault was more than a few forged frames (`availability`).
+        The list is empty without a key, without a fault, and if any fault was something other than forged
+        frames that take less than a tenth of a bus (`availability`).
 
         faults: all faults that were injected
         has_others: whether the aircraft got orders, or anything else besides `faults`; if so, nothing is verified

@@ -116,18 +116,18 @@ class ExclusionCheck(Oracle):
             self._follow(moved.t_ns, thing, (moved.module, moved.pe))
 
     def driven(self, driven: Driven) -> None:
-        """Verify a step of a module that drives an output, if the module has no device.
+        """Make a module without a device the holder of its exclusive outputs, since it executes a step.
 
-        For a module with a device, the movements of the device are verified (`moved`).
+        A violation is found as in `moved`, which does the same for a module with a device.
         """
         if driven.module not in self._moving:
             for thing in self._things_of[driven.module]:
                 self._follow(driven.t_ns, thing, (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
-        """Verify that the sender of this frame is the only node that uses its exclusive identifier at this time.
+        """Make the sender of a data frame the holder of the frame's identifier on this bus.
 
-        Another node may take the identifier over; the former one may use it again only after a handover.
+        It is a violation if another node took the identifier from this sender, and no handover came since.
         """
         thing = (sent.bus, sent.frame.can_id)
         if self._holders.get(thing) != (sent.sender, ""):

@@ -1,15 +1,16 @@
-"""No module is given a datum that is old, or that its producer has not sent; verified against the frames on the bus.
+"""No module is given a datum that is old, or that its producer has not sent; verified against frames on the bus.
 
 Two things must hold for every input that the PE's epoch wires to another PE:
 
-- The producer's node has sent a frame on one of the PE's buses within three periods of the producer's slowest mode.
+- The producer's node has sent a frame on one of the PE's buses within three periods of the producer's slowest
+  mode.
 - The value given to the module is that of one of these frames. An input with another value is called *foreign*.
 
-The three periods end at the moment at which the PE requested the step. After this moment a slow processor may still
-delay the step; `until_ns` limits this delay (at most T_lease).
+The three periods end at the moment at which the PE requested the step. After this moment a slow processor may
+still delay the step; `until_ns` limits this delay (at most T_lease).
 
-Every step of a module that drives an actuator or a branch of a DEMUX is verified, and every eighth step of all other
-modules (`world.steps_seen`).
+Every step of a module that drives an actuator, or is a branch of a DEMUX, is verified. Of all other steps with
+inputs, every eighth is verified (`world.steps_seen`).
 
 Not verified:
 
@@ -69,11 +70,14 @@ class FreshnessCheck(Oracle):
             self._epochs[node] = (epoch, state.t_ns)
 
     def looked(self, stepped: Driven) -> None:
-        """Verify the inputs of a module that drives no output, after one of its steps."""
+        """Verify, as `driven` does, the inputs of one step of any other module."""
         self.driven(stepped)
 
     def driven(self, driven: Driven) -> None:
-        """Verify that one step of a module that drives an output had fresh inputs, sent by their producers."""
+        """Verify that the inputs of one step of a module were fresh, and were sent by their producers.
+
+        The module drives an actuator, or is a branch of a DEMUX.
+        """
         told, since_ns = self._epochs.get(self._node_of[driven.pe], (0, driven.t_ns))
         epoch = self._commanded.epochs.get(told)
         if epoch is None or epoch is not self._commanded.current or driven.t_ns - since_ns < _UNTOLD_NS:
@@ -113,7 +117,10 @@ def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:
 
 
 def _fresh_ns(spec: Spec, producer: str, variable: str) -> int:
-    """Return up to which age (ns) a datum of a source may be fresh; the slowest mode that gives it decides."""
+    """Return the greatest age (ns) at which a datum of a source still counts as fresh.
+
+    This is FRESH_PERIODS periods of the slowest mode that gives the datum, plus `_SLACK_NS`.
+    """
     return FRESH_PERIODS * 10**12 // min(_rates_mhz(spec, producer, variable)) + _SLACK_NS
 
 

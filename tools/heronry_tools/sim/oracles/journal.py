@@ -129,9 +129,12 @@ class JournalCheck(Oracle):
         return memory
 
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether a HOLDS agrees with an earlier state of the manager's journal; False for any other message.
+        """Tell whether a HOLDS agrees with an earlier state of the manager's journal.
 
-        The earlier states are the journal without its last record, without its last two, and so on up to `_WAITED`.
+        The earlier states are the journal without its last line, without its last two lines, and so on up to
+        `_WAITED` lines. A record takes several lines.
+
+        Returns False for any other message than HOLDS.
         """
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False

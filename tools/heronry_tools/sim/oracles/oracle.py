@@ -134,10 +134,16 @@ class Oracle:
         """Called when a PE has passed the command of a module to the module's device."""
 
     def driven(self, driven: Driven) -> None:
-        """Called after a step of a module that drives an output."""
+        """Called when a PE executes a step of a module.
+
+        The module drives an actuator, or is a branch of a DEMUX.
+        """
 
     def looked(self, stepped: Driven) -> None:
-        """Called after a step of a module that drives no output, if the simulator has recorded the module's inputs."""
+        """Called when a PE executes a step of any other module than those of `driven`.
+
+        Only every eighth of these steps that have inputs is reported (`world.steps_seen`).
+        """
 
     # What is done to the aircraft, reported by the code that does it
 

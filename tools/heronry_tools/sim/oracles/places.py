@@ -1,12 +1,14 @@
-"""Finds which element counts as failed after a PE's report. The oracles derive it from the frames, as a manager does.
+"""Finds which element counts as failed after a PE's report. The oracles derive it from frames, as a manager does.
 
     what the PE reports                               what counts as failed
-    a module on this PE has failed                    the module on this PE only (`module:NAME@PE`), if other PEs can
-                                                      run it, too; otherwise the module
+    a module on this PE has failed                    the module on this PE only (`module:NAME@PE`), if other
+                                                      PEs can run it, too; otherwise the module
     the same, after the module failed on another PE   the module on all PEs
-    the code of a module is missing on this PE        the module on this PE only, even if other PEs report the same
-    a module reports another module, or a device      this element; a module on all PEs
-    a module reports a PE or a bus                    nothing, since this is only a suspicion
+    the code of a module is missing on this PE        the module on this PE only, even if other PEs report
+                                                      the same
+    one of its modules reports another module         the reported module, on all PEs
+    one of its modules reports a device               the reported device
+    one of its modules reports a PE or a bus          nothing, since this is only a suspicion
 
 A report names an element by its kind and index. CLEAR and HOLDS of `module:NAME@PE` also have the PE's node-ID.
 """

@@ -48,13 +48,14 @@ class _Requests:
 
 
 class ProgressCheck(Oracle):
-    """Counts the epochs that were prepared, and each manager's useless plan requests, since the last ACTIVATE.
+    """Counts prepared epochs, and each manager's plan requests *in vain*, since the last ACTIVATE.
 
-    A plan request is useless in two cases (`_is_in_vain`):
+    If one of these counts is too high, over too long a time, this is a violation. A plan request is in vain
+    in two cases (`_is_in_vain`):
 
-    - the manager makes its next request before the answer to this one has come;
-    - the manager makes its next request at the moment at which the answer comes, and the answer differs from
-      the running configuration.
+    - The manager makes its next request before the answer to the earlier one has come.
+    - The manager makes its next request at the moment at which this answer comes, and the answer differs
+      from the running configuration.
     """
 
     def __init__(self) -> None:

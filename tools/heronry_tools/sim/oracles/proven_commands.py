@@ -1,14 +1,15 @@
 """Finds the commands on a bus that come from a holder of the key, by computing every tag again.
 
-A command and the TAG after it are a pair. A pair is *proven* if its tag is correct for some command number. TAG carries
-only the lowest 13 bits of this number, so the higher bits are tried in turn. The trial ends beyond the highest number
-that was proven before, of the same manager in the same term.
+A command and the TAG after it are a pair. A pair is *proven* if its tag is correct for some command number. TAG
+carries only the lowest 13 bits of this number. So all numbers with these bits are tried, from the lowest one on.
+The last one tried is at most one `NUMBER_SPAN` above the highest number that was proven before, of the same
+manager in the same term.
 
-The result does not depend on what the nodes have accepted. A replayed pair is proven each time it is sent, with its
-original number.
+The result does not depend on what the nodes have accepted. A replayed pair is proven each time it is sent, with
+its original number.
 
-SLICE is left out, because it names no term; the digest of its configuration proves it. WELCOME is left out, because its
-tag also covers a nonce.
+SLICE is left out, because it names no term; the digest of its configuration proves it. WELCOME is left out,
+because its tag also covers a nonce.
 """
 
 from collections import defaultdict, deque

@@ -29,9 +29,10 @@ class QueueCheck:
         self._offered = self._offered_before = dict.fromkeys(buses, 0)
 
     def look(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> list[Violation]:
-        """Return the violations: each bus that was not idle since the last call, and each frame that waits too long.
+        """Return the violations: buses that were not idle since the last call, and frames that wait too long.
 
-        A frame waits too long if it has been waiting since before the call before the last one.
+        There is one violation for each such bus, and one for each bus with such a frame. A frame waits too long
+        if it was waiting already at the second call before this one.
         """
         passed_ns, before = t_ns - self._t_ns, self._bits
         self._t_ns, self._bits = t_ns, {name: bus.busy_bits for name, bus in buses.items()}

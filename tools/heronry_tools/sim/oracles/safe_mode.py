@@ -65,7 +65,7 @@ class SafeModeCheck(Oracle):
         """Record that a PE is orphaned from now on, if the policy is `safe_mode` and three conditions hold.
 
         - The state of the PE reports that it hears no LEASE.
-        - A LEASE was on the bus at some time, but none for longer than T_lease.
+        - There was a LEASE on the bus, and the last one was sent more than T_lease ago.
         - The PE is not recorded as orphaned yet.
         """
         pe, t_ns, page = state.pe, state.t_ns, state.page

@@ -2,37 +2,40 @@
 
 It compares on two occasions.
 
-*When a configuration is activated*, it must serve by criticality at least what the best plan serves. The best plan is
-made for what the manager can know:
+*When a configuration is activated*, its value at level 1 (critical functions) must be no less than that of the
+best plan. The best plan is made for what the manager can know:
 
 - PEs that take no part in the epoch are down.
-- An element counts as failed from the moment at which its failure was acknowledged, or declared by the operator, until
-  it is cleared. Every element is down that counted as failed at some moment from shortly before PREPARE until the
-  activation.
+- An element counts as failed from the moment at which its failure was acknowledged, or declared by the operator,
+  until it is cleared. Every element is down that counted as failed at some moment from shortly before PREPARE
+  until the activation.
 - The phase and the priorities may be those of any such moment.
 
 Two kinds of epochs are not compared:
 
 - An adopted epoch: a manager that adopts the running configuration drops no function by adopting.
-- A contingency that PREPARE names by its number, if it is not certain which PEs take part. Every PE that hears PREPARE
-  stages the contingency, and only the next ALIVE shows which PEs are available. Nothing is certain in three cases:
+- A contingency that PREPARE names by its number, if it is not certain which PEs take part. Every PE that hears
+  PREPARE stages the contingency, and only the next ALIVE shows which PEs are available. Nothing is certain in
+  three cases:
   1. The manager dies before that ALIVE.
   2. That ALIVE comes so late that a PE may have been lost and have rejoined.
-  3. An ALIVE was late within the last heartbeat period. Delayed frames are then sent in the order of their identifiers,
-     so their order on the bus proves nothing.
+  3. An ALIVE was late within the last heartbeat period. Delayed frames are then sent in the order of their
+     identifiers, so their order on the bus proves nothing.
 
 *While no more faults are injected*, a critical function that was heard must not stay silent for longer than
-`longest_ns`: one patience, and a second for planning, steps and first values. The oracle makes the best plan for the
-worst situation that is possible during the silence. In this situation an element is down if it has an injected fault,
-counts as failed, or is a PE that ALIVE does not name. The silence is a violation if this plan serves every wanted
-function of this class and of the classes above: in any situation in which less is down, the best plan serves them, too.
+`longest_ns`: one patience, and a second for planning, steps and first values. The oracle makes the best plan for
+the worst situation that is possible during the silence. In this situation an element is down if it has an
+injected fault, counts as failed, or is a PE that ALIVE does not name. The silence is a violation if this plan
+serves every wanted function of the silent function's class and of the classes above. In any situation in which
+less is down, the best plan serves these functions, too.
 
 Not verified are silences
 
 - while a bus or a manager has a fault, or any measurement may be wrong;
-- in the start-up window of a mastership, as long as no PE runs a module. To a manager that hears no running PE, the
-  aircraft looks as if it had just been switched on. So the manager waits for PEs that it has not heard, and makes no
-  plan before they are heard or the window ends. The window counts from the first ALIVE of the mastership.
+- in the start-up window of a mastership, as long as no PE runs a module. To a manager that hears no running PE,
+  the aircraft looks as if it had just been switched on. So the manager waits for PEs that it has not heard, and
+  makes no plan before they are heard or the window ends. The window counts from the first ALIVE of the
+  mastership.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -171,7 +174,10 @@ class ServiceCheck(Oracle):
         return {h.element for h in self._held if h.from_ns <= to_ns and (h.to_ns is None or from_ns < h.to_ns)}
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """Record the available PEs, and verify the contingencies that PREPARE has named since the last ALIVE."""
+        """Record the available PEs, and verify the contingencies that were activated since the last ALIVE.
+
+        A contingency that was activated more than T_lease before this ALIVE is not verified.
+        """
         self._late_ns = t_ns if self._is_late(t_ns) else self._late_ns
         self._alive_ns = t_ns
         _, before = self._available[-1] if self._available else (0, frozenset[str]())
@@ -186,9 +192,10 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """Record that a mastership begins, and that the new manager may not know every reported fault.
+        """Record that a mastership begins, and for which failed elements the manager may lack the report.
 
-        It may not know a fault whose report it could have missed.
+        It may lack the report of an element if a silence of the PE that reported the element (`missed_ns`) ended after
+        the element began to count as failed. Such an element no longer counts as failed for every manager (`held`).
         """
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
@@ -229,9 +236,10 @@ class ServiceCheck(Oracle):
         self._phases.append((t_ns, phase))
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """Verify that an epoch serves as much as the best plan.
+        """Verify that an epoch serves critical functions no worse than the best plan.
 
-        A contingency is verified at the next ALIVE, which shows which PEs take part in the epoch.
+        An adopted epoch is not verified. A contingency is verified at the next ALIVE, which shows which PEs take part
+        in the epoch. But it is not verified if an ALIVE is overdue now, or was late within the last heartbeat period.
         """
         if epoch.is_adopted:
             return
@@ -335,10 +343,13 @@ class ServiceCheck(Oracle):
         return None
 
     def _situation(self, begin_ns: int, over_ns: int, injected: Sequence[Injected]) -> Situation | None:
-        """Return the worst situation that is possible from `begin_ns` to `over_ns`, a time in which nothing changes.
+        """Return the worst situation that is possible from `begin_ns` to `over_ns`.
 
-        None: it is not known, because a fault of unknown effect is present, or because the time is in a start-up
-        window in which no PE runs a module.
+        Between these times no fault begins or ends, and the available PEs, the phase, the priorities and the
+        elements that count as failed stay the same.
+
+        None: the situation is not known, because a fault of unknown effect is present, or because the time is
+        in a start-up window in which no PE runs a module.
         """
         hit = [s for s in injected if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
         starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
