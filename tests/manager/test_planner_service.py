@@ -106,6 +106,20 @@ def test_a_request_inside_a_process_that_dies_fails_and_the_waiting_one_is_answe
     assert second.request == 2
 
 
+def test_a_process_that_writes_a_wrong_line_is_ended(
+    spec: Spec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "wrong"
+    program.write_text("#!/bin/sh\nread request\necho 3\nread end\n")
+    program.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(program))
+    with PlannerClient(spec, FILE) as client:
+        client.request(1, situation(spec), None)
+        (failed,) = answers(client, 1)
+    assert isinstance(failed, Failed)
+    assert failed.reason.startswith("the manager has ended the planner's process, which wrote a wrong line: ")
+
+
 def test_a_question_that_cannot_be_answered_is_answered_with_the_reason(spec: Spec, client: PlannerClient) -> None:
     client.request(4, Situation(down=frozenset({"pe:nowhere"})), None)
     (failed,) = answers(client, 1)

@@ -293,7 +293,10 @@ class Authenticity:
             peer.unproven += heard
 
     def take_emergency(self, pe: str) -> bytes | None:
-        """Give the EMCY that the last page 0 of a PE has proven, on the first call after that page; None otherwise."""
+        """Give the EMCY that the tag of the last page 0 of a PE covers, and forget it.
+
+        None: the tag covers no EMCY, or the EMCY was given before.
+        """
         peer = self._peers[pe]
         proven, peer.proven = peer.proven, NO_EMERGENCY
         return proven or None

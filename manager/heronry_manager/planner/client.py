@@ -113,7 +113,7 @@ class PlannerClient:
         while self._process is not None and self._selector.select(timeout=0):
             chunk = os.read(self._process.answers.fileno(), _CHUNK)
             if not chunk:
-                found.extend(self._ended("the planner's process ended"))
+                found.extend(self._ended())
                 continue
             *lines, self._unread = (self._unread + chunk).split(b"\n")
             for line in lines:
@@ -184,22 +184,24 @@ class PlannerClient:
         self._inside = self._waiting.popleft()
         self._process.send(request_line(self._inside))
 
-    def _ended(self, reason: str) -> list[Planned | Failed]:
+    def _ended(self, why: str | None = None) -> list[Planned | Failed]:
         """Kill the planner's process if it still runs, and report the request that was sent to it as failed.
 
-        This is called when the process has ended, or has written a line that is no answer. The next request starts
-        another process. Returns an empty list if the process had no request.
+        The next request starts another process. Returns an empty list if the process had no request.
+
+        why: a sentence, if the manager ends the process; None: the process has ended by itself.
         """
         request = self._inside
         code = self._stop(kill=True)
         self._send_next()
-        return [] if request is None else [Failed(request.number, f"{reason} (exit code {code})")]
+        reason = why or f"the planner's process ended (exit code {code})"
+        return [] if request is None else [Failed(request.number, reason)]
 
     def _read(self, line: bytes) -> list[Planned | Failed]:
         try:
             answer = read_answer(line)
         except MessageError as error:
-            return self._ended(f"the planner's process wrote a line that is no answer: {error}")
+            return self._ended(f"the manager has ended the planner's process, which wrote a wrong line: {error}")
         if isinstance(answer, Ready):
             self.ready = True
             return []

@@ -86,7 +86,7 @@ class PartitionGroups:
         return PartitionGroup(folder)
 
     def retire(self, group: PartitionGroup) -> bool:
-        """Remove the group of an ended partition, at once or as soon as the group has no process left.
+        """Remove the group of an ended partition; if it still has a process, `enclose` removes it later.
 
         Returns whether the kernel killed the partition because the partition exceeded its memory limit.
         """

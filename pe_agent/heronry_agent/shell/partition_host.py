@@ -3,14 +3,15 @@
 The host executes the core's actions on modules, and answers them by events. (The simulator has another host,
 which runs modules in its own process: `heronry_tools.sim.world.module_host`.) A partition has four states:
 
-    absent    it has no process. The host starts the process when the core starts a module of the partition, or
-              in advance: once the PE runs modules, the host starts one absent partition per second, so that
+    absent    it has no process. The host starts the process when the core starts a module of the partition,
+              or in advance: once the PE runs modules, the host starts one absent partition per second, so that
               starting a process delays no reconfiguration in flight
     loading   its process imports the code of all its modules in the table. Meanwhile start orders of the core
               wait, and are sent when the code has been imported. Steps that the core orders meanwhile are
               answered with `NotReady`, so that the core orders them again with present inputs
     running   its process executes orders, one after the other
-    ending    its process is killed and not reaped yet; a new process for the same partition may start meanwhile
+    ending    its process is killed and not reaped yet; a new process for the same partition may start
+              meanwhile
 
 The host ends a partition that sends an answer without an order, a packet that cannot be read, or a packet that is too
 long. The host reports to the core that a partition has ended, and why; the core decides which module counts as failed.

@@ -183,7 +183,7 @@ def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
 def _made(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
     """Make the plans of a spec ahead, write them to `file`, and return them; or read them if `file` has them.
 
-    If another process is planning ahead, wait for its end before looking into the file.
+    If another process is planning ahead, wait until it has finished, and then look into the file.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     with (file.parent / "lock").open("w") as lock:

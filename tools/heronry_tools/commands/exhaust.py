@@ -1,11 +1,11 @@
-"""`heronry exhaust`: flies a small aircraft through each reconfiguration, with one fault at one message per flight.
+"""`heronry exhaust`: flies a small aircraft through each reconfiguration, with a fault at one of its messages.
 
-The flights inject every fault at every message of every reconfiguration. With --sample only some of these faults
-are flown, drawn at random; --pairs adds flights with two faults; --case flies only given cases. A *story* is one
-event that makes the aircraft reconfigure; the help lists the stories.
+There is one flight for every fault at every message of every reconfiguration. With --sample only some of these
+flights are flown, drawn at random; --pairs adds flights with two faults; with --case only given cases are
+flown. A *story* is one event that makes the aircraft reconfigure; the help lists the stories.
 
-Exit codes: 0 every flight was without a violation; 1 an oracle was violated (the command that replays the flight
-is printed), or a fault of a case that the user gave with --case was not injected; 2 the input cannot be used.
+Exit codes: 0 every flight was without a violation; 1 an oracle was violated (the command that replays the flight is
+printed), or a fault of a case that the user gave with --case was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -92,7 +92,8 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fly the cases and print the violations, or with `--count` only print the number of cases.
 
-    Returns the exit code: 1 if in any case an oracle was violated, or a fault of --case was not injected; otherwise 0.
+    Returns the exit code: 1 if in any case an oracle was violated, or a fault of `--case` was not injected;
+    otherwise 0.
     """
     go_on_compiled_if_asked(arguments)
     from heronry_tools.sim.flight.campaign import fly_all  # noqa: PLC0415 - the solver is slow to import

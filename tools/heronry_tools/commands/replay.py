@@ -115,8 +115,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _spec_of(recording: Path, text: str | None) -> "Spec":
     """Give the spec of the flight: the one that `text` names, or if `text` is None, the one in the recorded folder.
 
-    Raises UserError if a recorded folder is of another spec than `text`, if a log file is given without a spec, or
-    if `recording` is itself a spec.
+    Raises UserError if a recorded folder is of another spec than `text`, if a log file is given without a spec,
+    or if `recording` is itself a spec.
     """
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415

@@ -55,8 +55,8 @@ class AttitudeFilter(Module):
         There are two exceptions, in which the first attitude needs no rates:
 
         - After a start in mode `fused`, the first attitude is the one that the accelerations show. Nothing is
-          published before accelerations are present.
-        - If the mode changes from `fused` before the first attitude, the first attitude is that of the best glide.
+            published before accelerations are present.
+        - If the mode `fused` ends before the first attitude, the first attitude is that of the best glide.
         """
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG

@@ -35,7 +35,10 @@ class PitchVersions(NVersion):
 
 
 class PitchBetter(ComparatorBetter):
-    """Gives the pitch angle of the better version, in degrees; reports a lasting difference of more than 5 degrees."""
+    """Gives the pitch angle of the better of two versions, in degrees.
+
+    It reports a disagreement of the versions: a lasting difference of more than 5 degrees.
+    """
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 
@@ -43,7 +46,7 @@ class PitchBetter(ComparatorBetter):
 class PitchSafer(ComparatorSafer):
     """Gives the pitch angle of the better of two versions, in degrees.
 
-    While the versions disagree (a lasting difference of more than 5 degrees), it gives the angle nearer to level.
+    During a disagreement (a lasting difference of more than 5 degrees) it gives the angle nearer to level.
     """
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
@@ -52,7 +55,7 @@ class PitchSafer(ComparatorSafer):
 class PitchNone(ComparatorNone):
     """Gives the pitch angle of the better of two versions, in degrees.
 
-    While the versions disagree (a lasting difference of more than 5 degrees), it gives no value.
+    During a disagreement (a lasting difference of more than 5 degrees) it gives no value.
     """
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0

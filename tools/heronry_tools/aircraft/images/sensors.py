@@ -9,7 +9,7 @@ The readings of some devices always differ, by their noise at least. Such a devi
 reading for too long (`may_repeat_ns`), and this reading counts as impossible. So the "static hold" of a
 satellite receiver, if it has any, must be off.
 
-A restart loses only two counts: that of the periods without a valid reading, and that of repeated readings.
+A restart loses only two counts: of the periods without a valid reading, and of the repeated readings.
 """
 
 from collections.abc import Mapping

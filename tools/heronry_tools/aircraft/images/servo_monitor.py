@@ -76,8 +76,8 @@ class SurfaceMonitor(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Compare the elevator's angle with the angle expected after the commands, and publish the health.
 
-        The health is 1 or 2 for the servo of this number, 3 for the angle sensor, 0 if no device counts as failed.
-        If several devices count as failed, it shows the last one that was added.
+        The health is 1 or 2 if the servo of this number counts as failed, 3 if the angle sensor does, and 0 if no
+        device does. If several devices count as failed, it shows the one whose failure was detected last.
         """
         commanded_deg, angle_deg = number(inputs, self.command), number(inputs, "elevator_angle")
         if commanded_deg is None or angle_deg is None:

@@ -1,13 +1,13 @@
-"""The inflatable wings: the control that inflates them, and the monitor that watches them until their skin is hard.
+"""The inflatable wings: the control inflates them, and the monitor watches them until their skin is hard.
 
 The control decides when the valve is open. The monitor decides in which state the wings are. Each module reads the
 output of the other module, so the spec gives `wing_state` an initial value. The control keeps the valve closed while
 the monitor publishes that the wings are cured or leak. The pressure and the demand of the valve show the monitor
 whether the wings are folded or being filled. A leak is a loss of pressure in wings that were firm.
 
-A restart of the monitor loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose
-again. So the valve is controlled longer than necessary, which does no harm. A restart also loses whether the
-wings have been firm: a leak that is there already is not recognized.
+A restart of the monitor loses the ultraviolet dose: the monitor publishes "firm" until it has measured the
+dose again. So the valve is controlled longer than necessary, which does no harm. A restart also loses whether
+the wings have been firm: a leak that is there already is not recognized.
 """
 
 from collections.abc import Mapping

@@ -195,7 +195,8 @@ def _camera(surroundings: Surroundings) -> int:
 def _commands(surroundings: Surroundings) -> tuple[int, ...]:
     """Give the two commands of the mission, each 0 or 1: release the parachute, and cut the balloon's line.
 
-    The command to release the parachute is always 0. The command to cut the line is 1 from CUTDOWN_S on, 0 before.
+    The command to release the parachute is always 0. The command to cut the line is 0 before CUTDOWN_S, and 1
+    from then on.
     """
     return (0, int(surroundings.now.time_s >= CUTDOWN_S))
 

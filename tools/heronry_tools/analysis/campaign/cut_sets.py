@@ -12,10 +12,10 @@ lose it. There are two kinds of cut sets:
 
 Every logical cut set also loses the function with real resources, but with real resources a smaller set may be enough.
 
-The best plan of a phase may also *give up* a function that could be served, for a more important function. That
-is no loss as defined above. A further fault may make the more important function impossible, and then the best
-plan serves the given-up function again. So if the best plan gives up a function after some fault set, it need
-not do so after a larger one. For this reason `given_up` needs a sweep: the best plan of every fault set.
+The best plan of a phase may also *give up* a function that could be served, for a more important function. That is no
+loss as defined above. A further fault may make the more important function impossible, and then the best plan serves
+the given-up function again. So if the best plan gives up a function after some fault set, it need not do so after a
+larger one. For this reason `given_up` needs a sweep: the best plan of every fault set.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -40,10 +40,10 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = False) -> "Scope":
-    """Give the scope that the command line describes; raises UserError if an option has an unusable value.
+    """Give the scope that the command line describes; raises UserError if the value of an option cannot be used.
 
-    places: whether each place that the fault-free plan of a phase uses may fail, too. This has an effect only if
-        modules are among the kinds of elements that may fail.
+    places: whether each place that the fault-free plan of a phase uses may fail, too. This has an effect only
+        if modules are among the kinds of elements that may fail.
     """
     from heronry_dg.situation import elements, situation  # noqa: PLC0415 - slow to import
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415

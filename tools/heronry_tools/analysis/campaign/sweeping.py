@@ -76,8 +76,8 @@ def partial_of(file: Path) -> Path:
 def sweep_into(file: Path, spec: Spec, scope: Scope, executor: Executor | None) -> Written:
     """Write the contingency file of a scope; continues the journal FILE.partial that a killed run has left.
 
-    Raises UserError if the contingency file cannot be written. Raises JournalError if another run is writing the
-    journal, or if the disk has no room for the journal.
+    Raises UserError if the contingency file cannot be written. Raises JournalError while another run writes
+    the journal, or if the journal cannot be written.
     """
     expect_writable(file)
     with Journal(partial_of(file), spec, scope) as journal:

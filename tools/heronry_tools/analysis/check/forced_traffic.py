@@ -1,12 +1,12 @@
-"""A lower bound of the data that must cross the buses for certain functions to be served, whatever the planner decides.
+"""A lower bound of the data that must cross the buses so that certain functions are served, in any plan.
 
-A function needs one of its output modules. So it certainly needs each variable that all its output modules need
-in all their modes. Such a variable must come from one of its *givers*, the modules that can give it. So each
-variable that all these givers need in all their modes is certainly needed as well, and so on.
+A function needs one of its output modules. So it certainly needs each variable that all its output modules
+need in all their modes. Such a variable must come from one of its *givers*, the modules that can give it. So
+each variable that all these givers need in all their modes is certainly needed as well, and so on.
 
 If no giver of a variable can share a PE with a reader of the variable, the variable must be published. The
-variable then crosses every bus that lies on all routes from a giver to a reader. Its rate there is at least the
-lowest rate of the givers. The rates on a bus may be added, because each variable is counted once.
+variable then crosses every bus that lies on all routes from a giver to a reader. Its rate there is at least
+the lowest rate of the givers. The rates on a bus may be added, because each variable is counted once.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,12 +1,13 @@
 """The check of DG3xx: room, bandwidth and time for all that is wanted, with everything up.
 
 Checks without a solver come first: each module against the PEs, and each bus's reserve against its management
-frames. Then the planner is used (servable.py), and a function that it cannot serve is checked for forced traffic.
+frames. Then the planner is used (servable.py). The forced traffic is worked out only for functions that the
+planner cannot serve.
 
 Each cause is reported only once:
 
-- If the modules of a function fit nowhere, or the data of this function alone overload a bus, nothing else is
-  reported about the function.
+- If the modules of a function fit nowhere, or the data of this function alone overload a bus, the function is
+  not checked again.
 - If deadlines are the only reason why a function is not served, the data that would be late are reported.
 - If a function could not be served even with unlimited resources, the rules of the graph report this.
 

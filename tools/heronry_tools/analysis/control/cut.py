@@ -77,7 +77,7 @@ def _weight(graph: Graph, vertex: str) -> int:
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
     """Give the maximum flow from node 0 to node 1, and the nodes on the side of node 1 in the minimum cut.
 
-    A node is on this side if a path on which the flow has left capacity free leads from the node to node 1.
+    A node is on this side if a path with free capacity leads from it to node 1.
 
     number: the node of each leaf.
     nets: for each port, the leaves that give or read its data.

@@ -25,7 +25,9 @@ MOST_MEMBERS: Final = 400  # of a block that is searched: in a larger one the se
 
 
 def longest_cycle(block: Touching, through: frozenset[str], effort: float = EFFORT) -> Bounds:
-    """Find bounds for the length of the longest of those cycles of a block that pass through all members `through`.
+    """Find bounds for the length of the longest of those cycles of a block that pass through all of `through`.
+
+    through: the members through which the cycle must pass.
 
     Returns the lower and the upper bound. They are equal if a cycle is proven to be the longest, and (0, 0) if there is
     no such cycle. A block of more than `MOST_MEMBERS` is not searched, and gets the bounds that `bounds_alone` gives.

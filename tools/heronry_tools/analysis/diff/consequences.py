@@ -49,8 +49,8 @@ class PhaseConsequences:
 class Consequences:
     """Computes the functions served, the load and the single points of failure of one spec after another (`of`).
 
-    Every planned configuration is kept in `known`. To find out which functions the loss of an element costs, in any
-    phase or spec, these configurations are tried first. A plan is made only if they do not decide it.
+    Every planned configuration is kept in `known`. For a later loss, also in a later phase or spec, no plan is
+    made if one of these configurations still serves all functions in question (rule 2 in the file's head).
     """
 
     known: list[Configuration] = field(default_factory=list)

@@ -5,15 +5,15 @@
 - the function is served, or, if the plan serves it in a worse mode, it is served in its best mode;
 - every other function is served as well as in the plan.
 
-A configuration that reaches the goal would usually be better than the plan. But the plan is the best one, so the
-goal is impossible, and this file finds out why. There is one exception: if the function adds too little to the
-value of a plan, it may be left out although the goal is possible. Then there are no reasons and no repairs.
+A configuration that reaches the goal would usually be better than the plan. But the plan is the best one, so the goal
+is impossible, and this file finds out why. There is one exception: if the function adds too little to the value of a
+plan, it may be left out although the goal is possible. Then there are no reasons and no repairs.
 
-*Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other.
-If the goal is still impossible without an assumption, that assumption stays relaxed (a deletion filter). The
-assumptions that are left are irreducible: if any one of them were relaxed, too, the goal would be possible. There
-may be several irreducible sets; only one is shown. The assumptions that explain least are relaxed first. So such
-an assumption is in the set that is shown only if the set would otherwise not make the goal impossible.
+*Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the
+other. If the goal is still impossible without an assumption, that assumption stays relaxed (a deletion
+filter). The assumptions that are left are irreducible: if any one of them were relaxed, too, the goal would
+be possible. There may be several irreducible sets; only one is shown. The assumptions that explain least are
+relaxed first. So such an assumption is in the set that is shown only if the set cannot do without it.
 
 *Repairs.* A repair relaxes at least one assumption of every irreducible set. The smallest repair is found in steps:
 
@@ -21,9 +21,9 @@ an assumption is in the set that is shown only if the set would otherwise not ma
 2. If the planner reaches the goal with this set relaxed, the set is the smallest repair.
 3. If not, find a further irreducible set, and begin again at step 1.
 
-A repair can only bring back elements that are down, or add CPU, memory or bandwidth. The amount of a capacity that
-is needed is found by bisection. A repair counts only if the planner, given the repaired system, really serves the
-function.
+A repair can only bring back elements that are down, or add CPU, memory or bandwidth. The amount of a capacity
+that is needed is found by bisection. A repair counts only if the planner, given the repaired system, really
+serves the function.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -131,7 +131,7 @@ def _irreducible(
 ) -> list[Assumption]:
     """Reduce the assumptions in `these` to an irreducible set, and return this set.
 
-    The assumptions of the set, together, make the goal impossible. If any one of them were relaxed, too, the goal
+    Together, the assumptions of the set make the goal impossible. If any one of them were relaxed, too, the goal
     would be possible.
 
     possible: tells whether the goal is possible when the given assumptions are relaxed.
