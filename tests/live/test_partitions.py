@@ -148,7 +148,7 @@ def test_a_partition_that_ends_is_reported_and_the_other_one_goes_on_and_so_does
 
 
 @pytest.mark.parametrize(
-    ("hosted", "reason"), [("Eats", "MemoryError"), ("Shouts", "a step gives")], indirect=["hosted"]
+    ("hosted", "reason"), [("Eats", "MemoryError"), ("Shouts", "the results of a step take")], indirect=["hosted"]
 )
 def test_one_that_takes_or_gives_too_much_fails_in_its_own_step(hosted: Hosted, reason: str) -> None:
     event = hosted.misbehave()

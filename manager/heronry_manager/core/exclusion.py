@@ -122,8 +122,8 @@ class Exclusion:
     def waits(self) -> bool:
         """Tell whether `said` must be called when the next ALIVE is on the bus.
 
-        This is so while there is a PE that the present ALIVE does not name, but that an earlier ALIVE has named, or
-        may have named, and no ALIVE without this PE has been on the bus yet.
+        This is so if the ALIVE that goes out next leaves out a PE which the last ALIVE on the bus may have named.
+        T_lease of this PE counts from that ALIVE.
         """
         return bool(self._unsaid)
 

@@ -34,7 +34,7 @@ NOTHING_ASKED: Final[Mapping[str, int]] = MappingProxyType({})
 
 
 def without_deadlines(spec: Spec) -> Spec:
-    """Return the same spec without deadlines; a datum that can never arrive is still counted as late."""
+    """Return the same spec with deadlines so long that only a datum whose delay has no bound misses its deadline."""
     variables = {name: replace(one, deadline_ns=_NO_DEADLINE_NS) for name, one in spec.variables.items()}
     return replace(spec, variables=variables)
 

@@ -156,8 +156,9 @@ def _checked_frame(msg: can.Message) -> Frame:
         raise ValueError(f"identifier {msg.arbitration_id:#x} does not fit into {bits} bits")
     if not 0 <= msg.dlc <= MAX_DATA_BYTES or (not msg.is_remote_frame and msg.dlc != len(msg.data)):
         raise ValueError(
-            f"dlc {msg.dlc} with {len(msg.data)} bytes of data: write a dlc of at most {MAX_DATA_BYTES}; in a data "
-            "frame the dlc must be the number of its bytes"
+            f"a frame with dlc {msg.dlc} and {len(msg.data)} bytes of data cannot be sent: give at most "
+            f"{MAX_DATA_BYTES} bytes, and as dlc the number of bytes (a remote frame has no bytes, and a dlc of at "
+            f"most {MAX_DATA_BYTES})"
         )
     data = b"" if msg.is_remote_frame else bytes(msg.data)
     return Frame(msg.arbitration_id, data, msg.is_extended_id, msg.is_remote_frame)
