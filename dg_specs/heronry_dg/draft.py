@@ -54,6 +54,7 @@ _WANTED: Final = {  # by type of pydantic error: the rule, the value that was ex
     "dict_type": (rules.NOT_A_MAP, "a map", "write {{key: value}}"),
     "greater_than": (rules.OUT_OF_RANGE, "more than {gt}", "write a number above {gt}"),
     "greater_than_equal": (rules.OUT_OF_RANGE, "at least {ge}", "write {ge} or more"),
+    "int_parsing_size": (rules.OUT_OF_RANGE, "a smaller number", "write 1"),  # of `dg`, beyond 64 bits
     "int_type": (rules.WRONG_TYPE, "a whole number", "write only digits, for example 1"),
     "less_than_equal": (rules.OUT_OF_RANGE, "at most {le}", "write {le} or less"),
     "list_type": (rules.WRONG_TYPE, "a list", "write [a, b]"),

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dg.mutations import CHANGES, originals, tally
@@ -59,6 +59,7 @@ def test_any_hole_in_a_spec_and_anything_in_it_is_checked(start: int, length: in
 
 
 @given(st.dictionaries(WORDS, TREES, max_size=8))
+@example({"dg": 2**63})
 def test_any_tree_of_the_words_of_a_spec_is_checked(tree: dict[str, Any]) -> None:
     assessed(yaml.safe_dump(tree, allow_unicode=True).encode("utf-8", "surrogatepass"))
 
