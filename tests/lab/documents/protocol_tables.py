@@ -134,15 +134,27 @@ def times() -> str:
             "how long a PE must be heard without a gap before it is available again",
         ),
         ("longest hold-down", _time(promised.LONGEST_HOLD_DOWN_NS), "a hold-down doubles with each loss, up to this"),
-        ("forgiveness", _time(promised.FORGIVEN_AFTER_NS), "time available after which a PE's losses are forgiven"),
+        (
+            "forgiveness",
+            _time(promised.FORGIVEN_AFTER_NS),
+            "how long a PE must be available before its losses are forgiven",
+        ),
         (
             "patience",
             f"{promised.PATIENCE_PERIODS} {periods}",
-            "how long the manager waits for one answer before it fails the PE",
+            "how long the manager waits for one answer before it declares the PE failed",
         ),
         ("planning again", _time(promised.PLAN_AGAIN_NS), "until the next request, after the planner has failed"),
-        ("page 1", f"every {promised.STATE_PAGE_1_EVERY}th page 0", "and after every change"),
-        ("CANopen heartbeat", _time(canopen_objects.HEARTBEAT_MS * 1_000_000), "of a PE; object 1017h changes it"),
+        (
+            "page 1",
+            f"every {promised.STATE_PAGE_1_EVERY}th page 0",
+            "and whenever a configuration was staged or refused",
+        ),
+        (
+            "CANopen heartbeat",
+            _time(canopen_objects.HEARTBEAT_MS * 1_000_000),
+            "of a PE; a write to object 1017h changes it",
+        ),
         ("CANopen heartbeat", _time(promised.CANOPEN_HEARTBEAT_NS), "of a manager"),
         (
             "quiet",
@@ -152,7 +164,7 @@ def times() -> str:
         (
             "freshness",
             f"{promised.FRESH_PERIODS} periods of the source",
-            "age of an input at the start of a step; an older one is absent",
+            "greatest age of an input at the start of a step; an older input is absent",
         ),
         (
             "echo",
@@ -160,19 +172,27 @@ def times() -> str:
             "how long a sender waits for the echo of a frame before it sends the next one",
         ),
         ("retry", _time(link.RETRY_NS), "until the next attempt to send, when the queue of the controller is full"),
-        ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
-        ("radio queue", f"{radio_queue.CAPACITY} frames", "at a gateway; the least urgent is dropped"),
+        (
+            "transmit queue",
+            f"{transmit_queue.CAPACITY} frames",
+            "per bus; if it is full, the least urgent frame is dropped",
+        ),
+        (
+            "radio queue",
+            f"{radio_queue.CAPACITY} frames",
+            "at a gateway; if it is full, the least urgent frame is dropped",
+        ),
         (
             "measure of a radio",
             f"{promised.RADIO_WINDOW_PERIODS} {periods} of it",
-            "over which the bandwidth is measured; the last two alone, if they are far worse",
+            "over which the usable share is measured; the last two periods alone, if they are far worse",
         ),
         ("slice", f"{capacities.MOST_SLICE_BYTES} bytes", "the longest slice of a PE"),
         ("term", f"{management.MAX_TERM}", "the highest term"),
         (
             "epochs",
             f"{numbering.EPOCHS_PER_TERM} in a block",
-            "term t starts with block t - 1, and takes every second one",
+            "term t starts with block t - 1, and takes every second block",
         ),
     ]
     return table(["name", "value", "what it is"], rows)
