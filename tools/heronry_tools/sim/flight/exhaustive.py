@@ -289,7 +289,7 @@ def begin(simulation: Simulation, story: str) -> Injections:
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
-            why = simulation.unsettled()[0].story
+            why = next((one.story for one in simulation.unsettled()), "no configuration runs")
             remedy = "'heronry demo SPEC' shows the failures of its modules"
             raise UserError(f"no story can be flown, since this aircraft does not start ({why}); {remedy}")
     injections = Injections(simulation, _faults(story), simulation.now_ns)
