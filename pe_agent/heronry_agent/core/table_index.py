@@ -106,7 +106,7 @@ def _check_sources(table: PeTable) -> None:
         if source.identifier in holders:
             raise TableError(f"in the table, {holders[source.identifier]} and {name} share an identifier; {_REMEDY}")
         if source.period_ns <= 0:
-            raise TableError(f"in the table the period of {name} is not above 0; {_REMEDY}")
+            raise TableError(f"in the table, the period of {name} is not above 0; {_REMEDY}")
         holders[source.identifier] = name
 
 
@@ -114,7 +114,7 @@ def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
     _check_sources(table)
     for port in table.ports:
         if port.heartbeat_ns <= 0:
-            raise TableError(f"in the table the heartbeat period of bus {port.bus} is not above 0; {_REMEDY}")
+            raise TableError(f"in the table, the heartbeat period of bus {port.bus} is not above 0; {_REMEDY}")
     odd = [device for device in table.devices if device.node not in PE_NODES]
     if odd:
         raise TableError(f"the table puts device {odd[0].name} on node {odd[0].node}, which is not a PE; {_REMEDY}")

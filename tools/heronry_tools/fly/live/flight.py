@@ -98,10 +98,7 @@ class _Plant:
         begun_s = time.monotonic()
         while not self._readings.exists():
             if self._process.poll() is not None or time.monotonic() - begun_s > _LONGEST_START_S:
-                raise UserError(
-                    "the plant process does not start; its message, if it wrote one, stands above (if JSBSim is not "
-                    'installed: pip install "heronry[manager,fly]")'
-                )
+                raise UserError("the plant process does not start; its message, if it wrote one, stands above")
             time.sleep(_LOOK_S)
         self._reader = Reader(self._readings)
 

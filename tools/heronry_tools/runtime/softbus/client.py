@@ -178,10 +178,8 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
                 hello = {"do": "hello", "protocol": PROTOCOL_VERSION, "own": wants_own}
                 answer = link.ask(hello, hub_end)
                 hub_bitrate, day_offset_ns = answer["bitrate"], int(answer["day_offset_ns"])
-            except (can.CanOperationError, BusNameError) as error:
+            except (can.CanOperationError, BusNameError, RuntimeFolderError) as error:
                 raise can.CanInitializationError(str(error)) from error
-            except RuntimeFolderError as error:
-                raise can.CanInitializationError(f"{error}: name the bus by a path") from error
             except OSError as error:
                 reason = f"{path}: no bus answers there ({error.strerror or error}); {how_to_start(path)}"
                 raise can.CanInitializationError(reason) from error

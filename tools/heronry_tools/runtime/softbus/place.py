@@ -7,6 +7,7 @@ So `-i softbus -c can0` in any terminal finds the bus that `heronry softbus` has
 """
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from heronry_wire.errors import HeronryError
@@ -27,13 +28,7 @@ def path_to_listen(channel: str) -> Path:
     Raises RuntimeFolderError if the folder cannot be created or another user could write into it, and
     BusNameError if `channel` is neither a path nor a name.
     """
-    if _is_path(channel):
-        return Path(channel)
-    try:
-        folder = owned_folder(runtime_folder())
-    except RuntimeFolderError as error:
-        raise RuntimeFolderError(f"{error}: name the bus by a path, such as ./{channel}.sock") from error
-    return folder / f"{_checked(channel)}{_SUFFIX}"
+    return _path(channel, owned_folder)
 
 
 def path_to_call(channel: str) -> Path:
@@ -42,7 +37,18 @@ def path_to_call(channel: str) -> Path:
     Raises RuntimeFolderError if `channel` is a name and another user could write into the folder for it, and
     BusNameError if `channel` is neither a path nor a name.
     """
-    return Path(channel) if _is_path(channel) else trusted_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
+    return _path(channel, trusted_folder)
+
+
+def _path(channel: str, safe_folder: Callable[[Path], Path]) -> Path:
+    """Give the path of the bus `channel`; `safe_folder` checks the folder in which a bus with a name is."""
+    if _is_path(channel):
+        return Path(channel)
+    try:
+        folder = safe_folder(runtime_folder())
+    except RuntimeFolderError as error:
+        raise RuntimeFolderError(f"{error}: name the bus by a path, such as ./{channel}.sock") from error
+    return folder / f"{_checked(channel)}{_SUFFIX}"
 
 
 def _checked(name: str) -> str:
