@@ -232,7 +232,12 @@ OBJECTS: tuple[Entry, ...] = (
         (
             Variable("Name of this PE", _TEXT),
             Variable("Name of the spec", _TEXT),
-            Variable("Digest of the spec", _TEXT, meaning="SHA-256, hexadecimal"),
+            Variable("Digest of the spec", _TEXT, meaning="SHA-256 of what the spec means, hexadecimal"),
+            Variable(
+                "Version of the protocol",
+                _U32,
+                meaning="major in bits 31..16, minor in 15..0; it decides nothing",
+            ),
         ),
     ),
     Entry(

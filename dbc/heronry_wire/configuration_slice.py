@@ -12,7 +12,8 @@ number longer than needed) are refused. The encoding:
     only if there are expendable modules: their number, then each; they stop while no manager is heard
 
 The slice of a PE that runs no module and forwards nothing has no bytes: SLICE with index 0 is then enough. The digest
-of a slice covers the spec's digest too, so a PE with the table of another spec stages nothing.
+of a slice also covers the identity of the PE's table (`pe_table`), and with it the digest of the spec and the major of
+the protocol. So a PE whose table is not the one that the manager compiled for it stages nothing.
 """
 
 import hashlib
@@ -122,19 +123,26 @@ def _read(numbers: Unpacker, leaves: Mapping[tuple[int, int], int]) -> Slice:
     return Slice(tuple(modules), remote, publish, forward, expendable)
 
 
-def slice_digest(spec_digest: str, body: bytes) -> int:
-    """Compute the digest (24 bits, never 0) of one PE's slice, whose bytes are `body`."""
-    return _digest24(bytes.fromhex(spec_digest), [body])
+def slice_digest(identity: bytes, body: bytes) -> int:
+    """Compute the digest (24 bits, never 0) of one PE's slice, whose bytes are `body`.
+
+    identity: that of the PE's table.
+    """
+    return _digest24([identity, body])
 
 
-def configuration_digest(spec_digest: str, slices: Mapping[int, bytes]) -> int:
-    """Compute the digest (24 bits, never 0) of a whole configuration, from the bytes of all slices by node-ID."""
-    parts = (bytes((node,)) + len(body).to_bytes(2, "big") + body for node, body in sorted(slices.items()))
-    return _digest24(bytes.fromhex(spec_digest), parts)
+def configuration_digest(identities: Mapping[int, bytes], slices: Mapping[int, bytes]) -> int:
+    """Compute the digest (24 bits, never 0) of a whole configuration, from the bytes of all slices by node-ID.
+
+    identities: those of the tables of these PEs, by node-ID.
+    """
+    heads = (bytes((node,)) + identities[node] + len(body).to_bytes(2, "big") for node, body in sorted(slices.items()))
+    bodies = (body for _, body in sorted(slices.items()))
+    return _digest24(part for pair in zip(heads, bodies, strict=True) for part in pair)
 
 
-def _digest24(head: bytes, parts: Iterable[bytes]) -> int:
-    digest = hashlib.sha256(head)
+def _digest24(parts: Iterable[bytes]) -> int:
+    digest = hashlib.sha256()
     for part in parts:
         digest.update(part)
     return int.from_bytes(digest.digest()[:3], "big") or 1

@@ -272,11 +272,14 @@ class Ping:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """Commands a PE to carry out an operation, whose arguments are `a` and `b`; with `node` 0, commands all PEs."""
+    """Commands a PE to carry out an operation, whose arguments are `a` and `b`; with `node` 0, commands all PEs.
+
+    An operation that is no `Operation` is one of a later minor of the protocol: a PE counts it, and forwards it.
+    """
 
     term: int
     node: int
-    operation: Operation
+    operation: Operation | int
     a: int = 0
     b: int = 0
 
@@ -418,9 +421,10 @@ def _ping(data: bytes) -> Ping | Malformed:
 
 def _control(data: bytes) -> Control | Malformed:
     fields = CONTROL.unpack(data)
-    if fields is None or fields[2] not in _OPERATIONS:
-        return Malformed("CONTROL has a wrong length or operation")
-    return Control(fields[0], fields[1], Operation(fields[2]), fields[3], fields[4])
+    if fields is None:
+        return Malformed("CONTROL has a wrong length")
+    term, node, number, a, b = fields
+    return Control(term, node, Operation(number) if number in _OPERATIONS else number, a, b)
 
 
 _DECODERS = {

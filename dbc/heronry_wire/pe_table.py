@@ -3,34 +3,60 @@
 The agent reads neither a graph nor YAML. The table tells what the indices in a slice mean: modules with their modes and
 leaves, and sources with their identifiers. The table also says which nodes are reached through which bus.
 
-A table is JSON text (UTF-8). `PeTable.to_json` writes the text. `PeTable.from_json` reads it, and raises TableError if
-any part of the text is wrong.
+A table is JSON text (UTF-8), one object. `PeTable.to_json` writes the text. `PeTable.from_json` reads it, and raises
+TableError if any part of the text is wrong. The last key, `sha256`, is a check sum of all other keys and values: of a
+table with a flipped bit nothing is believed.
+
+The *identity* of a table (`PeTable.identity`) is a digest of what the PE and the manager must have in common: all
+fields, with the major of the protocol, except
+
+- the contingencies, whose digests cover the identity,
+- periods of heartbeats, since a demo on a slow computer flies with longer ones than its spec has, and
+- what minors of the protocol added.
+
+Digests of slices cover the identity (`configuration_slice`). So a PE whose wiring differs from what its manager
+compiled, for whatever reason, stages nothing.
+
+*Growth.* A field that a minor of the protocol adds is declared with `added_in`, and has a default. A table of an older
+minor lacks the field, and the default stands in; an agent of an older minor skips the field.
 
 The index of a module, device or bus is its position in the whole spec, in the spec's order. A *source* is a pair
 (producing module, variable), counted in the order of `Spec.sources`. A *port* is one of this PE's buses, in the order
 of its `buses`.
 """
 
+import hashlib
 import json
 import math
 import re
 import reprlib
 from base64 import b64decode
-from collections.abc import Collection, Iterator
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cached_property
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, Self, Union, get_args, get_origin
 
 from heronry_wire.contingency_block import Preloaded, read_block
 from heronry_wire.errors import HeronryError, on_one_line
 from heronry_wire.identifiers import GATEWAY_IDS, PE_NODES, Use, classify
 from heronry_wire.packing import PackingError
+from heronry_wire.protocol_version import OUTSIDE_IDENTITY, PROTOCOL, Version
 
-FORMAT = 1
 _REMEDY = "write the table anew with 'heronry table'"
 _COMPILE = "compile the spec first, on a computer with the manager: heronry table SPEC PE -o PE.table"
 _SPEC = re.compile(r"^dg *:", re.MULTILINE)  # the key with which every spec begins
 _SHA_256 = re.compile("[0-9a-f]{64}")
+_CHECK_SUM = "sha256"  # the key of the check sum
+_COMPACT = (",", ":")
+
+
+def added_in(minor: int, default: Any) -> Any:
+    """Declare a field of a table that this minor of the protocol added.
+
+    default: what a table of an older minor means; a PE of an older minor behaves so, whatever the field says.
+    """
+    return field(default=default, metadata={"since": minor, **OUTSIDE_IDENTITY})
 
 
 class TableError(HeronryError, ValueError):
@@ -46,7 +72,7 @@ class Port:
 
     bus: str
     bitrate: int  # bit/s
-    heartbeat_ns: int
+    heartbeat_ns: int = field(metadata=OUTSIDE_IDENTITY)
     misses: int  # heartbeat periods of silence after which a channel or a radio counts as lost
     wireless: bool
     channels: int
@@ -133,13 +159,13 @@ class PhaseEntry:
     origins: tuple[int, ...] = ()  # indices of the phases from which the rule leads to this one
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # without slots: `identity` is computed once
 class PeTable:
     """Everything that one PE is given of a spec."""
 
-    format: int
+    protocol: Version  # of the manager that compiled the table
     spec: str
-    spec_digest: str  # SHA-256 of the spec, hexadecimal
+    spec_digest: str  # SHA-256 of what the spec means, hexadecimal
     name: str
     node_id: int
     cpu_millis: int  # thousandths of a processor core
@@ -156,15 +182,21 @@ class PeTable:
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
     adjustable: dict[str, int] = field(default_factory=dict)  # functions whose priority a module may change: indices
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
-    contingencies: str = ""  # contingencies on board (`contingency_block`), in base64
-    command_period_ns: int = 0  # period of LEASE: the slowest heartbeat on its way to this PE (0: that of the uplink)
+    contingencies: str = field(default="", metadata=OUTSIDE_IDENTITY)  # on board (`contingency_block`), in base64
+    # Period of LEASE: the slowest heartbeat on its way to this PE; 0: that of the uplink.
+    command_period_ns: int = field(default=0, metadata=OUTSIDE_IDENTITY)
+
+    @cached_property
+    def identity(self) -> bytes:
+        """The digest (32 bytes) of what digests of slices cover of this table (head of this file)."""
+        return hashlib.sha256(json.dumps(self, separators=_COMPACT, default=_identifying).encode()).digest()
 
     def to_json(self) -> str:
-        """Give the table as text in one line, with the keys in a fixed order."""
-        return json.dumps(asdict(self), separators=(",", ":"))
+        """Give the table as text in one line, with the keys in a fixed order and the check sum at the end."""
+        return with_check_sum(_record(self))
 
-    @staticmethod
-    def from_json(text: str) -> "PeTable":
+    @classmethod
+    def from_json(cls, text: str) -> Self:
         """Read the text form; raises TableError."""
         try:
             raw = json.loads(text)
@@ -172,9 +204,10 @@ class PeTable:
             if _SPEC.search(text):
                 raise TableError(f"the text is a spec, not a table; {_COMPILE}") from None
             raise TableError(f"the table is not JSON ({error}); {_REMEDY}") from None
-        if not isinstance(raw, dict) or raw.get("format") != FORMAT:
-            raise TableError(f"the table is not of format {FORMAT}; {_REMEDY}")
-        table: PeTable = _read(PeTable, raw, "table")
+        if not isinstance(raw, dict):
+            raise TableError(f"the table is not a JSON object; {_REMEDY}")
+        version = _checked_version(raw)
+        table: Self = _Reader(version.minor).read(cls, raw, "table")
         _check(table)
         return table
 
@@ -188,6 +221,48 @@ class PeTable:
     def leaf_counts(self) -> dict[tuple[int, int], int]:
         """Give the number of leaves of each mode, by (module index, mode index)."""
         return {(m.index, i): len(mode.leaves) for m in self.modules for i, mode in enumerate(m.modes)}
+
+
+def with_check_sum(content: Mapping[str, Any]) -> str:
+    """Give the text of a table with this content (values that are records may be dataclasses), and its check sum."""
+    return json.dumps({**content, _CHECK_SUM: _check_sum(content)}, separators=_COMPACT, default=_record)
+
+
+def _check_sum(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, separators=_COMPACT, default=_record).encode()).hexdigest()
+
+
+def _checked_version(raw: dict[str, Any]) -> Version:
+    """Take the check sum off a table's JSON object, and give its version of the protocol; raises TableError.
+
+    The version is looked at first, since another major may prove a table in another way.
+    """
+    told = raw.get("protocol")
+    if told is None:
+        raise TableError(f"the table names no version of the protocol; {_REMEDY}")
+    version: Version = _Reader(0).read(Version, told, "table.protocol")
+    if version.major != PROTOCOL.major:
+        raise TableError(
+            f"the table is of protocol {version}, and this agent speaks {PROTOCOL}: install the same major version of "
+            "heronry for manager and PE, and write the table anew with 'heronry table'"
+        )
+    told_sum = raw.pop(_CHECK_SUM, None)
+    try:
+        fits = told_sum == _check_sum(raw)
+    except RecursionError:  # deeper than any table, and just not too deep to be parsed
+        fits = False
+    if not fits:
+        what = "lacks its check sum" if told_sum is None else "is damaged: its check sum does not fit"
+        raise TableError(f"the table {what}; {_REMEDY}")
+    return version
+
+
+def _record(one: Any) -> dict[str, Any]:
+    return {f.name: getattr(one, f.name) for f in fields(type(one))}
+
+
+def _identifying(one: Any) -> dict[str, Any]:
+    return {f.name: getattr(one, f.name) for f in fields(type(one)) if f.metadata.get("identity", True)}
 
 
 def _check(table: PeTable) -> None:
@@ -243,38 +318,50 @@ def _mode_faults(module: str, mode: ModeEntry, variables: Collection[str]) -> It
         yield f"{module} takes {mode.cpu_millis} thousandths of a core, which must not be negative"
 
 
-def _read(kind: Any, raw: Any, where: str) -> Any:
-    """Read parsed JSON as a value of type `kind`; raises TableError where a part of it has another type.
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Reads parsed JSON as records of a table.
 
-    where: the place in the table, for the message.
+    minor: of the table's protocol. If it is later than the agent's, a record may have fields that the agent skips; if
+        a field was added after it, the record may lack the field.
     """
-    origin, arguments = get_origin(kind), get_args(kind)
-    if is_dataclass(kind) and isinstance(raw, dict):
-        return _read_record(kind, raw, where)
-    if origin is tuple and isinstance(raw, list):
-        return tuple(_read(arguments[0], item, f"{where}[{i}]") for i, item in enumerate(raw))
-    if origin is dict and isinstance(raw, dict):
-        return {key: _read(arguments[1], value, f"{where}.{key}") for key, value in raw.items()}
-    if origin is Literal and raw in arguments:
-        return raw
-    if origin in (Union, UnionType):
-        for option in arguments:
-            try:
-                return _read(option, raw, where)
-            except TableError:
-                continue
-    if kind in (int, str, bool, type(None)) and type(raw) is kind:
-        return raw
-    if kind is float and type(raw) is float and math.isfinite(raw):
-        return raw
-    raise TableError(f"{where} holds {reprlib.repr(raw)}, which has the wrong type; {_REMEDY}")
 
+    minor: int
 
-def _read_record(kind: Any, raw: dict[str, Any], where: str) -> Any:
-    names = {f.name for f in fields(kind)}
-    odd = sorted(set(raw) ^ names)
-    if odd:
-        raise TableError(
-            f"{where} has missing or unknown fields ({', '.join(f'{key:.40}' for key in odd[:5])}); {_REMEDY}"
-        )
-    return kind(**{f.name: _read(f.type, raw[f.name], f"{where}.{f.name}") for f in fields(kind)})
+    def read(self, kind: Any, raw: Any, where: str) -> Any:
+        """Read parsed JSON as a value of type `kind`; raises TableError where a part of it has another type.
+
+        where: the place in the table, for the message.
+        """
+        origin, arguments = get_origin(kind), get_args(kind)
+        if is_dataclass(kind) and isinstance(raw, dict):
+            return self._record(kind, raw, where)
+        if origin is tuple and isinstance(raw, list):
+            return tuple(self.read(arguments[0], item, f"{where}[{i}]") for i, item in enumerate(raw))
+        if origin is dict and isinstance(raw, dict):
+            return {key: self.read(arguments[1], value, f"{where}.{key}") for key, value in raw.items()}
+        if origin is Literal and raw in arguments:
+            return raw
+        if origin in (Union, UnionType):
+            for option in arguments:
+                try:
+                    return self.read(option, raw, where)
+                except TableError:
+                    continue
+        if kind in (int, str, bool, type(None)) and type(raw) is kind:
+            return raw
+        if kind is float and type(raw) is float and math.isfinite(raw):
+            return raw
+        raise TableError(f"{where} holds {reprlib.repr(raw)}, which has the wrong type; {_REMEDY}")
+
+    def _record(self, kind: Any, raw: dict[str, Any], where: str) -> Any:
+        known = {f.name: f for f in fields(kind)}
+        missing = [name for name, f in known.items() if name not in raw and f.metadata.get("since", 0) <= self.minor]
+        unknown = [name for name in raw if name not in known] if self.minor <= PROTOCOL.minor else []
+        odd = sorted(missing + unknown)
+        if odd:
+            raise TableError(
+                f"{where} has missing or unknown fields ({', '.join(f'{key:.40}' for key in odd[:5])}); {_REMEDY}"
+            )
+        present = {name: f for name, f in known.items() if name in raw}
+        return kind(**{name: self.read(f.type, raw[name], f"{where}.{name}") for name, f in present.items()})

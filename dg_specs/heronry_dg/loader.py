@@ -7,11 +7,11 @@ The stages, each with the files that do it:
     reference_rules                  checks names and numbers against one another
     expression_reader, gate_rules    read gates, replace the name of a gate by its expression, and check the gates
     this file                        builds the model, but only if no finding stops the spec from being loaded
+    meaning                          names the model by its digest
     demux_paths                      checks the paths behind DEMUXes in the model
 """
 
 import gc
-import hashlib
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -25,6 +25,7 @@ from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
 from heronry_dg.field_types import DEFAULT_PHASE, NAME_PATTERN
 from heronry_dg.findings import Findings, Place
 from heronry_dg.gate_rules import Gates, read_gates
+from heronry_dg.meaning import with_digest
 from heronry_dg.misspelt import blame_declarations
 from heronry_dg.model import (
     Bus,
@@ -110,7 +111,7 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     if findings:
         blame_declarations(draft, findings)
         return None
-    spec = _built(draft, gates, _name_of(file), hashlib.sha256(data).hexdigest())
+    spec = with_digest(_built(draft, gates, _name_of(file)))
     check_demux_paths(draft, spec, findings)
     return Loaded(draft, gates, spec) if not findings else None
 
@@ -142,7 +143,7 @@ def _name_of(file: str) -> str:
     return name if re.fullmatch(NAME_PATTERN, name) else "spec"
 
 
-def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
+def _built(draft: Draft, gates: Gates, file_name: str) -> Spec:
     header = _of(draft.header)
     contingency = _of(draft.contingency.form)
     buses = {name: _bus(name, form) for name, form in _forms(draft.buses)}
@@ -151,7 +152,7 @@ def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
     }
     return Spec(
         name=header.name or file_name,
-        digest=digest,
+        digest="",
         buses=buses,
         manager=_manager(_of(draft.manager.form), buses),
         pes={name: _pe(name, form) for name, form in _forms(draft.pes)},
@@ -209,7 +210,7 @@ def _variable(name: str, form: schema.VariableForm) -> Variable:
         unit=form.unit,
         versions=form.versions,
         identifier=form.identifier,
-        initial=initial_value(form.initial),
+        initial=initial_value(form.initial, form.type),
         deadline_ns=form.deadline_ns,
     )
 

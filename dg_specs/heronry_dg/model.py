@@ -30,6 +30,10 @@ from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 CRITICALITIES = ("A", "B", "C", "D", "E")
 Criticality = Literal["A", "B", "C", "D", "E"]
 
+# Marks in the metadata of fields, for the digest of a spec (`meaning`).
+ONLY_ANALYSIS = "only analysis"  # the field changes no plan, table or flight
+IN_ANY_ORDER = "in any order"  # the field is a map whose order has no meaning
+
 
 @dataclass(frozen=True, slots=True)
 class Bus:
@@ -43,7 +47,7 @@ class Bus:
     channels: int = 1  # 2: replicated, every frame on both
     heartbeat_ns: int = USUAL_HEARTBEAT_NS
     misses: int = USUAL_MISSES
-    rate_per_h: Fraction | None = None
+    rate_per_h: Fraction | None = field(default=None, metadata={ONLY_ANALYSIS: True})
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +70,7 @@ class Pe:
     flash: int  # bytes
     features: frozenset[str] = frozenset()
     table_bytes: int = 4096
-    rate_per_h: Fraction | None = None
+    rate_per_h: Fraction | None = field(default=None, metadata={ONLY_ANALYSIS: True})
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,7 @@ class Device:
     name: str
     kind: Literal["sensor", "actuator"]
     pe: str
-    rate_per_h: Fraction | None = None
+    rate_per_h: Fraction | None = field(default=None, metadata={ONLY_ANALYSIS: True})
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +136,7 @@ class Module:
     partition: str | None = None  # None: the partition of the best criticality that it could serve
     restarts: int = 2
     checkpoint: bool | int | str | None = None
-    rate_per_h: Fraction | None = None
+    rate_per_h: Fraction | None = field(default=None, metadata={ONLY_ANALYSIS: True})
 
     def in_phase(self, phase: str | None) -> "Module":
         """Give a copy of the module for a phase: inputs that are not wired in that phase accept no version.
@@ -180,8 +184,9 @@ class Function:
     name: str
     output: str  # a module, or a DEMUX
     outputs: tuple[str, ...]  # that module, or the ends of that DEMUX
-    criticality: Mapping[str | None, Criticality]  # by phase; key None: all other phases
-    priority: Mapping[str | None, int]
+    # By phase; key None: all other phases.
+    criticality: Mapping[str | None, Criticality] = field(metadata={IN_ANY_ORDER: True})
+    priority: Mapping[str | None, int] = field(metadata={IN_ANY_ORDER: True})
     value: tuple[int, ...] | None = None  # by mode of the output module; None: 100 (m - i) / m for mode i (from 0) of m
     priority_range: tuple[int, int] | None = None  # within which application code may change the priority; None: never
 
@@ -253,7 +258,7 @@ class Spec:
     """The content of one spec file."""
 
     name: str
-    digest: str  # SHA-256 of the file's bytes, hexadecimal
+    digest: str  # SHA-256 of what the spec means, hexadecimal (`meaning`)
     buses: Mapping[str, Bus]
     manager: Manager
     pes: Mapping[str, Pe]

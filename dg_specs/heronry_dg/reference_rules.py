@@ -209,7 +209,7 @@ class _ReferenceRules:
 
     def _initial(self, variable: Element[schema.VariableForm], form: schema.VariableForm) -> None:
         try:
-            value = initial_value(form.initial)
+            value = initial_value(form.initial, form.type)
             if isinstance(value, tuple) and form.type in _NUMERIC:
                 raise TypeError(f"{form.type} takes one number")  # noqa: TRY301 - as the encoder does
             encode_data(0, Datum(0, DataType[form.type], 0, 0, value))
@@ -297,9 +297,14 @@ class _Forest:
         return thing
 
 
-def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
-    """Convert an `initial` value of the file to the model; raises TypeError if no data type can carry the value."""
+def initial_value(value: object, data_type: str) -> int | float | str | tuple[int, ...] | None:
+    """Convert an `initial` value of the file to the model; raises TypeError if no data type can carry the value.
+
+    data_type: of a FLOAT the value is a float, however it is written.
+    """
     match value:
+        case int() if data_type == "FLOAT" and not isinstance(value, bool):
+            return float(value)
         case bool() | dict():
             raise TypeError(f"no data type can carry {shown(value)}")
         case list() if all(isinstance(item, int) and not isinstance(item, bool) for item in value):

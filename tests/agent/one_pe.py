@@ -37,6 +37,7 @@ from heronry_wire.pe_table import (
     SourceEntry,
     VariableEntry,
 )
+from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sansio import Send
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0, StatePage1, decode_state
 from lab import peers
@@ -84,7 +85,7 @@ MODULES = (
 )
 
 TABLE = PeTable(
-    format=1,
+    protocol=PROTOCOL,
     spec="small",
     spec_digest="00" * 32,
     name="tail",
@@ -134,7 +135,7 @@ Message = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Co
 
 def slice_messages(wanted: Slice, epoch: int, digest: int, term: int = 1) -> list[Message]:
     """PREPARE, head and bodies, as a manager sends them."""
-    return [Prepare(term, epoch, digest), *peers.slice_messages(NODE, epoch, wanted, TABLE.spec_digest)]
+    return [Prepare(term, epoch, digest), *peers.slice_messages(NODE, epoch, wanted, TABLE.identity)]
 
 
 class OnePe(SteppedCore[Event, Action]):
@@ -148,6 +149,7 @@ class OnePe(SteppedCore[Event, Action]):
         secret: Secret | None = None,
     ) -> None:
         now_ns = 1_000 * MS
+        vars(table)["identity"] = TABLE.identity  # `slice_messages` makes slices for TABLE, and for every variant of it
         super().__init__(AgentCore(table, 5, now_ns, missing_images=missing_images, secret=secret), now_ns)
         self.core: AgentCore
         self.done: list[tuple[int, Action]] = []

@@ -26,6 +26,7 @@ from heronry_wire.eds import eds_text
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import FaultCode, Lease, Step
+from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sansio import Send
 from heronry_wire.standstill import StoodStill
 from heronry_wire.state_frames import PeState
@@ -64,7 +65,9 @@ def test_a_pe_says_what_it_is(master: Master) -> None:
     assert master.sdo["Manufacturer device name"].raw == "heronry PE"
     assert master.sdo[0x1014].raw == 128 + NODE
     assert [identifier.raw for identifier in master.sdo[0x1200].values()] == [0x600 + NODE, 0x580 + NODE]
-    assert [text.raw for text in master.sdo["Spec of this PE"].values()] == ["tail", "small", "00" * 32]
+    assert [text.raw for text in master.sdo["Spec of this PE"].values()] == [
+        *("tail", "small", "00" * 32, PROTOCOL.number)
+    ]
     assert master.sdo["Table of this PE"].raw == TABLE.to_json().encode()
     assert master.sdo["Store EDS"].raw == eds_text().encode()
 

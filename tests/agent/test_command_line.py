@@ -12,6 +12,7 @@ from agent.one_pe import GATEWAY_TABLE, TABLE
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell import cli
 from heronry_agent.shell.cli import main
+from heronry_wire.protocol_version import Version
 
 
 @pytest.fixture
@@ -81,9 +82,10 @@ def test_a_device_driver_that_is_not_there_is_told_before_the_bus_is_touched(
         (None, "No such file"),
         (b"\xff\xfe", "the file is not text"),
         (b"{", "not JSON"),
-        (b"[]", "not of format"),
-        (TABLE.to_json().replace('"node_id":93', '"node_id":3').encode(), "node_id 3"),
-        (replace(TABLE, format=2).to_json().encode(), "not of format 1"),
+        (b"[]", "not a JSON object"),
+        (TABLE.to_json().replace('"node_id":93', '"node_id":3').encode(), "is damaged"),
+        (replace(TABLE, node_id=3).to_json().encode(), "node_id 3"),
+        (replace(TABLE, protocol=Version(2, 0)).to_json().encode(), "of protocol 2.0, and this agent speaks 1.0"),
     ],
 )
 def test_a_table_that_cannot_be_used(

@@ -80,11 +80,12 @@ def test_it_takes_its_table() -> None:
     ("text", "says"),
     [
         (replace(TABLE, node_id=NODE + 1).to_json().encode(), "it is for node 94"),
-        (b"{}", "not of format 1"),
+        (b"{}", "names no version of the protocol"),
         (b"not a table", "is not JSON"),
         (b"\xff\xfe", "decode"),
-        (json.dumps({**json.loads(TABLE.to_json()), "uplink": 7}).encode(), "uplink 7 names no port"),
-        (json.dumps({**json.loads(TABLE.to_json()), "variables": {}}).encode(), "variable"),
+        (json.dumps({**json.loads(TABLE.to_json()), "uplink": 7}).encode(), "is damaged"),
+        (replace(TABLE, uplink=7).to_json().encode(), "uplink 7 names no port"),
+        (replace(TABLE, variables={}).to_json().encode(), "variable"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused_with_its_reason(text: bytes, says: str) -> None:

@@ -7,7 +7,6 @@ import pytest
 from dg.marked_spec import complaint, complaints, findings, spec_text
 from heronry_dg import yaml_source
 from heronry_dg.findings import Findings, Place
-from heronry_dg.loader import loads
 from heronry_dg.plain_scalars import Surprise, resolve
 
 
@@ -263,9 +262,3 @@ def test_a_ring_of_two_thousand_modules_is_refused_with_a_short_sentence() -> No
 
 def test_text_that_is_no_unicode_is_refused() -> None:
     assert "is not UTF-8" in findings("name: \ud800")[0].sentence
-
-
-def test_the_digest_is_that_of_the_bytes() -> None:
-    plain = loads(spec_text(), "a.dg.yaml")
-    assert plain.digest == loads(spec_text(), "b.dg.yaml").digest
-    assert plain.digest != loads(spec_text() + "\n", "a.dg.yaml").digest

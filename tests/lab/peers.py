@@ -57,10 +57,10 @@ def command_frame(message: ManagementMessage, manager: int = FIRST_MANAGER) -> F
     return Frame(management_id(manager, COMMAND_OF[type(message)]), message.encode())
 
 
-def slice_messages(node: int, epoch: int, part: Slice | bytes, spec_digest: str) -> list[SliceHead | SliceBody]:
-    """Give head and bodies of a PE's slice."""
+def slice_messages(node: int, epoch: int, part: Slice | bytes, identity: bytes) -> list[SliceHead | SliceBody]:
+    """Give head and bodies of a PE's slice; `identity` is that of the PE's table."""
     body = part if isinstance(part, bytes) else part.encode()
-    head = SliceHead(node, epoch & 0xFF, len(body), slice_digest(spec_digest, body))
+    head = SliceHead(node, epoch & 0xFF, len(body), slice_digest(identity, body))
     chunks = [body[at : at + SLICE_BYTES_PER_FRAME] for at in range(0, len(body), SLICE_BYTES_PER_FRAME)]
     return [head, *(SliceBody(node, epoch & 0xFF, number, chunk) for number, chunk in enumerate(chunks, start=1))]
 

@@ -6,6 +6,7 @@ import pytest
 
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, OperatorSaid, Order, Reply
@@ -131,7 +132,7 @@ class Beside:
         compiled = self.one.compiler.configuration(found.configuration)
         for node, body in compiled.slices.items():
             self.say(*([Prepare(2, epoch, compiled.digest)] if node == 92 else []))
-            self.say(*slice_messages(node, epoch, body, PHASES.digest))
+            self.say(*slice_messages(node, epoch, body, Compiler(PHASES).identities[node]))
         self.say(*(said(2, epoch, Step.GO_ALL, compiled.digest) for said in (Activate, Lease)))
 
     def fly(self, beats: int) -> None:

@@ -4,6 +4,7 @@ from enum import Enum, auto
 
 import pytest
 
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.mastership import TRANSITIONS, Claim, Mastership, MastershipEvent
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.transitions import TransitionTable
@@ -30,7 +31,7 @@ DOOR = TransitionTable({Door.SHUT: "built so"}, ((Door.SHUT, Push.OPENS, Door.OP
 
 def claim(*, node: int = 126, standby: bool = False) -> tuple[Turn, Claim]:
     turn = Turn(node, 0, term=1)
-    return turn, Claim(ManagerSettings(two_tails(), node, standby=standby), turn)
+    return turn, Claim(ManagerSettings(two_tails(), Compiler(two_tails()), node, standby=standby), turn)
 
 
 def test_a_table_leads_where_its_rows_say_and_nowhere_else() -> None:

@@ -130,9 +130,19 @@ def test_a_question_that_cannot_be_answered_is_answered_with_the_reason(spec: Sp
 
 def test_a_spec_that_has_changed_since_it_was_loaded_is_not_planned_with(spec: Spec, tmp_path: Path) -> None:
     changed = tmp_path / "changed.dg.yaml"
-    changed.write_bytes(FILE.read_bytes() + b"# changed\n")
-    with pytest.raises(PlannerError, match="has changed since it was loaded"):
-        PlannerClient(spec, changed)
+    for old, new in ((b"cpu: 0.20", b"cpu: 0.21"), (b"dg: 1", b"dg: one")):
+        assert old in FILE.read_bytes()
+        changed.write_bytes(FILE.read_bytes().replace(old, new))
+        with pytest.raises(PlannerError, match="has changed since it was loaded"):
+            PlannerClient(spec, changed)
+
+
+def test_a_comment_in_the_file_is_no_change(spec: Spec, tmp_path: Path) -> None:
+    commented = tmp_path / "commented.dg.yaml"
+    commented.write_bytes(FILE.read_bytes() + b"# a comment\n")
+    with PlannerClient(spec, commented) as started:
+        started.wait_until_ready()
+        assert started.ask(situation(spec)) == plan(spec, situation(spec))
 
 
 def test_no_folder_has_to_be_writable(spec: Spec, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,7 +178,7 @@ def test_the_process_goes_when_its_client_is_killed(spec: Spec) -> None:
 def test_with_no_client_left_to_answer_the_process_ends_without_a_message() -> None:
     with FILE.open("rb") as file:
         started = subprocess.Popen(
-            [sys.executable, "-m", "heronry_manager.planner.service", str(file.fileno())],
+            [sys.executable, "-m", "heronry_manager.planner.service", str(file.fileno()), FILE.name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

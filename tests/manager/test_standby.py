@@ -334,10 +334,11 @@ class TestOverheard:
 
     def overheard(self) -> tuple[Overheard, Turn]:
         turn = Turn(127, 0, term=0, memory=NOTHING, silent=True)
-        return Overheard(PHASES, turn), turn
+        return Overheard(PHASES, turn, Compiler(PHASES)), turn
 
     def head(self, body: bytes, digest: int | None = None) -> SliceHead:
-        return SliceHead(92, 7, len(body), slice_digest(PHASES.digest, body) if digest is None else digest)
+        identity = Compiler(PHASES).identities[92]
+        return SliceHead(92, 7, len(body), slice_digest(identity, body) if digest is None else digest)
 
     def test_a_body_with_another_digest_is_none(self) -> None:
         overheard, turn = self.overheard()
@@ -363,7 +364,7 @@ class TestOverheard:
         """Number 2 is another configuration than its digest tells, and there is no number 4095."""
         made = plan_ahead(PHASES, 0)
         turn = Turn(127, 0, term=0, memory=NOTHING)
-        overheard = Overheard(PHASES, turn, ContingencyNumbers(PHASES, made, on_board(PHASES, made)))
+        overheard = Overheard(PHASES, turn, Compiler(PHASES), ContingencyNumbers(PHASES, made, on_board(PHASES, made)))
         first = made.configuration(1)
         digest = Compiler(PHASES).configuration(first).digest
         overheard.take(Prepare(1, 7, digest, number))
@@ -379,10 +380,11 @@ class TestOverheard:
             overheard.take(SliceHead(node, 7, len(body), compiled.slice_digests[node]))
             for index, start in enumerate(range(0, len(body), 5), start=1):
                 overheard.take(SliceBody(node, 7, index, body[start : start + 5]))
+        node, identity = next(iter(Compiler(PHASES).identities.items()))
         for number in range(600):
             body = number.to_bytes(4, "big")
-            overheard.take(SliceHead(100, 7, 4, slice_digest(PHASES.digest, body)))
-            overheard.take(SliceBody(100, 7, 1, body))
+            overheard.take(SliceHead(node, 7, 4, slice_digest(identity, body)))
+            overheard.take(SliceBody(node, 7, 1, body))
         overheard.take(Activate(1, 7, Step.GO_ALL, compiled.digest))
         assert turn.memory.runs is None
 

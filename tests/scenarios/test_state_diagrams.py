@@ -24,6 +24,7 @@ from heronry_agent.core.reconfiguration import Reconfiguration as PeReconfigurat
 from heronry_agent.core.staging import UNCONFIGURED, Staging
 from heronry_manager.core import mastership, reconfiguration, standing
 from heronry_manager.core.authenticity import Authenticity
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.health import Change, Health
 from heronry_manager.core.mastership import Claim
@@ -206,7 +207,9 @@ def rare() -> None:
     known.tick(10**9)
     assert known.standing(second) is Standing.DOWN
     memory = Memory(term=MAX_TERM)
-    assert not Claim(ManagerSettings(spec, 126), Turn(126, 0, term=MAX_TERM, memory=memory)).begin_term()
+    assert not Claim(
+        ManagerSettings(spec, Compiler(spec), 126), Turn(126, 0, term=MAX_TERM, memory=memory)
+    ).begin_term()
 
 
 def test_what_happens_is_drawn_and_what_is_drawn_happens() -> None:

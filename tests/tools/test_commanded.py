@@ -2,6 +2,7 @@
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.core.compilation import Compiler
 from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.management import Activate, Lease, Prepare, SliceBody, SliceHead, Step
@@ -12,14 +13,14 @@ def test_what_one_node_was_sent_is_not_taken_for_what_another_is_to_run() -> Non
     spec = load(shipped_spec_path("big_blue"))
     wing, ground = spec.pes["wing"].node_id, spec.pes["ground"].node_id
     body = b"wings"
-    digest = slice_digest(spec.digest, body)
-    commanded = Commanded(spec)
+    identities = Compiler(spec).identities
+    commanded = Commanded(spec, [Compiler(spec).table(pe) for pe in spec.pes])
     for message in (
         Prepare(1, 1, 5),
-        SliceHead(wing, 1, len(body), digest),
+        SliceHead(wing, 1, len(body), slice_digest(identities[wing], body)),
         SliceBody(wing, 1, 1, body),
         Prepare(1, 2, 5),
-        SliceHead(ground, 2, len(body), digest),
+        SliceHead(ground, 2, len(body), slice_digest(identities[wing], body)),
         Activate(1, 2, Step.GO_ALL, 5),
     ):
         assert commanded.take(0, message) is None

@@ -64,8 +64,10 @@ THIRD_SERVO = (
 def test_a_servo_on_another_pe_ends_a_single_point_of_failure(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    assert said(capsys, "elevator_and_chute", changed(tmp_path, *THIRD_SERVO)).splitlines() == [
-        "elevator_and_chute: 2 added, 1 changed",
+    title, digest, *rest = said(capsys, "elevator_and_chute", changed(tmp_path, *THIRD_SERVO)).splitlines()
+    assert title == "elevator_and_chute: 2 added, 1 changed"
+    assert " -> " in digest
+    assert rest == [
         "",
         "~ demux:elevator_out",
         "    branches: [servo_driver_1, servo_driver_2] -> [servo_driver_1, servo_driver_2, servo_driver_3]",
@@ -144,7 +146,10 @@ def test_the_same_change_as_a_picture(capsys: pytest.CaptureFixture[str], tmp_pa
 
 def test_nothing_changed_says_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     same = changed(tmp_path, ("dg: 1\n", "dg: 1  # a comment\n"))
-    assert said(capsys, "elevator_and_chute", same) == "elevator_and_chute: nothing changed\n"
+    title, digest = said(capsys, "elevator_and_chute", same).splitlines()
+    assert title == "elevator_and_chute: nothing changed"
+    assert digest.endswith(" as before: the tables, contingencies and journal of the old spec are taken")
+    assert json.loads(said(capsys, "elevator_and_chute", same, "--json"))["same_digest"] is True
     assert "no change in the graph" in said(capsys, "elevator_and_chute", same, "--format", "mermaid")
 
 
@@ -283,12 +288,34 @@ def test_the_findings_of_check_are_in_json_as_check_writes_them(
 def test_a_comment_changes_what_check_says_and_nothing_else(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     solenoid = "  chute_solenoid: {"
     file = changed(tmp_path, (solenoid, f"  # dg: ignore[DG401] one is enough\n{solenoid}"))
-    assert said(capsys, "elevator_and_chute", file).splitlines() == [
-        "elevator_and_chute: nothing changed",
+    title, digest, *rest = said(capsys, "elevator_and_chute", file).splitlines()
+    assert title == "elevator_and_chute: nothing changed"
+    assert "as before" in digest
+    assert rest == [
         "",
         "check no longer says:",
         "  DG401 warning, line 15: the loss of device 'chute_solenoid' alone costs 'parachute' (B)",
     ]
+
+
+def test_a_failure_rate_changes_no_digest_and_what_flies_does(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rate = changed(tmp_path, ("kind: sensor, pe: tail_pe}", "kind: sensor, pe: tail_pe, rate_per_h: 0.5}"))
+    assert "\ndigest " in said(capsys, "elevator_and_chute", rate)
+    assert " as before: the tables" in said(capsys, "elevator_and_chute", rate)
+    cpu = changed(tmp_path, ("cpu: 0.20, ram: 8KiB", "cpu: 0.21, ram: 8KiB"))
+    assert ": PEs need new tables, " in said(capsys, "elevator_and_chute", cpu)
+
+
+def test_elements_that_only_changed_places_are_a_difference(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    lines = ELEVATOR_AND_CHUTE.splitlines(keepends=True)
+    at = next(i for i, line in enumerate(lines) if line.startswith("  gps: "))
+    swapped = changed(tmp_path, ("".join(lines[at : at + 2]), "".join(reversed(lines[at : at + 2]))))
+    title, digest = said(capsys, "elevator_and_chute", swapped).splitlines()[:2]
+    assert title == "elevator_and_chute: only the order of elements changed"
+    assert " -> " in digest
+    assert main(["diff", "elevator_and_chute", swapped, "--exit-code"]) == 1
 
 
 def test_findings_that_stay_are_counted(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -36,6 +36,7 @@ from lab.peers import command_frame, slice_messages
 LIGHT_OR_NOISE = Path(__file__).parents[1] / "scenarios" / "light_or_noise.dg.yaml"
 S = 1_000_000_000
 SPEC = load(shipped_spec_path("elevator_and_chute"))
+TABLES = {pe: Compiler(SPEC).table(pe) for pe in SPEC.pes}
 WELL = Situation()
 TAIL = 94
 
@@ -70,7 +71,7 @@ def commands(
     frames = [command_frame(Prepare(1, 1, announced))]
     for pe in SPEC.pes.values():
         if pe.name not in absent:
-            said = slice_messages(pe.node_id, 1, compiled.slices[pe.node_id], SPEC.digest)
+            said = slice_messages(pe.node_id, 1, compiled.slices[pe.node_id], TABLES[pe.name].identity)
             frames += map(command_frame, said if bodies else said[:1])
             if pe.name not in unstaged:
                 page = StatePage1(PeState.ACTIVE, PeFlags(0), 1, announced, Reason.NONE, 0)
@@ -80,7 +81,7 @@ def commands(
 
 
 def assessed(frames: list[Sent]) -> list[str]:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     for frame in frames:
         checks.see(frame)
     return [f"{violation.rule}: {violation.story}" for violation in checks.broken(WELL, [])]
@@ -187,7 +188,7 @@ def test_what_was_heard_before_a_wire_broke_is_no_foreign_datum_as_long_as_it_is
 
 
 def test_more_data_than_a_bus_has_a_budget_for_is_seen() -> None:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     for i in range(8_000):
         checks.see(sent(Frame(1536, bytes(8)), t_ns=i * 124_000))
     checks.see(sent(Frame(1536, bytes(8)), t_ns=2_000_000_000))
@@ -272,7 +273,7 @@ def drive(checks: Checks, *modules: str) -> None:
 
 
 def test_a_demux_may_change_hands_with_every_epoch() -> None:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     for epoch, module in enumerate(["servo_driver_1", "servo_driver_2", "servo_driver_1"], start=1):
         checks.see(activation(epoch))
         drive(checks, module, module)
@@ -291,7 +292,7 @@ def test_an_actuator_without_a_demux_has_one_driver_too() -> None:
 
 
 def test_a_demux_driven_in_turn_within_an_epoch_has_two_drivers() -> None:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     checks.see(activation(1))
     drive(checks, "servo_driver_1", "servo_driver_2", "servo_driver_1")
     checks.see(activation(2, Step.PREPARED))
@@ -300,7 +301,7 @@ def test_a_demux_driven_in_turn_within_an_epoch_has_two_drivers() -> None:
 
 def test_what_an_epoch_gave_may_begin_to_drive_while_the_next_one_breaks() -> None:
     """Its frame waited for the bus and leaves before `broken`; the PE that gets the DEMUX back begins later, on GO."""
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     checks.see(activation(1))
     drive(checks, "servo_driver_1")
     checks.see(activation(2))
@@ -313,7 +314,7 @@ def test_what_an_epoch_gave_may_begin_to_drive_while_the_next_one_breaks() -> No
 
 def test_go_all_hands_over_what_waited_longer_than_go() -> None:
     """A silent PE may begin what it was given before, until its lease is over; only then its successor gets it."""
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     for epoch, step in ((1, Step.GO_ALL), (2, Step.GO), (2, Step.GO_ALL)):
         checks.see(activation(epoch, step))
         drive(checks, "servo_driver_2" if step is Step.GO else "servo_driver_1")
@@ -323,7 +324,7 @@ def test_go_all_hands_over_what_waited_longer_than_go() -> None:
 
 
 def test_modules_that_drive_in_turn_while_an_epoch_breaks_are_seen() -> None:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     checks.see(activation(1))
     drive(checks, "servo_driver_1")
     checks.see(activation(2, Step.BREAK))
@@ -343,7 +344,7 @@ def test_an_identifier_sent_in_turn_by_two_nodes_is_seen_and_on_another_bus_it_i
 
 
 def test_one_epoch_has_one_digest() -> None:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     checks.see(state(1, 5))
     checks.see(state(1, 5, node=93))
     assert rules(checks) == []
@@ -352,7 +353,7 @@ def test_one_epoch_has_one_digest() -> None:
 
 
 def test_an_epoch_goes_back_only_with_a_new_incarnation() -> None:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     checks.see(state(3, 5))
     checks.see(state(0, 0, incarnation=2, state=PeState.UNCONFIGURED))
     checks.see(state(2, 7, incarnation=2))
@@ -362,7 +363,7 @@ def test_an_epoch_goes_back_only_with_a_new_incarnation() -> None:
 
 
 def test_a_report_of_what_has_not_failed_is_a_false_one() -> None:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     emergency = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)
     checks.see(sent(Frame(emcy_id(TAIL), emergency.encode())))
     checks.see(sent(Frame(emcy_id(TAIL), Emergency(FaultCode.RESET, 0, ElementKind.PE, 0, 0).encode())))
@@ -381,7 +382,7 @@ def test_a_servo_may_be_reported_for_a_fault_of_the_sensor_with_which_a_monitor_
 
 def test_what_a_gateway_passes_on_is_not_its_own_report() -> None:
     """A node beyond without a key may say anything in the name of any other: no PE is blamed for that."""
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     slander = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)
     checks.see(sent(Frame(emcy_id(TAIL), slander.encode()), "control_pe"))
     assert rules(checks) == []
@@ -411,20 +412,20 @@ def test_a_gateway_that_passes_on_out_of_order_is_no_return_of_a_pe_to_an_older_
 
 
 def test_a_clash_is_a_violation() -> None:
-    (violation,) = Checks(SPEC).broken(WELL, [Clash(5, "can0", 1536, ("a", "b"))])
+    (violation,) = Checks(SPEC, TABLES.values()).broken(WELL, [Clash(5, "can0", 1536, ("a", "b"))])
     assert str(violation) == "0.000000 s  clash: a and b both wanted to send 1536 on can0"
 
 
 def test_silence_is_not_settled() -> None:
-    stories = [violation.story for violation in Checks(SPEC).unsettled(WELL, 1_000_000_000)]
+    stories = [violation.story for violation in Checks(SPEC, TABLES.values()).unsettled(WELL, 1_000_000_000)]
     assert "tail_pe is healthy, but sends no state" in stories
     assert "class A: no output heard of elevator, which could be served" in stories
     nothing_left = Situation(frozenset(f"pe:{pe}" for pe in SPEC.pes))
-    assert Checks(SPEC).unsettled(nothing_left, 1_000_000_000) == []
+    assert Checks(SPEC, TABLES.values()).unsettled(nothing_left, 1_000_000_000) == []
 
 
 def test_pes_in_different_epochs_or_on_their_way_are_not_settled() -> None:
-    checks = Checks(SPEC)
+    checks = Checks(SPEC, TABLES.values())
     checks.see(state(1, 5, node=92))
     checks.see(state(2, 6, node=93))
     checks.see(state(2, 6, node=94, state=PeState.BROKEN))

@@ -119,7 +119,7 @@ def test_a_spec_that_has_changed_is_told(tmp_path):
     file = tmp_path / "own.dg.yaml"
     file.write_bytes(SMALL.read_bytes())
     spec = load(file)
-    file.write_bytes(SMALL.read_bytes() + b"\n# another\n")
+    file.write_bytes(SMALL.read_bytes() + b"\nphases: {one: }\n")
     (told,) = asked(Questions(spec, file), lambda questions: questions.ask(QUESTION))
     assert "has changed" in told["refused"]
 

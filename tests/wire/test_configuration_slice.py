@@ -20,7 +20,8 @@ from heronry_wire.configuration_slice import (
 T = TypeVar("T")
 
 LEAVES = {(0, 0): 0, (1, 0): 2, (1, 1): 1, (7, 0): 3, (300, 0): 1}  # (module, mode) -> leaves, of some PE's table
-SPEC = "ab" * 32
+TABLE = b"\xab" * 32  # the identity of a table
+TABLES = {node: bytes((node,)) * 32 for node in range(92, 126)}
 
 indices = st.integers(0, 5) | st.integers(120, 140) | st.integers(0, 100_000)
 nodes, masks = st.integers(92, 125), st.integers(1, 15)
@@ -174,16 +175,15 @@ configurations = st.dictionaries(nodes, bodies, max_size=4)
 
 
 @given(bodies)
-def test_a_digest_has_24_bits_is_never_0_and_is_that_of_one_spec(body: bytes) -> None:
-    digest = slice_digest(SPEC, body)
+def test_a_digest_has_24_bits_is_never_0_and_is_that_of_one_table(body: bytes) -> None:
+    digest = slice_digest(TABLE, body)
     assert 0 < digest < 1 << 24
-    assert digest == slice_digest(SPEC.upper(), body)
-    assert digest != slice_digest("ac" * 32, body)
+    assert digest != slice_digest(b"\xac" * 32, body)
 
 
 @given(bodies, bodies)
 def test_the_digest_of_a_slice_tells_slices_apart(one: bytes, other: bytes) -> None:
-    assert (slice_digest(SPEC, one) == slice_digest(SPEC, other)) == (one == other)
+    assert (slice_digest(TABLE, one) == slice_digest(TABLE, other)) == (one == other)
 
 
 @given(configurations, configurations)
@@ -192,10 +192,19 @@ def test_the_digest_of_a_slice_tells_slices_apart(one: bytes, other: bytes) -> N
 def test_the_digest_of_a_configuration_tells_configurations_apart(
     one: dict[int, bytes], other: dict[int, bytes]
 ) -> None:
-    assert (configuration_digest(SPEC, one) == configuration_digest(SPEC, other)) == (one == other)
+    assert (configuration_digest(TABLES, one) == configuration_digest(TABLES, other)) == (one == other)
 
 
 @given(configurations)
 def test_the_order_of_the_slices_does_not_count(slices_by_node: dict[int, bytes]) -> None:
     backwards = dict(reversed(slices_by_node.items()))
-    assert configuration_digest(SPEC, backwards) == configuration_digest(SPEC, slices_by_node)
+    assert configuration_digest(TABLES, backwards) == configuration_digest(TABLES, slices_by_node)
+
+
+@given(st.dictionaries(nodes, bodies, min_size=1, max_size=4), st.data())
+def test_the_digest_of_a_configuration_names_the_table_of_every_pe(
+    slices_by_node: dict[int, bytes], data: st.DataObject
+) -> None:
+    node = data.draw(st.sampled_from(sorted(slices_by_node)))
+    others = {**TABLES, node: b"\xac" * 32}
+    assert configuration_digest(TABLES, slices_by_node) != configuration_digest(others, slices_by_node)

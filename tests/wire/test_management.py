@@ -208,7 +208,6 @@ def test_any_bytes_are_an_emergency_or_malformed(data: bytes) -> None:
         (9, "", "command 9 is not assigned"),
         (Command.LEASE, "0003 0007 04 ABCDEF", "step"),
         (Command.ACTIVATE, "0003 0007 04 ABCDEF", "step"),
-        (Command.CONTROL, "0001 5D 00 0002 0005", "operation"),
         (Command.LEASE, "0000 0007 02 ABCDEF", "term 0 is outside 1..4095"),
         (Command.LEASE, "FFFF 0007 02 ABCDEF", "term 65535 is outside 1..4095"),
         (Command.ALIVE, "1000 09 02 00000005", "term 4096"),

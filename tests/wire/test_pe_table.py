@@ -1,7 +1,11 @@
-"""PE tables: an agent reads what the manager compiles, and refuses any other text with one sentence."""
+"""PE tables: an agent reads what the manager compiles, and refuses any other text with one sentence.
+
+Where a test changes a table, it makes the check sum anew, so that what it changed is found, and not only the wrong sum.
+"""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -12,7 +16,8 @@ from hypothesis import strategies as st
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
 from heronry_manager.core.compilation import Compiler
-from heronry_wire.pe_table import PeTable, TableError
+from heronry_wire.pe_table import PeTable, TableError, added_in, with_check_sum
+from heronry_wire.protocol_version import PROTOCOL, Version
 
 Json = Any
 Path = tuple[str | int, ...]
@@ -41,16 +46,23 @@ def places(value: Json, path: Path = ()) -> Iterator[Path]:
         yield from places(child, (*path, key))
 
 
+def content() -> Json:
+    """The small table's JSON object, without its check sum."""
+    document = json.loads(small_text())
+    del document["sha256"]
+    return document
+
+
 def changed(path: Path, value: Json) -> str:
     """Text of the small table with another value at one place."""
-    document = json.loads(small_text())
+    document = content()
     if not path:
-        return json.dumps(value)
+        return with_check_sum(value) if isinstance(value, dict) else json.dumps(value)
     parent = document
     for key in path[:-1]:
         parent = parent[key]
     parent[path[-1]] = value
-    return json.dumps(document)
+    return with_check_sum(document)
 
 
 def refused(text: str) -> str:
@@ -93,7 +105,7 @@ def test_a_key_that_is_no_word_breaks_no_line() -> None:
 
 @given(st.data(), json_values)
 def test_a_change_anywhere_gives_a_table_or_an_error(data: st.DataObject, value: Json) -> None:
-    path = data.draw(st.sampled_from(list(places(json.loads(small_text())))))
+    path = data.draw(st.sampled_from(list(places(content()))))
     text = changed(path, value)
     try:
         table = PeTable.from_json(text)
@@ -105,16 +117,16 @@ def test_a_change_anywhere_gives_a_table_or_an_error(data: st.DataObject, value:
 
 @given(st.data())
 def test_a_key_more_or_less_anywhere_is_an_error(data: st.DataObject) -> None:
-    document = json.loads(small_text())
+    document = content()
     path = data.draw(st.sampled_from([p for p in places(document) if p and isinstance(p[-1], str)]))
     assume(path[:-1] != ("variables",) and "gives" not in path[:-1])  # keys that are names
     parent = document
     for key in path[:-1]:
         parent = parent[key]
     parent[f"{path[-1]}_"] = parent[path[-1]]
-    refused(json.dumps(document))
+    refused(with_check_sum(document))
     del parent[path[-1]]
-    refused(json.dumps(document))
+    refused(with_check_sum(document))
 
 
 @given(st.text())
@@ -128,12 +140,13 @@ def test_a_table_cut_short_is_an_error(data: st.DataObject) -> None:
 
 
 def test_every_number_is_checked_for_its_type() -> None:
-    numbers = [p for p in places(json.loads(small_text())) if type(value_at(p)) is int]
+    numbers = [p for p in places(content()) if type(value_at(p)) is int]
     assert len(numbers) > 50
     for path in numbers:
         if path[-1] != "initial":  # which may be of any type a variable has
             for wrong in WRONG_NUMBERS:
-                assert "holds" in refused(changed(path, wrong)) or path == ("format",)
+                said = refused(changed(path, wrong))
+                assert "holds" in said or (path[0] == "protocol" and wrong is None)
 
 
 def value_at(path: Path) -> Json:
@@ -166,8 +179,8 @@ def test_an_initial_value_may_be_whatever_a_variable_can_hold(initial: Json) -> 
 @pytest.mark.parametrize(
     ("path", "value", "sentence"),
     [
-        (("format",), 2, "not of format 1"),
-        (("format",), True, "table.format holds True"),
+        (("protocol",), None, "names no version of the protocol"),
+        (("protocol",), "1.0", "table.protocol holds '1.0'"),
         (("node_id",), 91, "node_id 91 is not a PE's"),
         (("node_id",), 126, "node_id 126 is not a PE's"),
         (("uplink",), 1, "uplink 1 names no port; there are 1"),
@@ -189,10 +202,10 @@ def test_an_initial_value_may_be_whatever_a_variable_can_hold(initial: Json) -> 
         (("modules", 0), [], "table.modules[0] holds []"),
         (
             (),
-            {"format": 1},
+            {"protocol": {"major": 1, "minor": 0}},
             "table has missing or unknown fields (adjustable, bus_names, command_period_ns, contingencies",
         ),
-        ((), [], "not of format 1"),
+        ((), [], "not a JSON object"),
     ],
 )
 def test_an_error_names_its_place(path: Path, value: Json, sentence: str) -> None:
@@ -210,3 +223,87 @@ def test_two_modules_have_two_indices() -> None:
 )
 def test_a_port_that_cannot_be_is_refused(key: str, value: int, says: str) -> None:
     assert says in refused(changed(("ports", 0, key), value))
+
+
+# Check sum, and growth
+
+
+def test_a_flipped_bit_anywhere_is_refused_or_changes_nothing() -> None:
+    text = small_text().encode()
+    table = PeTable.from_json(small_text())
+    outcomes = [_read(flipped, table) for flipped in _flipped(text, range(0, 8 * len(text), 7))]
+    assert all("\n" not in outcome for outcome in outcomes if outcome is not None)
+
+
+def _flipped(text: bytes, bits: Iterable[int]) -> Iterator[bytes]:
+    for bit in bits:
+        flipped = bytearray(text)
+        flipped[bit // 8] ^= 1 << bit % 8
+        yield bytes(flipped)
+
+
+def _read(text: bytes, table: PeTable) -> str | None:
+    """The sentence with which a text is refused; None for text that gives this table, as all others must not."""
+    try:
+        found = PeTable.from_json(text.decode())
+    except (TableError, UnicodeDecodeError) as error:  # an agent refuses what is no UTF-8 before it reads a table
+        return str(error)
+    assert found == table
+    return None
+
+
+def test_a_table_without_its_check_sum_is_refused() -> None:
+    assert "lacks its check sum" in refused(json.dumps(content()))
+
+
+def test_a_table_of_another_major_is_refused_with_both_versions() -> None:
+    other = Version(PROTOCOL.major + 1, 7)
+    with pytest.raises(TableError, match=f"is of protocol {other}, and this agent speaks {PROTOCOL}: install the same"):
+        PeTable.from_json(changed(("protocol",), {"major": other.major, "minor": other.minor}))
+
+
+@pytest.mark.parametrize(("path", "place"), [(("later",), "table"), (("ports", 0, "later"), "table.ports[0]")])
+def test_what_a_later_minor_added_is_skipped_and_changes_no_digest(path: Path, place: str) -> None:
+    later = json.loads(changed(path, 5))
+    del later["sha256"]
+    assert f"{place} has missing or unknown fields (later)" in refused(with_check_sum(later))
+    later["protocol"]["minor"] = PROTOCOL.minor + 1
+    table = PeTable.from_json(with_check_sum(later))
+    assert table.protocol == Version(PROTOCOL.major, PROTOCOL.minor + 1)
+    assert table.identity == PeTable.from_json(small_text()).identity
+
+
+@dataclass(frozen=True)
+class LaterTable(PeTable):
+    """A table as the next minor of the protocol may have it."""
+
+    later: int = added_in(PROTOCOL.minor + 1, 9)
+
+
+def test_a_table_of_an_earlier_minor_is_read_with_the_default_of_what_came_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("heronry_wire.pe_table.PROTOCOL", Version(PROTOCOL.major, PROTOCOL.minor + 1))
+    table = LaterTable.from_json(small_text())
+    assert (table.later, table.identity) == (9, PeTable.from_json(small_text()).identity)
+    refused(changed(("later",), "ten"))
+
+
+def test_the_identity_is_that_of_the_wiring_and_not_of_the_pace_or_the_contingencies() -> None:
+    table = PeTable.from_json(small_text())
+    for path, value in (
+        (("ports", 0, "heartbeat_ns"), 77),
+        (("command_period_ns",), 77),
+        (("contingencies",), "AAAA"),
+    ):
+        assert PeTable.from_json(changed(path, value)).identity == table.identity
+    for path, value in (
+        (("spec_digest",), "ab" * 32),
+        (("sources", 0, "identifier"), 1001),
+        (("modules", 0, "image"), "another"),
+        (("ports", 0, "misses"), 4),
+    ):
+        assert PeTable.from_json(changed(path, value)).identity != table.identity
+    major = replace(table, protocol=Version(PROTOCOL.major + 1, 0))
+    assert major.identity != table.identity
+    assert replace(table, protocol=Version(PROTOCOL.major, 7)).identity == table.identity

@@ -38,11 +38,15 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Assessed:
-    """The findings about one file, and the text of the lines with a finding."""
+    """The findings about one file, and the text of the lines with a finding.
+
+    digest: that of the spec (`heronry_dg.meaning`); empty where no spec was loaded.
+    """
 
     file: str
     findings: tuple[Finding, ...]
     lines: Mapping[int, str] = field(default_factory=dict)
+    digest: str = ""
 
     def line(self, number: int) -> str:
         """Give the text of a line that has a finding; empty where the file has no such line."""
@@ -79,7 +83,8 @@ def _assess(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[
     if loaded is not None:
         told += _unused(file, said, used, tuple(ran), choice)
     told = [_raised(finding, said, choice) for finding in told]
-    return Assessed(file, tuple(sorted(told)), lines_at({finding.place.line for finding in told}, data))
+    lines = lines_at({finding.place.line for finding in told}, data)
+    return Assessed(file, tuple(sorted(told)), lines, "" if loaded is None else loaded.spec.digest)
 
 
 def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:

@@ -56,6 +56,11 @@ def full(files: Sequence[Assessed], *, colour: bool = False) -> str:
     return "".join(f"{_one(assessed, finding, paint)}\n" for assessed in files for finding in assessed.findings)
 
 
+def digests(files: Sequence[Assessed]) -> str:
+    """Give a line with the digest of each spec that could be loaded."""
+    return "".join(f"{assessed.file}: digest {assessed.digest}\n" for assessed in files if assessed.digest)
+
+
 def summary(files: Sequence[Assessed]) -> str:
     """Give the last line of a report for people: how many findings there are in how many files."""
     findings = [finding for assessed in files for finding in assessed.findings]

@@ -1,7 +1,8 @@
 """From names to indices: the tables of the PEs, and the slices of a configuration.
 
 A table tells a PE once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes per module. The
-indices follow from the spec alone, so they mean the same to a manager and a PE that have the same spec digest.
+digest of a slice covers the identity of the table, so the indices mean the same to the manager and to a PE that stages
+the slice.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,7 +20,6 @@ from heronry_manager.core.topology import command_period_ns, radios, uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
 from heronry_wire.management import MOST_FUNCTIONS
 from heronry_wire.pe_table import (
-    FORMAT,
     DeviceEntry,
     LeafEntry,
     ModeEntry,
@@ -30,6 +30,7 @@ from heronry_wire.pe_table import (
     SourceEntry,
     VariableEntry,
 )
+from heronry_wire.protocol_version import PROTOCOL
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +59,14 @@ class Compiler:
         self._radios = radios(spec)
 
     @cached_property
+    def identities(self) -> Mapping[int, bytes]:
+        """The identity of the table of each PE, by node-ID; to compute them all once takes milliseconds.
+
+        Raises WireLimitError if the spec exceeds a limit of the wire.
+        """
+        return {pe.node_id: self.table(pe.name).identity for pe in self._spec.pes.values()}
+
+    @cached_property
     def _identifiers(self) -> Mapping[tuple[str, str], int]:
         return identifiers(self._spec)
 
@@ -79,7 +88,7 @@ class Compiler:
         spec, own = self._spec, self._spec.pes[pe]
         ports = tuple(self._port(pe, bus) for bus in own.buses)
         return PeTable(
-            format=FORMAT,
+            protocol=PROTOCOL,
             spec=spec.name,
             spec_digest=spec.digest,
             name=pe,
@@ -120,8 +129,8 @@ class Compiler:
         slices = {pe.node_id: self._slice(configuration, pe.name, stops).encode() for pe in self._spec.pes.values()}
         return CompiledConfiguration(
             slices=slices,
-            digest=configuration_digest(self._spec.digest, slices),
-            slice_digests={node: slice_digest(self._spec.digest, body) for node, body in slices.items()},
+            digest=configuration_digest(self.identities, slices),
+            slice_digests={node: slice_digest(self.identities[node], body) for node, body in slices.items()},
         )
 
     def _is_on_both_sides(self, pe: str, module: str) -> bool:

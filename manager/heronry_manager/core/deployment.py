@@ -45,6 +45,7 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager.core.activation import Activation
 from heronry_manager.core.adoption import Adoption
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.epochs import Epochs
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.health import Health
@@ -71,15 +72,19 @@ class Deployment:
         spec: Spec,
         health: Health,
         exclusion: Exclusion,
-        on_board: ContingencyNumbers | None = None,
         *,
+        compiler: Compiler,
+        on_board: ContingencyNumbers | None = None,
         frames_per_command: int = 1,
     ) -> None:
-        """Begin without epochs; `Epochs` explains `on_board` and `frames_per_command`."""
+        """Begin without epochs; `Epochs` explains `compiler`, `on_board` and `frames_per_command`."""
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
         self.observed = Observations(spec.pes)
         self.epochs = Epochs(
-            *(turn, spec, health, exclusion, self.observed), on_board=on_board, frames_per_command=frames_per_command
+            *(turn, spec, health, exclusion, self.observed),
+            compiler=compiler,
+            on_board=on_board,
+            frames_per_command=frames_per_command,
         )
         self._adoption = Adoption(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
         self._activation = Activation(turn, spec, health, exclusion, self.observed, epochs=self.epochs)

@@ -53,11 +53,13 @@ class Epochs:
         exclusion: Exclusion,
         observed: Observations,
         *,
+        compiler: Compiler,
         on_board: ContingencyNumbers | None,
         frames_per_command: int,
     ) -> None:
         """Begin without an epoch.
 
+        compiler: that of `spec`.
         on_board: the configurations that a PREPARE can name by number; None: there are none.
         frames_per_command: 1, or 2 if a TAG follows each command. Slices are then sent at half the rate, since slices
             and their TAGs together may take only half of the bus.
@@ -66,7 +68,7 @@ class Epochs:
         self._observed, self._on_board = observed, on_board
         self.bitrate = spec.buses[spec.manager.bus].bitrate // frames_per_command
         self.wired = reached_by_wire(spec)
-        self._compiler, self._code = Compiler(spec), ConfigurationCode(spec)
+        self._compiler, self._code = compiler, ConfigurationCode(spec)
         self.numbers = EpochNumbers(turn)
         self._known: dict[int, Reconfiguration] = {}  # epochs that were activated or adopted
 

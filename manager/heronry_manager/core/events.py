@@ -59,6 +59,7 @@ KINDS: Mapping[str, str] = {
     "epoch_abandoned": "epoch, reason: the epoch was given up before ACTIVATE",
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step was sent",
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
+    "another_table": "pe, why: the PE stages nothing, since its table is not the one that this manager compiles for it",
     "commands_refused": "pe, unproven, other: how many commands a PE with a key has refused so far",
     "states_unproven": "pe: the PE is heard, but proves nothing when asked: another key, no key, or a failed receiver",
     "states_doubted": "pe, refused (number of states so far): "

@@ -51,6 +51,7 @@ from collections.abc import Mapping
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.known_situation import Changes, KnownSituation
 from heronry_manager.core.memory import Runs, TermBegun
@@ -80,12 +81,14 @@ class Following:
         exclusion: Exclusion,
         patience_ns: int,
         *,
+        compiler: Compiler,
         on_board: ContingencyNumbers | None = None,
     ) -> None:
         """Begin before any LEASE was heard.
 
         patience_ns: how long this manager waits for the first LEASE before it may take over, in ns from now; at
             most three times T_lease once it has heard that some PE runs a configuration.
+        compiler: that of `spec`.
         on_board: the configurations that PREPARE can name by number; None: there are none.
         """
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
@@ -94,7 +97,7 @@ class Following:
             pe: max(self._lease_ns, t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns)) for pe in spec.pes
         }
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
-        self._overheard = Overheard(spec, turn, on_board)
+        self._overheard = Overheard(spec, turn, compiler, on_board)
         self._available: frozenset[str] = frozenset()
         self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
         self._unproven: dict[str, tuple[int, bool]] = {}  # the same of PEs that were heard, and not believed

@@ -49,12 +49,19 @@ class Knowledge:
         self.health = Health(spec, turn.now_ns, settings.window_ns)
         self.exclusion = Exclusion(spec, tells_departures=settings.tells_departures)
         self.situation = KnownSituation(spec, turn, self.health)
+        compiler, on_board = settings.compiler, settings.on_board
         self.deployment = Deployment(
-            turn, spec, self.health, self.exclusion, settings.on_board, frames_per_command=1 if key is None else 2
+            turn,
+            spec,
+            self.health,
+            self.exclusion,
+            compiler=compiler,
+            on_board=on_board,
+            frames_per_command=1 if key is None else 2,
         )
         self.advice = Advice(turn, self.health, self.deployment)
         self.following = Following(
-            spec, turn, self.situation, self.exclusion, settings.window_ns, on_board=settings.on_board
+            *(spec, turn, self.situation, self.exclusion, settings.window_ns), compiler=compiler, on_board=on_board
         )
         self.held_outputs = HeldOutputs(spec, turn, self.health, self.deployment)
         self.script = HeldScript(spec, turn)

@@ -41,6 +41,7 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, module_of
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.memory import Memory
@@ -93,15 +94,19 @@ class ManagerCore:
         standby: bool = False,
         tells_departures: bool = False,
         reads_objects: bool = False,
+        compiler: Compiler | None = None,
     ) -> None:
         """Begin to listen at `now_ns`; `memory`: what the journal has kept for this spec.
 
+        compiler: that of this spec, where several cores of a process share it; None: the core makes its own.
         `ManagerSettings` explains the other arguments.
 
         Raises NoTermError if all terms have been used.
         """
         settings = ManagerSettings(
-            *(spec, node, window_ns, advise, on_board, key, standby, tells_departures, reads_objects)
+            spec,
+            compiler or Compiler(spec),
+            *(node, window_ns, advise, on_board, key, standby, tells_departures, reads_objects),
         )
         self._settings = settings
         self.alive_id = management_id(node, Command.ALIVE)

@@ -44,10 +44,14 @@ _SLICES_KEPT = 512
 class Overheard:
     """Listens to the commands of the active manager, and puts its configuration together from the slices in them."""
 
-    def __init__(self, spec: Spec, turn: Turn, on_board: ContingencyNumbers | None = None) -> None:
-        """`on_board`: the configurations that PREPARE can name by number; None: there are none."""
+    def __init__(self, spec: Spec, turn: Turn, compiler: Compiler, on_board: ContingencyNumbers | None = None) -> None:
+        """Begin without slices.
+
+        compiler: that of `spec`.
+        on_board: the configurations that PREPARE can name by number; None: there are none.
+        """
         self._spec, self._turn, self._on_board = spec, turn, on_board
-        self._compiler, self._code = Compiler(spec), ConfigurationCode(spec)
+        self._compiler, self._code = compiler, ConfigurationCode(spec)
         self._names = _Names(spec)
         self._known: OrderedDict[int, bytes] = OrderedDict()  # slices by digest
         self._prepared: Prepare | None = None
@@ -86,7 +90,7 @@ class Overheard:
         count = -(-head.length // SLICE_BYTES_PER_FRAME)
         if all(index in frames for index in range(1, count + 1)):
             body = b"".join(frames[index] for index in range(1, count + 1))[: head.length]
-            if slice_digest(self._spec.digest, body) == head.digest:
+            if slice_digest(self._compiler.identities[node], body) == head.digest:
                 self._keep(head.digest, body)
 
     def _keep(self, digest: int, body: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Details that PEs store for people: why modules failed, and how often a computer stood still.
+"""Details that PEs store for people: why modules failed, how often a computer stood still, and which table it has.
 
 The manager reads these details by SDO.
 
@@ -18,6 +18,10 @@ operator asks for the status. A standstill is *long* if it exceeds a heartbeat p
 - A manager reads nothing when it becomes active, since a foreign SDO client may be reading just then. So its
   first report on a PE counts from the start of that PE.
 
+*Table of a PE.* If a PE refuses a slice for its digest, the manager reads the version of the protocol and the digest of
+the spec from the PE, and tells in an event why the PE stages nothing. It tells this again only if the reason is another
+one. Anybody may forge the answer, which therefore changes nothing but the sentence.
+
 A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no
 gateway forwards SDO. It keeps what it has read until it ends; another manager reads the details again.
 `object_reader` says what lost, late, doubled and forged frames cause. No decision depends on these details.
@@ -33,13 +37,15 @@ from heronry_manager.core.mastership import Claim
 from heronry_manager.core.object_reader import ObjectReader
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
-from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS
+from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
 from heronry_wire.failure_text import plain_reason, plain_traceback
 from heronry_wire.protocol_times import t_lease_ns
+from heronry_wire.protocol_version import PROTOCOL, Version
 from heronry_wire.sdo import read_number
 from heronry_wire.standstill import Standstills, StoodStill
 
 _COUNTERS = ((3, "times"), (4, "long_times"), (5, "last_long_ms"), (6, "longest_ms"))  # sub-indices, and what they are
+_OF_TABLE = (3, 4)  # sub-indices: digest of the spec, version of the protocol
 _NS_PER_MS = 1_000_000
 _TRIES = 3  # to read why a module has failed
 
@@ -70,6 +76,7 @@ class PeDetails:
         self._standstills: dict[str, dict[str, int]] = {}  # by PE
         self._compared: dict[str, dict[str, int]] = {}  # by PE: with which the next ones are compared
         self._untold: set[str] = set()  # PEs of which a reading to report new standstills has not succeeded yet
+        self._tables: dict[str, str] = {}  # why a PE stages nothing, as it was told last
         self._position = cache(self._position_in_table)
 
     def stood_still(self, event: StoodStill) -> None:
@@ -136,6 +143,40 @@ class PeDetails:
 
         for sub_index, key in _COUNTERS:
             self._read(pe, COUNTERS, sub_index, partial(take, key))
+
+    def look_at_table(self, pe: str) -> None:
+        """Read from a PE that refuses a slice for its digest which table it has, and tell why it stages nothing."""
+        found: dict[int, bytes | None] = {}
+
+        def take(sub_index: int, value: bytes | None) -> None:
+            found[sub_index] = value
+            if len(found) == len(_OF_TABLE):
+                self._found_table(pe, *(found[one] for one in _OF_TABLE))
+
+        for sub_index in _OF_TABLE:
+            self._read(pe, SPEC, sub_index, partial(take, sub_index))
+
+    def _found_table(self, pe: str, digest: bytes | None, version: bytes | None) -> None:
+        if digest is None or version is None:
+            return
+        spoken, of_spec = Version.of_number(read_number(version)), digest.decode("ascii", "replace")
+        if spoken.major != PROTOCOL.major:
+            why = (
+                f"it speaks protocol {spoken}, and this manager {PROTOCOL}: install the same major version of heronry "
+                "for both, and write its table anew with 'heronry table'"
+            )
+        elif of_spec != self._spec.digest:
+            why = (
+                f"its table is of another spec ({of_spec:.12}): write it anew with 'heronry table', and restart the PE"
+            )
+        else:
+            why = (
+                "its table was compiled otherwise, or damaged in memory: write it anew with 'heronry table', and "
+                "restart the PE"
+            )
+        if self._tables.get(pe) != why:
+            self._tables[pe] = why
+            self._turn.emit("another_table", pe=pe, why=why)
 
     def end_of_step(self) -> None:
         """Stop reading if this manager is not active any more; to be called after each event."""

@@ -25,7 +25,16 @@ from heronry_wire.management import (
     FaultCode,
     Operation,
 )
-from heronry_wire.state_frames import PeFlags, PeState, StatePage, StatePage0, StatePage1, StatePage2, StatePage3
+from heronry_wire.state_frames import (
+    PeFlags,
+    PeState,
+    Reason,
+    StatePage,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+)
 
 _REQUESTS = (ElementKind.PHASE, ElementKind.PRIORITY)
 
@@ -51,6 +60,8 @@ class PeReports:
                     self._lives(pe, None, page.flags)
                 cause = None if self._settings.advise else self._known.deployment.staging(pe, page)
                 if cause is not None:
+                    if page.reason is Reason.DIGEST:
+                        self._known.details.look_at_table(pe)
                     self._reactions.fail(pe, cause)
             case StatePage2() if self._known.authenticity is not None and self._claim.speaks():
                 self._known.authenticity.answer(pe, page)

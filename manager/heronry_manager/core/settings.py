@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from heronry_dg.model import Bus, Spec
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER
@@ -13,6 +14,7 @@ from heronry_wire.protocol_times import START_UP_WINDOW_NS, t_lease_ns
 class ManagerSettings:
     """The settings of one manager of a spec.
 
+    compiler: compiles configurations of the spec.
     node: 126 or 127.
     window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds.
     advise: the manager sends nothing on the bus, and only reports what it would do.
@@ -25,6 +27,7 @@ class ManagerSettings:
     """
 
     spec: Spec
+    compiler: Compiler
     node: int
     window_ns: int = START_UP_WINDOW_NS
     advise: bool = False

@@ -17,12 +17,13 @@ import time
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from selectors import EVENT_READ, DefaultSelector
 from types import TracebackType
 from typing import BinaryIO, Self
 
+from heronry_dg.findings import SpecError
+from heronry_dg.loader import load_bytes
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan, PlanError, check_names, plan_with_bounds
@@ -67,13 +68,14 @@ class PlannerClient:
     """The planner of one spec in a process of its own, which is started with the client and then loads the solver."""
 
     def __init__(self, spec: Spec, file: Path, *, niceness: int = 0) -> None:
-        """Start the process; raises PlannerError if `file`, from which `spec` was loaded, has changed since.
+        """Start the process; raises PlannerError if `file` has another meaning now than when `spec` was loaded.
 
         niceness: 0..19, as in nice(2): a higher value gives the process less time on a busy computer.
         """
         data = file.read_bytes()
-        if sha256(data).hexdigest() != spec.digest:
+        if _digest(data, file.name) != spec.digest:
             raise PlannerError(f"{file} has changed since it was loaded: start 'heronry manager' again")
+        self._name = file.name
         self.ready = False
         self._niceness = niceness
         self._spec = spec
@@ -163,7 +165,7 @@ class PlannerClient:
         select.select([self.fileno()], [], [], longest_s)
 
     def _start(self) -> None:
-        self._process = _Process(self._file.fileno(), self._niceness)
+        self._process = _Process(self._file.fileno(), self._name, self._niceness)
         self._selector.register(self._process.answers, EVENT_READ)
 
     def _stop(self, *, kill: bool) -> int | None:
@@ -224,6 +226,14 @@ class PlannerClient:
         return Planned(request.number, plan_with_bounds(self._spec, request.now, *found))
 
 
+def _digest(data: bytes, name: str) -> str | None:
+    """Give the digest of a spec in a file; None if it is no spec any more."""
+    try:
+        return load_bytes(data, name).digest
+    except SpecError:
+        return None
+
+
 def _in_memory(data: bytes) -> BinaryIO:
     """Make a file that child processes inherit and can open by /dev/fd.
 
@@ -238,11 +248,11 @@ def _in_memory(data: bytes) -> BinaryIO:
 class _Process:
     """One process of `heronry_manager.planner.service`, with its two pipes."""
 
-    def __init__(self, spec_fd: int, niceness: int) -> None:
+    def __init__(self, spec_fd: int, name: str, niceness: int) -> None:
         os.lseek(spec_fd, 0, os.SEEK_SET)
         standing_back = ["nice", "-n", str(niceness)] if niceness else []  # also while it loads the solver
         self._process = subprocess.Popen(
-            [*standing_back, sys.executable, "-m", "heronry_manager.planner.service", str(spec_fd)],
+            [*standing_back, sys.executable, "-m", "heronry_manager.planner.service", str(spec_fd), name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=(spec_fd,),

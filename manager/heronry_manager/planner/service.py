@@ -1,8 +1,9 @@
 """The planner in a process of its own, which loads the solver and reads the spec before the first request.
 
-    python -m heronry_manager.planner.service FD
+    python -m heronry_manager.planner.service FD NAME
 
-FD is the descriptor of an open file with the spec. Requests come on standard input, and the process answers them in
+FD is the descriptor of an open file with the spec, and NAME the name of its file, after which a spec without a name is
+called. Requests come on standard input, and the process answers them in
 their order on standard output; other output of the process goes to standard error. The verifier checks every plan
 before it is sent. If a request fails, its answer is the error, and the process goes on.
 
@@ -13,11 +14,12 @@ cancel a request, a client ends the process.
 
 import os
 import sys
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from typing import BinaryIO, NoReturn
 
-from heronry_dg.loader import load
+from heronry_dg.loader import load_bytes
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.messages import (
@@ -35,7 +37,7 @@ from heronry_manager.planner.messages import (
 def main() -> None:
     """Answer requests for plans until standard input closes."""
     answers = _own_standard_output()
-    spec = load(f"/dev/fd/{int(sys.argv[1])}")
+    spec = load_bytes(Path(f"/dev/fd/{int(sys.argv[1])}").read_bytes(), sys.argv[2])
     lines: SimpleQueue[bytes] = SimpleQueue()
     Thread(target=_read_lines, args=(sys.stdin.buffer, lines), daemon=True).start()
     planner = Planner(spec)

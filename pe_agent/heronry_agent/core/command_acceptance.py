@@ -149,7 +149,10 @@ class CommandAcceptance:
         term = self.mastership.term if isinstance(message, SliceHead | SliceBody) else message.term
         if not self._counts(manager, term, event):
             return
-        self._accept(message)
+        if isinstance(message, Control) and not isinstance(message.operation, Operation):
+            self.turn.count("operation of another version", event.frame.can_id)
+        else:
+            self._accept(message)
         if not (isinstance(message, Control) and message.operation is Operation.WELCOME):  # a WELCOME is not for all
             self.turn.out += self.gateway.down(command, event.frame.data, event.frame, self.turn.now_ns)
 

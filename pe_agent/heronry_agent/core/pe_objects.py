@@ -50,6 +50,7 @@ from heronry_wire.canopen_objects import (
 )
 from heronry_wire.eds import eds_text
 from heronry_wire.management import NO_EPOCH
+from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sdo import Abort
 from heronry_wire.state_frames import PeFlags
 
@@ -101,6 +102,7 @@ class PeObjects:
                 (SPEC, 1): lambda: self._parts.index.table.name,
                 (SPEC, 2): lambda: self._parts.index.table.spec,
                 (SPEC, 3): lambda: self._parts.index.table.spec_digest,
+                (SPEC, 4): lambda: PROTOCOL.number,
                 (MASTERSHIP, 1): lambda: self._parts.mastership.manager,
                 (MASTERSHIP, 2): lambda: self._parts.mastership.term,
                 (MASTERSHIP, 3): lambda: int(PeFlags.HEARS_LEASE in self._parts.facts().flags),

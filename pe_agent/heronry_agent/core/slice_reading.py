@@ -34,14 +34,14 @@ class SliceReader:
         Returns None if the contingency is not on board, or if `digest` is not the digest of its configuration.
         """
         body = self._index.on_board(number, digest)
-        return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))
+        return None if body is None else (body, slice_digest(self._index.table.identity, body))
 
     def read(self, body: bytes, digest: int) -> Slice | Reason:
         """Decode the bytes of a slice, and check it; returns the slice, or the reason why it is refused.
 
         digest: digest of these bytes, as the manager has announced it.
         """
-        if slice_digest(self._index.table.spec_digest, body) != digest:
+        if slice_digest(self._index.table.identity, body) != digest:
             return Reason.DIGEST
         try:
             wanted = decode_slice(body, self._index.leaf_counts)

@@ -40,8 +40,9 @@ from heronry_agent.core.vocabulary import Action, Note
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import Control, Lease, Operation, SliceBody, SliceHead, decode_command
-from heronry_wire.pe_table import FORMAT, PeTable, Port, TableError
+from heronry_wire.pe_table import PeTable, Port, TableError
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
+from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.replicated_link import AnyLink
 from heronry_wire.sansio import NEVER_NS, Received, Send, Tick
 from heronry_wire.sdo import Abort
@@ -134,7 +135,7 @@ def _empty_table(node: int, bitrate: int) -> PeTable:
     """Return a table without modules, for a PE with this node-ID."""
     port = Port("uplink", bitrate, USUAL_HEARTBEAT_NS, USUAL_MISSES, wireless=False, channels=1, nodes=())
     table = PeTable(
-        format=FORMAT,
+        protocol=PROTOCOL,
         spec="",
         spec_digest="0" * 64,
         name=f"node_{node}",

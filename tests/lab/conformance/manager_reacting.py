@@ -39,7 +39,7 @@ from lab.conformance.player import MS, demand, equal
 _DEVICE, _MODULE, _PHASE = ElementKind.DEVICE, ElementKind.MODULE, ElementKind.PHASE
 
 
-def _told(manager: ManagerUnderTest, since_ns: int, *operations: Operation) -> list[tuple[int, Operation, int, int]]:
+def _told(manager: ManagerUnderTest, since_ns: int, *operations: Operation) -> list[tuple[int, int, int, int]]:
     """Give the manager's CONTROLs of some kinds: node, operation, a and b."""
     return [
         (one.node, one.operation, one.a, one.b) for one in manager.acknowledged(since_ns) if one.operation in operations

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.vocabulary import AskStatus, FailElement, UnlockPe
 from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, Key
@@ -463,10 +464,12 @@ def what_is_no_configuration_is_not_remembered() -> None:
     """Slices with the announced digest that name nothing of this spec are not remembered."""
     manager, active_manager = _standing_by()
     body = b"\x01\x7f\x00"
-    digest = slice_digest(manager.spec.digest, body)
-    for number, wanted in enumerate((digest, digest + 1)):
+    identities = Compiler(manager.spec).identities
+    for number in range(2):
         epoch = 40 + number
-        heads = [SliceHead(node, epoch, len(body), wanted) for node in sorted(_ALL)]
+        heads = [
+            SliceHead(node, epoch, len(body), slice_digest(identities[node], body) + number) for node in sorted(_ALL)
+        ]
         bodies = [SliceBody(node, epoch, 1, body) for node in sorted(_ALL)]
         manager.main.command(Prepare(1, epoch, 0x77), *heads, *bodies, manager=126)
         manager.run(10)

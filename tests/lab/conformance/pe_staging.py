@@ -262,7 +262,7 @@ def what_runs_here_needs_no_body() -> None:
     pe.answers_in_page_1(began_ns, _EPOCH + 1, _DIGEST + 1, Reason.NONE)
     body = EVERYTHING.encode()
     pe.main.command(Prepare(5, _EPOCH + 2, _DIGEST + 2))
-    pe.main.command(SliceHead(NODE, _EPOCH + 2, len(body) + 1, slice_digest(TABLE.spec_digest, body)))
+    pe.main.command(SliceHead(NODE, _EPOCH + 2, len(body) + 1, slice_digest(TABLE.identity, body)))
     began_ns = pe.run(2)
     pe.says_nothing_of_it(began_ns)
     pe.main.command(SliceHead(NODE, _EPOCH + 2, len(body), 0x77))

@@ -43,7 +43,6 @@ from heronry_wire.management import (
     decode_emergency,
 )
 from heronry_wire.pe_table import (
-    FORMAT,
     DeviceEntry,
     LeafEntry,
     ModeEntry,
@@ -54,6 +53,7 @@ from heronry_wire.pe_table import (
     SourceEntry,
     VariableEntry,
 )
+from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sdo import UPLOAD, with_data
 from heronry_wire.state_frames import (
     PeFlags,
@@ -94,7 +94,7 @@ def _mode(name: str, rate_mhz: int, *leaves: LeafEntry, **gives: int) -> ModeEnt
 _DEMAND_LEAF = LeafEntry("", "demand", 1, 2)
 MAIN = Port("main", 1_000_000, PERIOD_NS, 3, wireless=False, channels=1, nodes=(NEIGHBOUR,))
 TABLE = PeTable(
-    format=FORMAT,
+    protocol=PROTOCOL,
     spec="trial",
     spec_digest="5e" * 32,
     name="one",
@@ -284,7 +284,7 @@ class PeUnderTest(UnderTest):
 
     def slice_frames(self, epoch: int, part: Slice | bytes) -> list[SliceHead | SliceBody]:
         """Give head and body of a slice as frames."""
-        return slice_messages(NODE, epoch, part, self.table.spec_digest)
+        return slice_messages(NODE, epoch, part, self.table.identity)
 
     def activate(self, epoch: int, step: Step, digest: int) -> None:
         """Send ACTIVATE, and repeat it in LEASE from now on."""

@@ -27,6 +27,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "messages": protocol_tables.messages,
     "fields": protocol_tables.fields,
     "times": protocol_tables.times,
+    "room to grow": protocol_tables.room,
     "objects": canopen_tables.objects,
     "events": event_table.events,
 }

@@ -46,6 +46,9 @@ _REPORTS = (
     *(state_frames.STATE_0, state_frames.STATE_1, state_frames.STATE_2, state_frames.STATE_3),
     *(management.EMCY, gateway_report.LINK),
 )
+_PAGES = (state_frames.STATE_0, state_frames.STATE_1, state_frames.STATE_2, state_frames.STATE_3)
+_OWN_OBJECTS, _OWN_CODES = range(0x2000, 0x6000), range(0xFF00, 0x10000)  # CiA 301: the manufacturer's
+_MOST_BYTES = 8
 
 
 def identifiers() -> str:
@@ -91,9 +94,57 @@ def messages() -> str:
 
 def fields() -> str:
     """Give every field of every message, in the order of transmission."""
-    layouts = [layout for ours in _LAYOUTS.values() for layout in ours]
-    rows = [row for layout in (*layouts, *_REPORTS) for row in _fields(layout)]
+    rows = [row for layout in _every_layout() for row in _fields(layout)]
     return table(["message", "bytes", "field", "bits", "values"], rows)
+
+
+def room() -> str:
+    """Give how much of each place by which the protocol may grow is used, and how much is free."""
+    own = [entry.index for entry in canopen_objects.OBJECTS if entry.index in _OWN_OBJECTS]
+    first, last = f"{_OWN_OBJECTS[0]:X}h", f"{_OWN_OBJECTS[-1]:X}h"
+    codes = sum(fault >= _OWN_CODES[0] for fault in management.FaultCode)
+    places = [
+        ("pages of a state frame", len(_PAGES), 1 << state_frames.STATE_0.fields[0].bits),
+        ("flags in a state frame", len(state_frames.PeFlags), state_frames.STATE_0.fields[2].bits),
+        ("kinds of TAG", *_labelled(management.TAG, "kind")),
+        ("values of `state`", *_labelled(state_frames.STATE_0, "state")),
+        ("values of `step`", *_labelled(management.LEASE, "step")),
+        ("values of `reason`", *_labelled(state_frames.STATE_1, "reason")),
+        ("operations of CONTROL", *_labelled(management.CONTROL, "operation")),
+        ("kinds of elements in EMCY, CLEAR and HOLDS", *_labelled(management.EMCY, "kind")),
+        ("manufacturer's codes of EMCY, FF00h to FFFFh", codes, len(_OWN_CODES)),
+        (f"CANopen objects, {first} to {last}", len(own), len(_OWN_OBJECTS)),
+        (
+            "management identifiers of a manager",
+            len(Command),
+            management_id(LAST_MANAGER, Command.LEASE) - management_id(FIRST_MANAGER, Command.LEASE),
+        ),
+    ]
+    spare = sum(field.bits for layout in _every_layout() for field in layout.fields if field.name == "spare")
+    rows = [[what, str(used), str(of - used)] for what, used, of in places]
+    full = [layout for layout in _every_layout() if layout.length == _MOST_BYTES and "spare" not in _names(layout)]
+    rows.append(
+        [
+            f"layouts of messages ({len(full)} of {len(_every_layout())} are full)",
+            "",
+            f"{spare} spare bits in ALIVE, 4 bytes in PING",
+        ]
+    )
+    return table(["place", "used", "free"], rows)
+
+
+def _labelled(layout: Layout, name: str) -> tuple[int, int]:
+    """Give how many values of a field have a meaning, and how many the field can hold."""
+    (field,) = (field for field in layout.fields if field.name == name)
+    return len(field.labels or {}), 1 << field.bits
+
+
+def _every_layout() -> list[Layout]:
+    return [*(layout for ours in _LAYOUTS.values() for layout in ours), *_REPORTS]
+
+
+def _names(layout: Layout) -> set[str]:
+    return {field.name for field in layout.fields}
 
 
 def _fields(layout: Layout) -> Iterator[list[str]]:

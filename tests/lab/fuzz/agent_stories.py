@@ -151,7 +151,7 @@ class _Pe(SteppedCore[Event, Action]):
                 return [Prepare(term, epoch, digest, story.number(3))]
             case 3 | 4:
                 body = self._slices[story.number(256) % len(self._slices)]
-                head, *bodies = slice_messages(node, epoch, body, self.table.spec_digest)
+                head, *bodies = slice_messages(node, epoch, body, self.table.identity)
                 return [Prepare(term, epoch, digest), head, *bodies[story.number(2) :]]
             case 5:
                 return [Activate(term, epoch, step, digest)]

@@ -267,7 +267,8 @@ def _report(told: "Sequence[Assessed]", assessed: "Sequence[Assessed]", argument
         case "full":
             colour = sys.stdout.isatty() and not os.environ.get("NO_COLOR")
             by_code = text_report.by_code(told, RULES, colour=colour)
-            return f"{by_code}{text_report.full(told, colour=colour)}{text_report.summary(assessed)}\n"
+            digests = "" if arguments.quiet else text_report.digests(assessed)
+            return f"{by_code}{text_report.full(told, colour=colour)}{digests}{text_report.summary(assessed)}\n"
     return _machine_report(told, form)
 
 

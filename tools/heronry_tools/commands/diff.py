@@ -11,9 +11,10 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import JSON, add_output
 
 _EPILOG = """\
-A function depends on an element (its single point of failure) if the loss of that element alone loses
-the function. Critical functions, classes A to D, are examined in each phase that wants them. The output ends with the
-findings of 'heronry check' that only NEW has, and those that only OLD has.
+The second line tells whether the digest changes, and what follows from that. A function depends on an element (its
+single point of failure) if the loss of that element alone loses the function. Critical functions, classes A to D, are
+examined in each phase that wants them. The output ends with the findings of 'heronry check' that only NEW has, and
+those that only OLD has.
 
 OLD and NEW are each a *.dg.yaml, a shipped spec, REV:PATH in git (:PATH is what is staged), or - for standard input.
 
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError("only one of OLD and NEW can be standard input; name a file for the other")
     texts = spec_text(arguments.old), spec_text(arguments.new)
     old, new = texts[0].load(), texts[1].load()
-    differ = bool(element_changes(old, new))
+    differ = bool(element_changes(old, new)) or old.digest != new.digest
     if arguments.format == "mermaid":
         sys.stdout.write(mermaid_difference(old, new))
     else:

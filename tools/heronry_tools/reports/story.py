@@ -47,6 +47,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "channel_back": ("channel {channel} is back, reported by {by}", "plain"),
     "plan_failed": ("no plan: {reason}; the configuration stays as it is", "bad"),
     "pe_refused": ("{pe} cannot stage epoch {epoch}: {reason}", "bad"),
+    "another_table": ("{pe} stages nothing: {why}", "bad"),
     "second_manager": ("manager {node} is active, too", "bad"),
     "fault_cleared": ("{element} counts as working again, cleared by {by}", "good"),
     "suspicion": ("{element} is suspected by a module on {by}: {evidence}", "quiet"),

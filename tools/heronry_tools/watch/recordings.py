@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager.core.compilation import Compiler
 from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
@@ -161,11 +162,12 @@ def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
 
 
 def tables_of(spec: Spec) -> tuple[PeTable, ...]:
-    """Give the tables of the PEs, with the contingencies in this user's cache; no tables if there is no solver."""
+    """Give the tables of the PEs, with the contingencies in this user's cache; without them if there is no solver."""
     try:
         from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415 - needs the solver
     except ModuleNotFoundError:
-        return ()
+        compiler = Compiler(spec)
+        return tuple(compiler.table(pe) for pe in spec.pes)
     return tuple(prepared_with(spec, kept_contingencies(spec)).tables.values())
 
 

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
@@ -94,7 +93,7 @@ def shipped_spec_of(plan: str) -> Spec | None:
     except (ValueError, KeyError, TypeError):
         return None
     files = (*map(shipped_spec_path, shipped_spec_names()), *example_specs())
-    return next((load(file) for file in files if sha256(file.read_bytes()).hexdigest() == digest), None)
+    return next((spec for spec in map(load, files) if spec.digest == digest), None)
 
 
 def load_planned(spec: Spec, plan_file: str | None) -> Planned:

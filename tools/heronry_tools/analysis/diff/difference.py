@@ -55,6 +55,10 @@ class Difference:
     phases: tuple[PhaseDifference, ...]
     findings: FindingsChange
 
+    def has_another_digest(self) -> bool:
+        """Tell whether tables, contingencies and journals of the old spec are strangers to the new one."""
+        return self.old.digest != self.new.digest
+
 
 def difference(old: Spec, new: Spec, findings: FindingsChange) -> Difference:
     """Compare two specs; `findings` are the differing findings of `heronry check`."""

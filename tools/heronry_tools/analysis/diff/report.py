@@ -15,6 +15,7 @@ from heronry_tools.analysis.diff.difference import Difference, Moved, PhaseDiffe
 from heronry_tools.analysis.diff.elements import ElementChange, FieldChange
 from heronry_tools.analysis.diff.findings import FindingsChange
 
+_SHOWN = 12  # digits of a digest
 _SIGNS = {"added": "+", "removed": "-", "changed": "~"}
 
 
@@ -22,16 +23,29 @@ def text_report(found: Difference) -> str:
     """Write the difference between two specs as text for people, one line for each change."""
     if not found.elements:
         changed = list(_findings_lines(found.findings))
-        return "\n".join([f"{found.new.name}: nothing changed", *(["", *changed] if changed else [])]) + "\n"
+        what = "only the order of elements changed" if found.has_another_digest() else "nothing changed"
+        lines = [f"{found.new.name}: {what}", _digest_line(found), *(["", *changed] if changed else [])]
+        return "\n".join(lines) + "\n"
     counts = {change: sum(one.change == change for one in found.elements) for change in _SIGNS}
     said = ", ".join(f"{count} {change}" for change, count in counts.items() if count)
-    lines = [f"{found.new.name}: {said}", ""]
+    lines = [f"{found.new.name}: {said}", _digest_line(found), ""]
     for element in found.elements:
         lines += _element_lines(element)
     for phase in found.phases:
         lines += ["", *_phase_lines(found, phase)]
     findings = list(_findings_lines(found.findings)) or [f"check: as before, {_counted(found.findings.stay)}"]
     return "\n".join([*lines, "", *findings]) + "\n"
+
+
+def _digest_line(found: Difference) -> str:
+    """Tell whether the digest of the spec changes, and what follows from that."""
+    old, new = found.old.digest[:_SHOWN], found.new.digest[:_SHOWN]
+    if not found.has_another_digest():
+        return f"digest {old} as before: the tables, contingencies and journal of the old spec are taken"
+    return (
+        f"digest {old} -> {new}: PEs need new tables, contingencies are made anew, "
+        "and the manager takes the old journal with --changed-spec"
+    )
 
 
 def _counted(count: int) -> str:
@@ -115,6 +129,7 @@ def json_report(found: Difference) -> str:
     document = {
         "old": {"name": found.old.name, "spec": found.old.digest},
         "new": {"name": found.new.name, "spec": found.new.digest},
+        "same_digest": not found.has_another_digest(),
         "elements": [
             {
                 "element": element.element,

@@ -40,7 +40,7 @@ class Checks:
     ) -> None:
         """Create the oracles for a flight of this spec.
 
-        tables: the tables of the PEs; needed only if a contingency is on board
+        tables: the tables of the PEs, by which slices and contingencies are recognized
         key: the key of managers and PEs; None without authentication
         read_journal: returns the bytes of the journal of the manager at a station
         """

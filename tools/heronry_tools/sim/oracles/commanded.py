@@ -95,9 +95,16 @@ class Commanded:
     """Puts the configuration of each epoch together from the commands on the managers' bus."""
 
     def __init__(self, spec: Spec, tables: Iterable[PeTable] = ()) -> None:
-        """Begin without epochs; `tables`, the tables of the PEs, are needed only if a contingency is on board."""
+        """Begin without epochs.
+
+        tables: the tables of the PEs, with the contingencies on board; without the table of a PE none of its slices is
+            recognized.
+        """
         self._spec = spec
-        self._on_board = {table.node_id: table.preloaded() for table in tables}
+        told = {table.node_id: table for table in tables}
+        self._on_board = {node: table.preloaded() for node, table in told.items()}
+        self._identities = {node: table.identity for node, table in told.items()}
+        self._identities |= {pe.node_id: b"" for pe in spec.pes.values() if pe.node_id not in told}
         self._modules = list(spec.modules.values())
         self._sources = list(spec.sources())
         self._leaves = {
@@ -109,7 +116,7 @@ class Commanded:
         self._wired = {spec.pes[pe].node_id for pe in reached_by_wire(spec)}
         # Keyed by node, length and digest, as in a PE: two slices of one flight may have equal 24-bit digests.
         self._bytes = {
-            (pe.node_id, len(body), slice_digest(spec.digest, body)): body
+            (pe.node_id, len(body), slice_digest(self._identities[pe.node_id], body)): body
             for pe in spec.pes.values()
             for body in {b"", *(one.slice for one in self._on_board.get(pe.node_id, ()))}
         }
@@ -180,7 +187,7 @@ class Commanded:
                 return None
             else:
                 epoch.flaw = f"it was activated before the slice of node {node} was sent"
-        is_whole = configuration_digest(self._spec.digest, slices) == epoch.digest
+        is_whole = configuration_digest(self._identities, slices) == epoch.digest
         if not is_whole and slices.keys() - epoch.heads.keys() - self._wired:
             return None  # the head for a PE beyond a radio may still come
         try:
@@ -207,7 +214,8 @@ class Commanded:
         count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
         if head is not None and all(index in frames for index in range(1, count + 1)):
             body = b"".join(frames[index] for index in range(1, count + 1))[: head.length]
-            if slice_digest(self._spec.digest, body) == head.digest:
+            identity = self._identities.get(head.node, b"")
+            if slice_digest(identity, body) == head.digest:
                 self._bytes[head.node, head.length, head.digest] = body
 
     def _configuration(self, slices: dict[int, Slice]) -> Configuration:

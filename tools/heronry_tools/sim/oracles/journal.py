@@ -200,7 +200,8 @@ class JournalCheck(Oracle):
             case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, a, index):
                 element = self._places.told(a, index)
                 if (element in memory.latched) is not (operation is Operation.HOLDS):
-                    return [f"sends {operation.name} of {element}, but its journal latches {sorted(memory.latched)}"]
+                    said = Operation(operation).name
+                    return [f"sends {said} of {element}, but its journal latches {sorted(memory.latched)}"]
         return []
 
     def _priority(self, memory: Memory, told: Control) -> list[str]:
@@ -209,7 +210,9 @@ class JournalCheck(Oracle):
         number = None if held is None else held.priority | (BY_OPERATOR if held.by_operator else 0)
         if number == (told.b if told.operation is Operation.HOLDS else None):
             return []
-        return [f"sends {told.operation.name} of priority {told.b} of {function}, but its journal has {held}"]
+        return [
+            f"sends {Operation(told.operation).name} of priority {told.b} of {function}, but its journal has {held}"
+        ]
 
 
 def _numbers(said: _Said, memory: Memory) -> list[str]:

@@ -33,7 +33,7 @@ class Known:
     def __init__(self, spec: Spec, tables: Collection[PeTable], key: Key | None, read_journal: Read) -> None:
         """Create the oracles that derive facts.
 
-        tables: the tables of the PEs; needed only if a contingency is on board.
+        tables: the tables of the PEs, by which slices and contingencies are recognized.
         key: the key of managers and PEs; None without authentication.
         read_journal: returns the bytes of the journal of the manager at a station.
         """

@@ -2,7 +2,8 @@
 
 Two facts show which spec was flown:
 
-- The digest of a slice depends on the digest of the spec. If all bytes of a slice were sent, the digest can be checked.
+- The digest of a slice covers the identity of the table that was compiled from the spec. If all bytes of a slice were
+  sent, the digest can be checked.
 - If PREPARE names a contingency by its number, one of the contingencies on board must have the digest in this PREPARE.
 
 If one check succeeds, or if no check is possible, the mastership counts as flown with this spec. If all checks fail,
@@ -12,6 +13,7 @@ no part of the mastership is replayed, and the first failed check is reported as
 from collections.abc import Iterable, Iterator
 
 from heronry_dg.model import Spec
+from heronry_manager.core.compilation import Compiler
 from heronry_tools.sim.replay.recording import Mastership
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, decode_command
@@ -43,6 +45,7 @@ def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Itera
     called: digests of the contingencies on board; None: these are not known, so a PREPARE that names a
         contingency by its number is not checked.
     """
+    identities = Compiler(spec).identities
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
     bodies: dict[int, dict[int, bytes]] = {}
@@ -59,7 +62,7 @@ def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Itera
                 bodies.setdefault(node, {})[message.index] = message.body
                 body = _whole(heads.get(node), bodies[node])
                 if body is not None and prepared is not None:
-                    yield prepared, slice_digest(spec.digest, body) == heads[node].digest
+                    yield prepared, node in identities and slice_digest(identities[node], body) == heads[node].digest
 
 
 def _whole(head: SliceHead | None, frames: dict[int, bytes]) -> bytes | None:

@@ -31,7 +31,6 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.verify import verify
-from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.planning_policy import (
@@ -95,7 +94,7 @@ class Planners:
     def __init__(self, spec: Spec, ahead: Prepared | None = None) -> None:
         """Begin with the planners of a spec; `ahead` has the contingencies, None if there are none."""
         self.spec, self.ahead = spec, ahead or prepared_with(spec, None)
-        self._planner, self._compiler = Planner(spec), Compiler(spec)
+        self._planner = Planner(spec)
         made = self.ahead.made
         with_plans = [] if made is None else [PlanningPolicy(spec, None, has_planner=True, contingencies=made)]
         with_solver = PlanningPolicy(spec, None, has_planner=True)
@@ -104,7 +103,7 @@ class Planners:
 
     def digest(self, configuration: Configuration) -> int:
         """Return the digest by which PREPARE and LEASE name a configuration."""
-        return self._compiler.configuration(configuration).digest
+        return self.ahead.compiler.configuration(configuration).digest
 
     def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
         """Yield the plans that could answer a request, one of each kind at most, each with the name of its kind.
@@ -152,7 +151,10 @@ class Rerun:
         began_ns = mastership.first_ns - t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
         memory = Memory(term=mastership.term - 1)  # the core begins the next term, which is the recorded one
         self._standstills = _standstills(mastership, 2 * spec.buses[spec.manager.bus].heartbeat_ns)
-        self._core = ManagerCore(spec, mastership.node, memory, began_ns, on_board=planners.ahead.numbers)
+        ahead = planners.ahead
+        self._core = ManagerCore(
+            spec, mastership.node, memory, began_ns, on_board=ahead.numbers, compiler=ahead.compiler
+        )
 
     def run(self) -> None:
         """Replay the whole mastership."""

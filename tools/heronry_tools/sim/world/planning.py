@@ -51,11 +51,13 @@ _GREEDY: dict[str, Greedy] = {}  # by digest of the spec
 class Prepared:
     """The tables of an aircraft's PEs, and its contingencies.
 
+    compiler: compiled the tables; the managers share it
     made: the contingencies; None if there are none
     numbers: the numbers by which PREPARE names a contingency on board; None if there are none
     """
 
     tables: Mapping[str, PeTable]
+    compiler: Compiler
     made: ContingencyTable | None = None
     numbers: ContingencyNumbers | None = None
 
@@ -80,10 +82,10 @@ def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in spec.pes}
     if made is None:
-        return Prepared(tables)
+        return Prepared(tables, compiler)
     held = on_board(spec, made)
     with_plans = {one.pe: loaded(tables[one.pe], one) for one in held}
-    return Prepared(with_plans, ContingencyTable(spec, made), ContingencyNumbers(spec, made, held))
+    return Prepared(with_plans, compiler, ContingencyTable(spec, made), ContingencyNumbers(spec, made, held))
 
 
 def plan_ahead(spec: Spec, faults: int) -> Contingencies:

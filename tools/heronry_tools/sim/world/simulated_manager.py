@@ -99,6 +99,7 @@ class SimulatedManager(Node):
             standby=standby,
             tells_departures=True,
             reads_objects=reads_objects,
+            compiler=ahead.compiler,
         )
         self.disk = disk
         self._journal_problem: str | None = None
