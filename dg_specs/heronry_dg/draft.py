@@ -14,20 +14,37 @@ from typing import Any, Final, Generic, TypeVar
 
 from pydantic import ValidationError
 
-from heronry_dg import schema, yaml_source
+from heronry_dg import yaml_source
 from heronry_dg.field_types import NAME_PATTERN
 from heronry_dg.findings import Findings, Place, listed, shown
+from heronry_dg.keys import element_at, key_names
+from heronry_dg.model import (
+    Bus,
+    Contingency,
+    Demux,
+    Device,
+    Function,
+    Header,
+    Manager,
+    Mode,
+    Module,
+    Pe,
+    Phase,
+    Plant,
+    Spec,
+    Variable,
+)
 from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
 from heronry_dg.rules.rule import Rule
-from heronry_dg.schema import Form, field_names
+from heronry_dg.schema import ONLY_MODE, read
 from heronry_dg.yaml_source import Node
 
-F_co = TypeVar("F_co", bound=Form, covariant=True)
+E_co = TypeVar("E_co", covariant=True)
 
 _NAME: Final = re.compile(NAME_PATTERN)
-_SECTIONS: Final = tuple(name for name in field_names(schema.SpecForm) if name not in field_names(schema.HeaderForm))
-_MODE_FIELDS: Final = field_names(schema.ModeForm)
+_SECTIONS: Final = tuple(name for name in key_names(Spec) if name not in key_names(Header))
+_MODE_FIELDS: Final = key_names(Mode)
 
 _OTHER_KINDS: Final = (  # kinds of files that are no spec: fields by which one is recognized, a sentence, a hint
     (
@@ -69,20 +86,24 @@ _WANTED: Final = {  # by type of pydantic error: the rule, the value that was ex
 
 
 @dataclass(frozen=True, slots=True)
-class Element(Generic[F_co]):
-    """One named element of the file; `form` has its fields, or is None where a field has a mistake."""
+class Element(Generic[E_co]):
+    """One named element of the file.
+
+    `form` is the element of the model with the keys that the file gives. It is None where a key has a mistake. What
+    other elements decide is still missing in it, as `keys` tells.
+    """
 
     name: str
     place: Place  # of its name
     node: Node
-    form: F_co | None
+    form: E_co | None
 
 
 @dataclass(frozen=True, slots=True)
-class ModuleElement(Element[schema.ModuleForm]):
+class ModuleElement(Element[Module]):
     """A module with its modes, best first; a mode with a mistake is among them, with `form` None."""
 
-    modes: Mapping[str, Element[schema.ModeForm]] = field(default_factory=dict)
+    modes: Mapping[str, Element[Mode]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,19 +112,19 @@ class Draft:
 
     root: Node
     readable: bool  # no section is unreadable because its name is misspelt or its value is not a map
-    header: schema.HeaderForm | None
-    manager: Element[schema.ManagerForm]
-    contingency: Element[schema.ContingencyForm]
-    buses: Mapping[str, Element[schema.BusForm]]
-    pes: Mapping[str, Element[schema.PeForm]]
-    devices: Mapping[str, Element[schema.DeviceForm]]
-    variables: Mapping[str, Element[schema.VariableForm]]
-    demuxes: Mapping[str, Element[schema.DemuxForm]]
+    header: Header | None
+    manager: Element[Manager]
+    contingency: Element[Contingency]
+    buses: Mapping[str, Element[Bus]]
+    pes: Mapping[str, Element[Pe]]
+    devices: Mapping[str, Element[Device]]
+    variables: Mapping[str, Element[Variable]]
+    demuxes: Mapping[str, Element[Demux]]
     shorthands: Mapping[str, yaml_source.Entry]
     modules: Mapping[str, ModuleElement]
-    functions: Mapping[str, Element[schema.FunctionForm]]
-    phases: Mapping[str, Element[schema.PhaseForm]]
-    plants: Mapping[str, Element[schema.PlantForm]]
+    functions: Mapping[str, Element[Function]]
+    phases: Mapping[str, Element[Phase]]
+    plants: Mapping[str, Element[Plant]]
 
 
 def read_draft(root: Node, findings: Findings) -> Draft | None:
@@ -131,7 +152,7 @@ def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
     for marks, sentence, hint in _OTHER_KINDS:
         if marks <= frozenset(keys):
             return sentence, hint
-    if any(key in keys for key in field_names(schema.SpecForm)):
+    if any(key in keys for key in key_names(Spec)):
         return None
     return "no field of the file is a field of a spec", "a spec begins with dg: 1; is this the right file?"
 
@@ -148,45 +169,45 @@ class _DraftReader:
             root=self._root,
             readable=all(self._is_readable(section) for section in _SECTIONS) and not self._misspelt_sections(),
             header=self._header(),
-            manager=self._single("manager", schema.ManagerForm),
-            contingency=self._single("contingency", schema.ContingencyForm),
-            buses=self._section("buses", "bus", schema.BusForm),
-            pes=self._section("pes", "pe", schema.PeForm),
-            devices=self._section("devices", "device", schema.DeviceForm),
-            variables=self._section("variables", "variable", schema.VariableForm),
-            demuxes={name: self._element("gate", name, entry, schema.DemuxForm) for name, entry in demuxes.items()},
+            manager=self._single("manager", Manager),
+            contingency=self._single("contingency", Contingency),
+            buses=self._section("buses", "bus", Bus),
+            pes=self._section("pes", "pe", Pe),
+            devices=self._section("devices", "device", Device),
+            variables=self._section("variables", "variable", Variable),
+            demuxes={name: self._element("gate", name, entry, Demux) for name, entry in demuxes.items()},
             shorthands={name: entry for name, entry in gates.items() if name not in demuxes},
             modules={name: self._module(name, entry) for name, entry in self._entries("modules")},
-            functions=self._section("functions", "function", schema.FunctionForm),
-            phases=self._section("phases", "phase", schema.PhaseForm),
-            plants=self._section("plants", "plant", schema.PlantForm),
+            functions=self._section("functions", "function", Function),
+            phases=self._section("phases", "phase", Phase),
+            plants=self._section("plants", "plant", Plant),
         )
 
-    def _header(self) -> schema.HeaderForm | None:
+    def _header(self) -> Header | None:
         header = {key: entry for key, entry in self._root.entries.items() if key not in _SECTIONS}
-        node = yaml_source.Mapping(self._root.place, header)
-        return self._form("the spec", self._root.place, node, schema.HeaderForm, field_names(schema.SpecForm))
+        entry = yaml_source.Entry(self._root.place, yaml_source.Mapping(self._root.place, header))
+        return self._form("the spec", entry, Header, {}, key_names(Spec))
 
-    def _single(self, key: str, form: type[F_co]) -> Element[F_co]:
+    def _single(self, key: str, kind: type[E_co]) -> Element[E_co]:
         """Read an element that a file has at most once; a missing one is read as one without content."""
         entry = self._root.entries.get(key, yaml_source.Entry(self._root.place, _nothing_at(self._root.place)))
-        return Element(key, entry.place, entry.node, self._form(key, entry.place, entry.node, form))
+        return Element(key, entry.place, entry.node, self._form(key, entry, kind, {}))
 
     def _is_readable(self, section: str) -> bool:
         entry = self._root.entries.get(section)
         return entry is None or isinstance(entry.node, yaml_source.Mapping) or yaml_source.is_nothing(entry.node)
 
     def _misspelt_sections(self) -> set[str]:
-        known = field_names(schema.SpecForm)
+        known = key_names(Spec)
         meant = _meant(self._findings, self._root.entries.keys() - set(known), known)
         return meant.intersection(_SECTIONS) - self._root.entries.keys()
 
-    def _section(self, section: str, kind: str, form: type[F_co]) -> dict[str, Element[F_co]]:
-        return {name: self._element(kind, name, entry, form) for name, entry in self._entries(section)}
+    def _section(self, section: str, noun: str, kind: type[E_co]) -> dict[str, Element[E_co]]:
+        return {name: self._element(noun, name, entry, kind) for name, entry in self._entries(section)}
 
-    def _element(self, kind: str, name: str, entry: yaml_source.Entry, form: type[F_co]) -> Element[F_co]:
-        subject = f"{kind} {shown(name)}"
-        return Element(name, entry.place, entry.node, self._form(subject, entry.place, entry.node, form))
+    def _element(self, noun: str, name: str, entry: yaml_source.Entry, kind: type[E_co]) -> Element[E_co]:
+        form = self._form(f"{noun} {shown(name)}", entry, kind, {"name": name})
+        return Element(name, entry.place, entry.node, form)
 
     def _entries(self, section: str) -> Iterator[tuple[str, yaml_source.Entry]]:
         entry = self._root.entries.get(section)
@@ -221,12 +242,13 @@ class _DraftReader:
         modes = fields["modes"] if "modes" in fields and not yaml_source.is_nothing(fields["modes"].node) else None
         own = {key: value for key, value in fields.items() if key != "modes" and key not in _MODE_FIELDS}
         mode_fields = {key: value for key, value in fields.items() if key in _MODE_FIELDS}
-        known = (*field_names(schema.ModuleForm), *_MODE_FIELDS, "modes")
-        form = self._form(subject, entry.place, yaml_source.Mapping(body.place, own), schema.ModuleForm, known)
+        known = (*key_names(Module), *_MODE_FIELDS, "modes")
+        keys = yaml_source.Entry(entry.place, yaml_source.Mapping(body.place, own))
+        form = self._form(subject, keys, Module, {"name": name}, known)
         if modes is None:
             only = yaml_source.Entry(entry.place, yaml_source.Mapping(body.place, mode_fields))
             misspelt = _meant(self._findings, own.keys() - set(known), known)
-            mode = self._mode(subject, schema.ONLY_MODE, only, misspelt)
+            mode = self._mode(subject, ONLY_MODE, only, misspelt)
             return ModuleElement(name, entry.place, body, form, {mode.name: mode})
         self._refuse_both_ways(subject, mode_fields)
         return ModuleElement(name, entry.place, body, form, self._modes(subject, modes))
@@ -236,7 +258,7 @@ class _DraftReader:
             sentence = f"{subject} has both 'modes' and a '{key}' of its own"
             self._findings.add(rules.MODES_AND_FIELDS, entry.place, sentence, f"move '{key}' into the modes")
 
-    def _modes(self, subject: str, modes: yaml_source.Entry) -> dict[str, Element[schema.ModeForm]]:
+    def _modes(self, subject: str, modes: yaml_source.Entry) -> dict[str, Element[Mode]]:
         found = {
             name: self._mode(f"mode {shown(name)} of {subject}", name, entry)
             for name, entry in self._named(modes.node, f"'modes' of {subject}")
@@ -246,44 +268,46 @@ class _DraftReader:
             self._findings.add(rules.NO_MODE, modes.node.place, f"{subject} lists no mode", hint)
         return found
 
-    def _mode(
-        self, subject: str, name: str, entry: yaml_source.Entry, misspelt: Collection[str] = ()
-    ) -> Element[schema.ModeForm]:
-        form = self._form(subject, entry.place, entry.node, schema.ModeForm, misspelt=misspelt)
+    def _mode(self, subject: str, name: str, entry: yaml_source.Entry, misspelt: Collection[str] = ()) -> Element[Mode]:
+        form = self._form(subject, entry, Mode, {"name": name}, misspelt=misspelt)
         return Element(name, entry.place, entry.node, form)
 
     def _form(
         self,
         subject: str,
-        place: Place,
-        node: Node,
-        form: type[F_co],
+        entry: yaml_source.Entry,
+        kind: type[E_co],
+        found: Mapping[str, object],
         known: Collection[str] = (),
         *,
         misspelt: Collection[str] = (),
-    ) -> F_co | None:
+    ) -> E_co | None:
         """Read the fields of an element; if a field has a mistake, gives None and adds findings.
 
-        known: names of fields to suggest for an unknown field; empty: those of `form`.
+        found: fields that are no keys, such as the name.
+        known: names of fields to suggest for an unknown field; empty: the keys of `kind`.
         misspelt: fields that the file has under a wrong name, so that they are not reported as missing.
         """
-        fields = {} if yaml_source.is_nothing(node) else yaml_source.plain(node)
+        fields = {} if yaml_source.is_nothing(entry.node) else yaml_source.plain(entry.node)
         try:
-            return form.model_validate(fields)
+            return read(kind, fields, found)
         except ValidationError as failure:
-            _FormFindings(self._findings, subject, place, node, known or field_names(form)).add(failure, misspelt)
+            _FormFindings(self._findings, subject, entry, kind, known).add(failure, misspelt)
             return None
 
 
 class _FormFindings:
     """Turns pydantic's errors about one element into findings."""
 
-    def __init__(self, findings: Findings, subject: str, place: Place, node: Node, known: Collection[str]) -> None:
+    def __init__(
+        self, findings: Findings, subject: str, entry: yaml_source.Entry, kind: type, known: Collection[str]
+    ) -> None:
         self._findings = findings
         self._subject = subject
-        self._place = place
-        self._node = node
-        self._known = known
+        self._place = entry.place
+        self._node = entry.node
+        self._kind = kind
+        self._known = known or key_names(kind)
 
     def add(self, failure: ValidationError, misspelt: Collection[str]) -> None:
         errors: list[Any] = failure.errors(include_url=False)
@@ -319,7 +343,7 @@ class _FormFindings:
             self._findings.add(rule, node.place, f"{subject} {sentence}", hint)
 
     def _known_at(self, loc: tuple[int | str, ...]) -> Collection[str]:
-        return field_names(schema.WhenForm) if len(loc) > 1 else self._known  # `when` is the only map inside an element
+        return key_names(element_at(self._kind, loc[:-1])) if len(loc) > 1 else self._known
 
     def _unknown_field(self, loc: tuple[int | str, ...]) -> None:
         name = str(loc[-1])

@@ -9,7 +9,8 @@ stop, and their gates hold as before.
 """
 
 from heronry_dg.configuration import Configuration
-from heronry_dg.model import CRITICALITIES, Spec
+from heronry_dg.field_types import CRITICALITIES
+from heronry_dg.model import Spec
 from heronry_dg.traffic import best_rank
 
 _NOT_CRITICAL = len(CRITICALITIES) - 1

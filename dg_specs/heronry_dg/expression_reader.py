@@ -236,12 +236,12 @@ class ExpressionReader:
         None if the DEMUX or its variable has a mistake.
         """
         form = self._draft.demuxes[name].form
-        variable = self._draft.variables.get(form.demux) if form is not None else None
+        variable = self._draft.variables.get(form.variable) if form is not None else None
         if form is None or variable is None or variable.form is None:
             return None
         versions = variable.form.versions
         points = _default_worth(1, versions, versions, below_choice=False)
-        return _reading_of(Leaf(form.demux, 1, versions, points, demux=name), place)
+        return _reading_of(Leaf(form.variable, 1, versions, points, demux=name), place)
 
     def _named_gate(self, place: Place, name: str, below_choice: bool) -> Reading | None:
         reading = self._gates[name, below_choice]

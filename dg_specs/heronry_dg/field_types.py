@@ -1,16 +1,15 @@
-"""The types of the fields of a spec: which values are allowed, how they are read, what the JSON schema says of them.
+"""The types of the keys of a spec: which values are allowed, how they are read, what the JSON schema says of them.
 
-`schema` has the fields. A value that does not fit raises UnfitError, whose sentence `draft` turns into a finding.
+`model` has the keys. A value that does not fit raises UnfitError, whose sentence `draft` turns into a finding.
 """
 
+from collections.abc import Callable, Mapping
 from fractions import Fraction
-from typing import Annotated, Any, Final
-
-from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, WithJsonSchema
+from typing import Annotated, Any, Final, Literal
 
 from heronry_dg import quantities
 from heronry_dg.findings import shown
-from heronry_dg.model import CRITICALITIES, Criticality
+from heronry_dg.keys import Bounds, Reading
 from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType
@@ -23,33 +22,41 @@ MOST_RESTARTS: Final = 10  # the delay before a restart doubles each time
 MOST_POINTS: Final = 1_000_000  # of a priority, a value, a worth: sums of their products stay inside 64 bits
 
 
-def _number_schema(description: str) -> WithJsonSchema:
-    return WithJsonSchema({"type": "number", "minimum": 0, "description": description})
+CRITICALITIES = ("A", "B", "C", "D", "E")
+Criticality = Literal["A", "B", "C", "D", "E"]
 
 
-def _by_phase_schema(one: dict[str, Any]) -> WithJsonSchema:
+def _number(convert: Callable[[object], Any], description: str, parts: int = 1) -> Reading:
+    return Reading(convert, schema={"type": "number", "minimum": 0, "description": description}, parts=parts)
+
+
+def _memory(convert: Callable[[object], int]) -> Reading:
+    text = {"type": "string", "pattern": r"^[0-9]+(\.[0-9]+)?(KiB|MiB|GiB)$"}
+    return Reading(convert, schema={"anyOf": [{"type": "integer", "minimum": 0}, text]}, in_bytes=True)
+
+
+def _by_phase(one: dict[str, Any]) -> Reading:
     by_phase = {"type": "object", "additionalProperties": one, "required": [DEFAULT_PHASE]}
-    return WithJsonSchema({"anyOf": [one, by_phase]})
+    return Reading(before=_for_all_phases, after=_with_default, schema={"anyOf": [one, by_phase]}, in_any_order=True)
 
 
 def _different(names: list[str]) -> list[str]:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise UnfitError(rules.LISTED_TWICE, f"names {shown(name)} twice", "remove one of them")
-        seen.add(name)
-    return names
+    if len(set(names)) == len(names):
+        return names
+    twice = next(name for position, name in enumerate(names) if name in names[:position])
+    raise UnfitError(rules.LISTED_TWICE, f"names {shown(twice)} twice", "remove one of them")
 
 
 def _for_all_phases(value: object) -> object:
     return value if isinstance(value, dict) else {DEFAULT_PHASE: value}
 
 
-def _with_default(by_phase: dict[str, Any]) -> dict[str, Any]:
+def _with_default(by_phase: dict[str, Any]) -> dict[str | None, Any]:
+    """Convert the keys of a map by phase: `default`, which stands for all phases without a key, becomes None."""
     if DEFAULT_PHASE not in by_phase:
         hint = f"add '{DEFAULT_PHASE}', with the value for all other phases"
         raise UnfitError(rules.NO_DEFAULT, f"gives no '{DEFAULT_PHASE}'", hint)
-    return by_phase
+    return {None if phase == DEFAULT_PHASE else phase: value for phase, value in by_phase.items()}
 
 
 def _checkpoint(value: object) -> bool | int | str:
@@ -73,56 +80,40 @@ def _optional_number(value: object) -> Fraction | None:
     return None if value is None else quantities.number(value)
 
 
-_MEMORY_SCHEMA = WithJsonSchema(
-    {
-        "anyOf": [
-            {"type": "integer", "minimum": 0},
-            {"type": "string", "pattern": r"^[0-9]+(\.[0-9]+)?(KiB|MiB|GiB)$"},
-        ]
-    }
-)
-Cpu = Annotated[int, PlainValidator(quantities.cpu_millis), _number_schema("reference cores, to a thousandth")]
-Capacity = Annotated[
-    int, PlainValidator(quantities.positive_cpu_millis), _number_schema("reference cores, to a thousandth")
-]
-Memory = Annotated[int, PlainValidator(quantities.memory_bytes), _MEMORY_SCHEMA]
-PositiveMemory = Annotated[int, PlainValidator(quantities.positive_memory_bytes), _MEMORY_SCHEMA]
-Rate = Annotated[int, PlainValidator(quantities.rate_mhz), _number_schema("Hz, to a thousandth")]
-Period = Annotated[int, PlainValidator(quantities.period_ns), _number_schema("ms, to a nanosecond")]
-Span = Annotated[int, PlainValidator(quantities.span_ns), _number_schema("ms, to a nanosecond")]
-Share = Annotated[Fraction, PlainValidator(quantities.share), _number_schema("a share, 0 to 1")]
-FailureRate = Annotated[Fraction, PlainValidator(quantities.failures_per_hour), _number_schema("failures per hour")]
-Threshold = Annotated[Fraction | None, PlainValidator(_optional_number), WithJsonSchema({"type": "number"})]
-Names = Annotated[list[str], AfterValidator(_different), Field(json_schema_extra={"uniqueItems": True})]
-Version = Annotated[int, Field(ge=1)]
+Unread: Final = Reading(convert=lambda value: value)  # as the file has it: another stage of the loader reads it
+Cpu = Annotated[int, _number(quantities.cpu_millis, "reference cores, to a thousandth", parts=1000)]
+Capacity = Annotated[int, _number(quantities.positive_cpu_millis, "reference cores, to a thousandth", parts=1000)]
+Memory = Annotated[int, _memory(quantities.memory_bytes)]
+PositiveMemory = Annotated[int, _memory(quantities.positive_memory_bytes)]
+Rate = Annotated[int, _number(quantities.rate_mhz, "Hz, to a thousandth", parts=1000)]
+Period = Annotated[int, _number(quantities.period_ns, "ms, to a nanosecond", parts=1_000_000)]
+Span = Annotated[int, _number(quantities.span_ns, "ms, to a nanosecond", parts=1_000_000)]
+Share = Annotated[Fraction, _number(quantities.share, "a share, 0 to 1")]
+FailureRate = Annotated[Fraction, _number(quantities.failures_per_hour, "failures per hour")]
+Threshold = Annotated[Fraction | None, Reading(_optional_number, schema={"type": "number"})]
+Names = Annotated[tuple[str, ...], Reading(after=_different, marks={"uniqueItems": True})]
+Labels = Annotated[frozenset[str], Reading(after=_different, marks={"uniqueItems": True})]
+Version = Annotated[int, Bounds(ge=1)]
 PriorityRange = Annotated[
     tuple[int, int],
-    PlainValidator(_priority_range),
-    WithJsonSchema(
-        {
+    Reading(
+        _priority_range,
+        schema={
             "type": "array",
             "items": {"type": "integer", "minimum": 0, "maximum": MOST_PRIORITY},
             "minItems": 2,
             "maxItems": 2,
-        }
+        },
     ),
 ]
-Restarts = Annotated[int, Field(ge=0, le=MOST_RESTARTS)]
-Points = Annotated[int, Field(ge=0, le=MOST_POINTS)]
-PrintableText = Annotated[str, Field(min_length=1, max_length=64, pattern=r'^[^\x00-\x1f\x7f"\\]*$')]
-Checkpoint = Annotated[
-    bool | int | str, PlainValidator(_checkpoint), WithJsonSchema({"type": ["boolean", "integer", "string"]})
-]
-CriticalityByPhase = Annotated[
-    dict[str, Criticality],
-    BeforeValidator(_for_all_phases),
-    AfterValidator(_with_default),
-    _by_phase_schema({"enum": list(CRITICALITIES)}),
-]
+Restarts = Annotated[int, Bounds(ge=0, le=MOST_RESTARTS)]
+Points = Annotated[int, Bounds(ge=0, le=MOST_POINTS)]
+Name = Annotated[str, Bounds(pattern=f"^{NAME_PATTERN}$")]
+PrintableText = Annotated[str, Bounds(min_length=1, max_length=64, pattern=r'^[^\x00-\x1f\x7f"\\]*$')]
+Checkpoint = Annotated[bool | int | str, Reading(_checkpoint, schema={"type": ["boolean", "integer", "string"]})]
+CriticalityByPhase = Annotated[Mapping[str | None, Criticality], _by_phase({"enum": list(CRITICALITIES)})]
 PriorityByPhase = Annotated[
-    dict[str, Points],
-    BeforeValidator(_for_all_phases),
-    AfterValidator(_with_default),
-    _by_phase_schema({"type": "integer", "minimum": 0, "maximum": MOST_POINTS}),
+    Mapping[str | None, Points], _by_phase({"type": "integer", "minimum": 0, "maximum": MOST_POINTS})
 ]
-DataTypeName = Annotated[str, WithJsonSchema({"enum": [data_type.name for data_type in DataType]})]
+DataTypeName = Annotated[str, Reading(schema={"enum": [data_type.name for data_type in DataType]})]
+Initial = Annotated[int | float | str | tuple[int, ...] | None, Unread]  # `initial_value`, which needs the data type

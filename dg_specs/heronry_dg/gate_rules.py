@@ -8,15 +8,17 @@ modes is refused, although it can never be wired.
 Source: docs/semantics.md, section 2, and semantics rule 6.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from heronry_dg import cycles, schema, yaml_source
+from heronry_dg import cycles, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
 from heronry_dg.expression_reader import ExpressionReader, Reading
 from heronry_dg.findings import Findings, Place, listed, shown_cycle
 from heronry_dg.gates import Expression, leaves
+from heronry_dg.model import Mode
 from heronry_dg.rules import graph as rules
+from heronry_dg.schema import ONLY_MODE
 
 ModeName = tuple[str, str]  # module, mode
 _Datum = tuple[str, int]  # variable, version
@@ -150,10 +152,10 @@ class _GateRules:
                 hint = "other modes of the module do: every mode of a branch must"
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
-    def _outputs(self, name: str) -> list[str]:
+    def _outputs(self, name: str) -> Sequence[str]:
         """Give the modules that can each serve a function whose output is `name`, a module or a DEMUX."""
         demux = self._draft.demuxes.get(name)
-        ends = demux.form.to if demux is not None and demux.form is not None else []
+        ends = demux.form.to if demux is not None and demux.form is not None else ()
         return ends or self.branches.get(name, [name])
 
     def _all_is_read(self) -> bool:
@@ -192,7 +194,7 @@ class _GateRules:
         self._findings.add(rules.CYCLE, first.place, sentence, f"give an 'initial' value to {which}")
 
 
-def _needs(mode: Element[schema.ModeForm]) -> yaml_source.Node | None:
+def _needs(mode: Element[Mode]) -> yaml_source.Node | None:
     fields = mode.node.entries if isinstance(mode.node, yaml_source.Mapping) else {}
     needs = fields["needs"].node if "needs" in fields else None
     return None if needs is None or yaml_source.is_nothing(needs) else needs
@@ -202,7 +204,7 @@ def _shown(draft: Draft, node: ModeName | _Datum) -> str:
     name, step = node
     if isinstance(step, int):
         return f"{name}@{step}" if _versions(draft, name) > 1 else name
-    return name if step == schema.ONLY_MODE else f"{name} ({step})"
+    return name if step == ONLY_MODE else f"{name} ({step})"
 
 
 def _versions(draft: Draft, variable: str) -> int:

@@ -3,10 +3,10 @@
 The stages, each with the files that do it:
 
     yaml_source                      reads the bytes into a tree of values with their places in the file
-    draft, schema, quantities        read elements and their fields, in exact numbers
+    draft, schema, quantities        read elements and their keys, which `model` declares, in exact numbers
     reference_rules                  checks names and numbers against one another
     expression_reader, gate_rules    read gates, replace the name of a gate by its expression, and check the gates
-    this file                        builds the model, but only if no finding stops the spec from being loaded
+    this file                        fills in what elements decide for one another, if no finding stops it
     meaning                          names the model by its digest
     demux_paths                      checks the paths behind DEMUXes in the model
 """
@@ -15,41 +15,25 @@ import gc
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from heronry_dg import schema, yaml_source
+from heronry_dg import yaml_source
 from heronry_dg.demux_paths import check_demux_paths
 from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
-from heronry_dg.field_types import DEFAULT_PHASE, NAME_PATTERN
+from heronry_dg.field_types import NAME_PATTERN
 from heronry_dg.findings import Findings, Place
 from heronry_dg.gate_rules import Gates, read_gates
+from heronry_dg.keys import keys_of
 from heronry_dg.meaning import with_digest
 from heronry_dg.misspelt import blame_declarations
-from heronry_dg.model import (
-    Bus,
-    Contingency,
-    Demux,
-    Device,
-    Function,
-    Manager,
-    Mode,
-    Module,
-    Pe,
-    Phase,
-    Plant,
-    Spec,
-    Variable,
-    When,
-)
+from heronry_dg.model import Bus, Demux, Function, Header, Manager, Module, Phase, Spec, Variable
 from heronry_dg.reference_rules import check_references, initial_value
 from heronry_dg.rules import file as file_rules
-from heronry_dg.schema import Form
 
 SUFFIX = ".dg.yaml"
 
-F = TypeVar("F", bound=Form)
 V = TypeVar("V")
 
 
@@ -144,139 +128,62 @@ def _name_of(file: str) -> str:
 
 
 def _built(draft: Draft, gates: Gates, file_name: str) -> Spec:
+    """Build the model of a draft without findings: what other elements decide is filled in."""
     header = _of(draft.header)
-    contingency = _of(draft.contingency.form)
-    buses = {name: _bus(name, form) for name, form in _forms(draft.buses)}
-    demuxes = {
-        name: Demux(name, form.demux, gates.branches[name], tuple(form.to)) for name, form in _forms(draft.demuxes)
-    }
+    buses = _forms(draft.buses)
+    demuxes = {name: replace(demux, branches=gates.branches[name]) for name, demux in _forms(draft.demuxes).items()}
+    given: dict[str, Any] = {one.field: getattr(header, one.field) for one in keys_of(Header)}
     return Spec(
-        name=header.name or file_name,
+        **{**given, "name": header.name or file_name},
         digest="",
         buses=buses,
+        pes=_forms(draft.pes),
+        devices=_forms(draft.devices),
+        variables={name: _variable(variable) for name, variable in _forms(draft.variables).items()},
         manager=_manager(_of(draft.manager.form), buses),
-        pes={name: _pe(name, form) for name, form in _forms(draft.pes)},
-        devices={name: Device(name, form.kind, form.pe, form.rate_per_h) for name, form in _forms(draft.devices)},
-        variables={name: _variable(name, form) for name, form in _forms(draft.variables)},
         demuxes=demuxes,
         shorthands=gates.shorthands,
         modules={name: _module(module, gates) for name, module in draft.modules.items()},
-        functions={name: _function(name, form, demuxes) for name, form in _forms(draft.functions)},
-        phases={name: _phase(name, form, list(draft.phases)) for name, form in _forms(draft.phases)},
-        separate=tuple(tuple(group) for group in header.separate),
-        together=tuple(tuple(group) for group in header.together),
-        contingency=Contingency(contingency.faults, _optional_tuple(contingency.phases)),
-        plants={name: _plant(name, form) for name, form in _forms(draft.plants)},
+        functions={name: _function(function, demuxes) for name, function in _forms(draft.functions).items()},
+        phases={name: _phase(phase, list(draft.phases)) for name, phase in _forms(draft.phases).items()},
+        plants=_forms(draft.plants),
+        contingency=_of(draft.contingency.form),
     )
 
 
-def _bus(name: str, form: schema.BusForm) -> Bus:
-    return Bus(
-        name=name,
-        bitrate=form.bitrate,
-        max_load=form.max_load,
-        reserve=form.reserve,
-        kind=form.kind,
-        channels=form.channels,
-        heartbeat_ns=form.heartbeat_ns,
-        misses=form.misses,
-        rate_per_h=form.rate_per_h,
-    )
-
-
-def _manager(form: schema.ManagerForm, buses: Mapping[str, Bus]) -> Manager:
+def _manager(manager: Manager, buses: Mapping[str, Bus]) -> Manager:
     first_wired = next((bus.name for bus in buses.values() if bus.kind == "wired"), None)
-    return Manager(_of(form.bus or first_wired), form.without_manager)
+    return replace(manager, bus=_of(manager.bus or first_wired))
 
 
-def _pe(name: str, form: schema.PeForm) -> Pe:
-    return Pe(
-        name=name,
-        node_id=form.node_id,
-        buses=tuple(form.buses),
-        cpu_millis=form.cpu_millis,
-        ram=form.ram,
-        flash=form.flash,
-        features=frozenset(form.features),
-        table_bytes=form.table_bytes,
-        rate_per_h=form.rate_per_h,
-    )
-
-
-def _variable(name: str, form: schema.VariableForm) -> Variable:
-    return Variable(
-        name=name,
-        type=form.type,
-        unit=form.unit,
-        versions=form.versions,
-        identifier=form.identifier,
-        initial=initial_value(form.initial, form.type),
-        deadline_ns=form.deadline_ns,
-    )
+def _variable(variable: Variable) -> Variable:
+    if variable.initial is None:
+        return variable
+    return replace(variable, initial=initial_value(variable.initial, variable.type))
 
 
 def _module(module: ModuleElement, gates: Gates) -> Module:
     form = _of(module.form)
-    return Module(
-        name=module.name,
-        image=form.image or module.name,
-        modes={name: _mode(module.name, name, mode, gates) for name, mode in _forms(module.modes)},
-        device=form.device,
-        runs_on=_optional_tuple(form.runs_on),
-        requires=frozenset(form.requires),
-        flash=form.flash,
-        partition=form.partition,
-        restarts=form.restarts,
-        checkpoint=form.checkpoint,
-        rate_per_h=form.rate_per_h,
-    )
+    modes = {
+        name: mode if (needs := gates.needs[module.name, name]) is None else replace(mode, needs=needs)
+        for name, mode in _forms(module.modes).items()
+    }
+    return replace(form, image=form.image or module.name, modes=modes)
 
 
-def _mode(module: str, name: str, form: schema.ModeForm, gates: Gates) -> Mode:
-    return Mode(
-        name=name,
-        needs=gates.needs[module, name],
-        gives=form.gives,
-        cpu_millis=form.cpu_millis,
-        ram=form.ram,
-        rate_mhz=form.rate_mhz,
-    )
+def _function(function: Function, demuxes: Mapping[str, Demux]) -> Function:
+    output = function.output
+    return replace(function, outputs=demuxes[output].ends if output in demuxes else (output,))
 
 
-def _function(name: str, form: schema.FunctionForm, demuxes: Mapping[str, Demux]) -> Function:
-    return Function(
-        name=name,
-        output=form.output,
-        outputs=demuxes[form.output].ends if form.output in demuxes else (form.output,),
-        criticality=_by_phase(form.criticality),
-        priority=_by_phase(form.priority),
-        value=_optional_tuple(form.value),
-        priority_range=form.priority_range,
-    )
+def _phase(phase: Phase, order: list[str]) -> Phase:
+    if phase.when is None or phase.when.origins:
+        return phase
+    return replace(phase, when=replace(phase.when, origins=tuple(order[: order.index(phase.name)])))
 
 
-def _plant(name: str, form: schema.PlantForm) -> Plant:
-    return Plant(name, tuple(form.moved_by), tuple(form.seen_by), tuple(form.affects), form.criticality)
-
-
-def _phase(name: str, form: schema.PhaseForm, order: list[str]) -> Phase:
-    if form.when is None:
-        return Phase(name)
-    rule, origins = form.when, form.when.origins or order[: order.index(name)]
-    return Phase(name, When(rule.variable, rule.above, rule.below, rule.hold_ns, tuple(origins)))
-
-
-def _by_phase(values: Mapping[str, V]) -> dict[str | None, V]:
-    """Convert the keys of a map by phase: `default`, which stands for all phases without a key, becomes None."""
-    return {None if phase == DEFAULT_PHASE else phase: value for phase, value in values.items()}
-
-
-def _optional_tuple(items: list[V] | None) -> tuple[V, ...] | None:
-    return None if items is None else tuple(items)
-
-
-def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
-    return [(name, _of(element.form)) for name, element in elements.items()]
+def _forms(elements: Mapping[str, Element[V]]) -> dict[str, V]:
+    return {name: _of(element.form) for name, element in elements.items()}
 
 
 def _of(value: V | None) -> V:

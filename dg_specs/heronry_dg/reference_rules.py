@@ -11,13 +11,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from decimal import Decimal
 from typing import Final, TypeVar
 
-from heronry_dg import schema, yaml_source
+from heronry_dg import yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
 from heronry_dg.field_types import DEFAULT_PHASE
 from heronry_dg.findings import Findings, Place, listed, shown
+from heronry_dg.model import Function, Mode, Module, Phase, Variable, When
 from heronry_dg.rules import graph
 from heronry_dg.rules import schema as rules
-from heronry_dg.schema import Form
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.frame import WireError
 
@@ -26,7 +26,7 @@ _NUMERIC: Final = ("FLOAT", "LONG", "ULONG", "BLONG", "SHORT", "USHORT", "BSHORT
 _TYPE_NAMES: Final = tuple(DataType.__members__)
 _NOT_NUMERIC: Final = frozenset(_TYPE_NAMES) - frozenset(_NUMERIC)
 
-F = TypeVar("F", bound=Form)
+E = TypeVar("E")
 
 
 def check_references(draft: Draft, findings: Findings) -> None:
@@ -89,16 +89,19 @@ class _ReferenceRules:
             return  # a section with a misspelt name may be the one that is missing
         wired = [bus.name for bus, form in _whole(self._draft.buses) if form.kind == "wired"]
         place = _value_place(manager, "bus")
+        given = not yaml_source.is_nothing(_child(manager.node, "bus")) and manager.node is not _child(
+            manager.node, "bus"
+        )
         if not self._draft.buses:
             place = yaml_source.key_place(self._draft.root, "buses")
             self._findings.add(graph.MANAGER_BUS, place, "there is no bus", "write buses: {can0: {bitrate: 1000000}}")
-        elif form.bus is None and not wired:
+        elif not given and not wired:
             place = yaml_source.key_place(self._draft.root, "buses")
             sentence = "no bus is wired, and no bus is given for the manager"
             self._findings.add(graph.MANAGER_BUS, place, sentence, "write manager: {bus: NAME}")
-        elif form.bus is not None and form.bus not in self._draft.buses:
+        elif given and form.bus not in self._draft.buses:
             self._findings.unknown(graph.UNKNOWN_NAME, place, "bus", form.bus, self._draft.buses.keys())
-        elif form.bus is not None and wired and form.bus not in wired:
+        elif given and wired and form.bus not in wired:
             sentence = f"the manager is on bus '{form.bus}', which is wireless"
             self._findings.add(
                 graph.MANAGER_BUS, place, sentence, f"put the manager on a wired bus, such as {wired[0]}"
@@ -160,7 +163,7 @@ class _ReferenceRules:
                 for variable, version in form.gives.items():
                     self._gives(mode, variable, version)
         for demux, demux_form in _whole(self._draft.demuxes):
-            self._name(_value_place(demux, "demux"), "variable", demux_form.demux, self._draft.variables)
+            self._name(_value_place(demux, "demux"), "variable", demux_form.variable, self._draft.variables)
             self._names(demux, "to", demux_form.to, "module", self._draft.modules)
 
     def functions(self) -> None:
@@ -207,7 +210,7 @@ class _ReferenceRules:
                     place = yaml_source.place_at(self._draft.root, (rule, group, index))
                     self._name(place, "module", name, self._draft.modules)
 
-    def _initial(self, variable: Element[schema.VariableForm], form: schema.VariableForm) -> None:
+    def _initial(self, variable: Element[Variable], form: Variable) -> None:
         try:
             value = initial_value(form.initial, form.type)
             if isinstance(value, tuple) and form.type in _NUMERIC:
@@ -218,7 +221,7 @@ class _ReferenceRules:
             hint = f"write a value that {form.type} takes, or take another type"
             self._findings.add(rules.BAD_INITIAL, _value_place(variable, "initial"), sentence, hint)
 
-    def _module_place(self, module: ModuleElement, form: schema.ModuleForm) -> None:
+    def _module_place(self, module: ModuleElement, form: Module) -> None:
         self._names(module, "runs_on", form.runs_on or (), "pe", self._draft.pes)
         if form.device is None:
             return
@@ -232,7 +235,7 @@ class _ReferenceRules:
             hint = "'runs_on' must allow that PE, or be left out"
             self._findings.add(graph.RUNS_NOWHERE, yaml_source.key_place(module.node, "runs_on"), sentence, hint)
 
-    def _gives(self, mode: Element[schema.ModeForm], name: str, version: int) -> None:
+    def _gives(self, mode: Element[Mode], name: str, version: int) -> None:
         place = yaml_source.key_place(_child(mode.node, "gives"), name)
         self._name(place, "variable", name, self._draft.variables)
         variable = self._draft.variables.get(name)
@@ -243,15 +246,15 @@ class _ReferenceRules:
             place = _value_place(mode, "gives", name)
             self._findings.add(graph.VERSION_OUT_OF_RANGE, place, sentence, f"'{name}' has {there}")
 
-    def _phase_keys(self, function: Element[schema.FunctionForm], field: str, by_phase: Mapping[str, object]) -> None:
+    def _phase_keys(self, function: Element[Function], field: str, by_phase: Mapping[str | None, object]) -> None:
         for phase in by_phase:
-            if phase != DEFAULT_PHASE:
+            if phase is not None:
                 place = yaml_source.key_place(_child(function.node, field), phase)
                 self._name(place, "phase", phase, self._draft.phases)
 
-    def _when(self, phase: Element[schema.PhaseForm], when: schema.WhenForm) -> None:
+    def _when(self, phase: Element[Phase], when: When) -> None:
         self._name(_value_place(phase, "when", "variable"), "variable", when.variable, self._draft.variables)
-        for index, origin in enumerate(when.origins or ()):
+        for index, origin in enumerate(when.origins):
             self._name(_value_place(phase, "when", "from", index), "phase", origin, self._draft.phases)
         variable = self._draft.variables.get(when.variable)
         if variable is not None and variable.form is not None and variable.form.type in _NOT_NUMERIC:
@@ -264,7 +267,7 @@ class _ReferenceRules:
             self._findings.add(rules.ONE_THRESHOLD, place, sentence, "write either 'above' or 'below'")
 
     def _names(
-        self, element: Element[Form], field: str, names: Iterable[str], kind: str, known: Collection[str]
+        self, element: Element[object], field: str, names: Iterable[str], kind: str, known: Collection[str]
     ) -> None:
         for index, name in enumerate(names):
             self._name(_value_place(element, field, index), kind, name, known)
@@ -317,15 +320,21 @@ def initial_value(value: object, data_type: str) -> int | float | str | tuple[in
             raise TypeError("a list may contain only whole numbers")
 
 
-def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:
+def _whole(elements: Mapping[str, Element[E]]) -> Iterator[tuple[Element[E], E]]:
     """Give the elements whose fields have no mistake, each with its fields."""
     return ((element, element.form) for element in elements.values() if element.form is not None)
 
 
-def _value_place(element: Element[Form], *path: str | int) -> Place:
+def _value_place(element: Element[object], *path: str | int) -> Place:
     """Place of a value in the file, or of the element's name where the value is missing."""
     place = yaml_source.place_at(element.node, path)
     return element.place if place == element.node.place else place
+
+
+def _is_given(node: yaml_source.Node, key: str) -> bool:
+    """Tell whether an element of the file has a key with a value."""
+    entries = node.entries if isinstance(node, yaml_source.Mapping) else {}
+    return key in entries and not yaml_source.is_nothing(entries[key].node)
 
 
 def _child(node: yaml_source.Node, key: str) -> yaml_source.Node:

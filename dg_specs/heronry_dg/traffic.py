@@ -13,7 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration
-from heronry_dg.model import CRITICALITIES, Function, Mode, Spec
+from heronry_dg.field_types import CRITICALITIES
+from heronry_dg.model import Function, Mode, Spec
 from heronry_dg.situation import Survivors
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.identifiers import Source, allocate

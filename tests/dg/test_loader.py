@@ -19,7 +19,7 @@ from heronry_dg.findings import Findings, SpecError
 from heronry_dg.gates import And, Leaf, Or, Xor
 from heronry_dg.loader import load, loads
 from heronry_dg.model import Bus, Contingency, Demux, Device, Function, Manager, Mode, Module, Pe, Spec, Variable, When
-from heronry_dg.schema import SpecForm
+from heronry_dg.schema import spec_form
 from heronry_dg.shipped import UnknownSpecError, shipped_spec_names, shipped_spec_path
 from thoroughness import part_of
 
@@ -133,11 +133,11 @@ contingency: {{faults: 3, phases: [land]}}
     spec = loads(text, "x.dg.yaml")
     assert spec.name == "whole"
     assert spec.buses["can0"] == Bus(
-        "can0", 500_000, Fraction(3, 4), Fraction(1, 20), "wired", 2, 12_500_000, 4, Fraction(1, 100_000)
+        "can0", 500_000, Fraction(3, 4), Fraction(1, 20), "wired", 2, 12_500_000, 4, rate_per_h=Fraction(1, 100_000)
     )
     assert spec.manager == Manager("can0", "safe_mode")
     assert spec.pes["nav"] == Pe(
-        "nav", 125, ("can0", "air"), 1250, 1 << 20, 2 << 20, frozenset({"fpu"}), 8192, Fraction(1, 2)
+        "nav", 125, ("can0", "air"), 1250, 1 << 20, 2 << 20, frozenset({"fpu"}), 8192, rate_per_h=Fraction(1, 2)
     )
     assert spec.devices["gps"].rate_per_h == 0
     assert spec.variables == {
@@ -151,7 +151,7 @@ contingency: {{faults: 3, phases: [land]}}
     }
     pinned = frozenset({"fpu"})
     assert spec.modules["m"] == Module(
-        "m", "code", modes, "gps", ("nav",), pinned, 1536, "safe", 5, True, Fraction(1, 4)
+        "m", "code", modes, "gps", ("nav",), pinned, 1536, "safe", 5, True, rate_per_h=Fraction(1, 4)
     )
     assert list(spec.modules["n"].modes) == ["only"]
     function = spec.functions["f"]
@@ -191,7 +191,7 @@ def test_loading_needs_no_solver() -> None:
 
 
 def test_every_field_is_documented_where_it_is_read() -> None:
-    definitions = SpecForm.model_json_schema()["$defs"]
+    definitions = spec_form().model_json_schema()["$defs"]
     fields = {
         f"{form}.{name}": field for form, body in definitions.items() for name, field in body["properties"].items()
     }

@@ -11,12 +11,13 @@ from dg.mutations import CHANGES, originals, tally
 from heronry_dg.check.assess import assess
 from heronry_dg.check.examples import SOUND
 from heronry_dg.check.text_report import full
-from heronry_dg.schema import SpecForm, field_names
+from heronry_dg.keys import key_names
+from heronry_dg.model import Spec
 from heronry_tools.analysis.check.registry import RULES, checks_of
 
 WORDS = st.sampled_from(
     [
-        *field_names(SpecForm),
+        *key_names(Spec),
         *("and", "or", "xor", "k", "of", "var", "worth", "demux", "speed", "gps", "nav", "driver", "needs", "gives"),
         *("cpu", "ram", "rate_hz", "modes", "device", "kind", "sensor", "type", "FLOAT", "versions"),
     ]

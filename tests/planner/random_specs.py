@@ -1,7 +1,7 @@
 """Small random specs with every kind of element: test cases of planner, verifier and enumerator.
 
 `random_case` draws from a `random.Random`, a seeded one or Hypothesis's (`st.randoms`). Every spec meets the conditions
-that a loaded spec meets (`model.py`). Capacities, bit rates and deadlines are drawn so that they often bind. `features`
+that a loaded spec meets (`model`). Capacities, bit rates and deadlines are drawn so that they often bind. `features`
 names what a case contains, so that a test can check that every feature occurs.
 """
 
@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import get_args
 
+from heronry_dg.field_types import Criticality
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, holds, with_leaves
 from heronry_dg.model import (
     Bus,
-    Criticality,
     Demux,
     Device,
     Function,

@@ -4,9 +4,9 @@ from functools import cache
 
 import pytest
 
+from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.gates import leaves
 from heronry_dg.loader import load
-from heronry_dg.model import CRITICALITIES
 from heronry_dg.plan import Plan
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import situation

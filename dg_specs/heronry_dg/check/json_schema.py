@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from heronry_dg.field_types import DEFAULT_PHASE, MOST_POINTS, NAME_PATTERN
-from heronry_dg.schema import DemuxForm, SpecForm
+from heronry_dg.model import Demux
+from heronry_dg.schema import form_of, spec_form
 
 _DRAFT: Final = "http://json-schema.org/draft-07/schema#"
 _NAME: Final = f"^{NAME_PATTERN}$"
@@ -107,13 +108,13 @@ def schema_text() -> str:
 
 def spec_schema() -> dict[str, Any]:
     """Give the schema of a whole spec."""
-    schema = SpecForm.model_json_schema(by_alias=True, ref_template="#/definitions/{model}")
+    schema = spec_form().model_json_schema(by_alias=True, ref_template="#/definitions/{model}")
     definitions = schema.pop("$defs")
     definitions["Expression"] = dict(_EXPRESSION)
     for part in (schema, *definitions.values()):
         _complete(part)
     _complete_sections(schema["properties"])
-    definitions["DemuxForm"] = DemuxForm.model_json_schema(by_alias=True)
+    definitions["DemuxForm"] = form_of(Demux).model_json_schema(by_alias=True)
     _complete(definitions["DemuxForm"])
     definitions["WhenForm"]["oneOf"] = [_number_given("above"), _number_given("below")]
     definitions["ModuleOfOneModeForm"]["properties"]["modes"] = dict(_NO_MODES)

@@ -15,8 +15,9 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from heronry_dg.check.subject import Subject
+from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.findings import Findings, listed, shown
-from heronry_dg.model import CRITICALITIES, Module, Spec
+from heronry_dg.model import Module, Spec
 from heronry_dg.response_times import Response, ResponseTimes
 from heronry_dg.rules import wire as rules
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors

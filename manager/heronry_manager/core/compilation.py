@@ -12,7 +12,8 @@ from itertools import pairwise
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.expendable import expendable
-from heronry_dg.model import CRITICALITIES, Module, Phase, Spec, Variable
+from heronry_dg.field_types import CRITICALITIES
+from heronry_dg.model import Module, Phase, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import criticality_ranks, identifiers
 from heronry_dg.wire_limits import require_wire_limits

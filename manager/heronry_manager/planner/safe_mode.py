@@ -11,8 +11,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.gates import Leaf, with_leaves
-from heronry_dg.model import CRITICALITIES, Function, Mode, Module, Spec
+from heronry_dg.model import Function, Mode, Module, Spec
 from heronry_dg.objective import Placement, score
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation

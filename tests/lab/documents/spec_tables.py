@@ -1,53 +1,60 @@
 """The format of a spec, from the schema that reads it: keys, their defaults, and limits."""
 
-from collections.abc import Iterator
-from fractions import Fraction
-from typing import Any, Literal, get_args, get_origin
+from collections.abc import Iterator, Mapping
+from typing import Any, Final, Literal, get_args, get_origin
 
 import yaml
 from pydantic.fields import FieldInfo
 
-from heronry_dg import expression_reader, quantities, reference_rules, schema, yaml_source
+from heronry_dg import expression_reader, model, quantities, reference_rules, schema, yaml_source
 from heronry_dg.field_types import MOST_POINTS, MOST_VERSIONS, NAME_PATTERN
+from heronry_dg.keys import REQUIRED, DeclaredKey, element_in, keys_of
 from lab.documents.markdown import code, table
 
-_FORMS: dict[str, tuple[str, type[schema.Form]]] = {
-    "the file itself": ("", schema.HeaderForm),
-    "buses": ("one entry per CAN segment", schema.BusForm),
-    "manager": ("where the managers sit", schema.ManagerForm),
-    "pes": ("one entry per processing element", schema.PeForm),
-    "devices": ("one entry per sensor or actuator", schema.DeviceForm),
-    "variables": ("one entry per datum that modules exchange", schema.VariableForm),
-    "gates": ("one entry per DEMUX; any other entry is a named expression (section 2)", schema.DemuxForm),
-    "modules": ("one entry per module", schema.ModuleForm),
-    "modules: modes": ("one entry per mode, best first", schema.ModeForm),
-    "functions": ("one entry per system output", schema.FunctionForm),
-    "phases": ("one entry per mission phase; the first is the initial one", schema.PhaseForm),
-    "phases: when": ("exactly one of `above` and `below`", schema.WhenForm),
-    "plants": ("one entry per part of the physical world; plans do not depend on them", schema.PlantForm),
-    "contingency": ("what must be planned ahead", schema.ContingencyForm),
+_KINDS: Final[Mapping[str, tuple[str, type]]] = {
+    "the file itself": ("", model.Header),
+    "buses": ("one entry per CAN segment", model.Bus),
+    "manager": ("where the managers sit", model.Manager),
+    "pes": ("one entry per processing element", model.Pe),
+    "devices": ("one entry per sensor or actuator", model.Device),
+    "variables": ("one entry per datum that modules exchange", model.Variable),
+    "gates": ("one entry per DEMUX; any other entry is a named expression (section 2)", model.Demux),
+    "modules": ("one entry per module", model.Module),
+    "modules: modes": ("one entry per mode, best first", model.Mode),
+    "functions": ("one entry per system output", model.Function),
+    "phases": ("one entry per mission phase; the first is the initial one", model.Phase),
+    "plants": ("one entry per part of the physical world; plans do not depend on them", model.Plant),
+    "contingency": ("what must be planned ahead", model.Contingency),
 }
-_OF_EVERY_KIND = "rate_per_h"
+_CONDITIONS: Final[Mapping[type, str]] = {model.When: "exactly one of `above` and `below`"}
+_MODES: Final = [
+    "`modes`",
+    "a single mode, `only`",
+    "",
+    "Its modes by name, best first; with one, its keys may stand here.",
+]
 
 
 def keys() -> str:
-    """Give one table per section of a spec: every key, its default, an example, its meaning."""
-    parts = []
-    for section, (what, form) in _FORMS.items():
-        title = f"**{section}**" if not what else f"**`{section}`**: {what}"
-        fields = sorted(form.model_fields.items(), key=lambda item: item[0] == _OF_EVERY_KIND)
-        rows = [_row(field.alias or name, field) for name, field in fields]
-        if form is schema.ModuleForm:
-            rows.append(
-                [
-                    "`modes`",
-                    "a single mode, `only`",
-                    "",
-                    "Its modes by name, best first; with one, its keys may stand here.",
-                ]
-            )
-        parts.append(f"{title}\n\n" + table(["key", "if left out", "example", "meaning"], rows))
-    return "\n\n".join(parts)
+    """Give one table per section of a spec, and per element inside an element: every key with its default, an example
+    and its meaning.
+    """
+    return "\n\n".join(part for section, (what, kind) in _KINDS.items() for part in _tables(section, what, kind))
+
+
+def _tables(section: str, what: str, kind: type) -> Iterator[str]:
+    title = f"**{section}**" if not what else f"**`{section}`**: {what}"
+    declared = sorted(keys_of(kind), key=lambda one: one.inherited)
+    fields = schema.form_of(kind).model_fields
+    rows = [_row(one, fields[one.field]) for one in declared]
+    yield f"{title}\n\n" + table(
+        ["key", "if left out", "example", "meaning"], [*rows, _MODES] if kind is model.Module else rows
+    )
+    for one in declared:
+        inner = element_in(one.type)
+        if inner is not None:
+            what = _CONDITIONS.get(inner, (inner.__doc__ or "").partition("\n")[0].rstrip("."))
+            yield from _tables(f"{section}: {one.name}", what[:1].lower() + what[1:], inner)
 
 
 def limits() -> str:
@@ -71,19 +78,17 @@ def limits() -> str:
     return table(["what", "at most"], rows)
 
 
-def _row(key: str, field: FieldInfo) -> list[str]:
+def _row(one: DeclaredKey, field: FieldInfo) -> list[str]:
     example = code(_yaml(field.examples[0])) if field.examples else ""
     meaning = " ".join(filter(None, [field.description, _choices(field), _range(field)]))
-    return [code(key), _default(field), example, meaning]
+    return [code(one.name), _default(one), example, meaning]
 
 
-def _default(field: FieldInfo) -> str:
-    if field.is_required():
+def _default(one: DeclaredKey) -> str:
+    if one.default is REQUIRED:
         return "must be given"
-    if field.default in (None, [], {}):
-        return ""
-    value = float(field.default) if isinstance(field.default, Fraction) else field.default
-    return code(value)
+    written = one.written(one.default)
+    return code(written) if written not in (None, [], {}) else ""
 
 
 def _choices(field: FieldInfo) -> str:

@@ -16,7 +16,8 @@ from heronry_agent.core.publishing import Publisher
 from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.staging import Configured
 from heronry_agent.core.table_index import TableIndex
-from heronry_dg import gates, schema, verify
+from heronry_dg import gates, model, verify
+from heronry_dg.keys import key_names
 from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import UnknownElementError, situation
@@ -179,30 +180,30 @@ def test_the_example_spec_loads_and_has_every_key_there_is(example: str) -> None
     loads(example, "docs/semantics.md")
     written = yaml.safe_load(example)
 
-    def entries(section: str, form: type[schema.Form]) -> set[tuple[str, str]]:
-        return {(section, key) for key in schema.field_names(form)}
+    def entries(section: str, kind: type) -> set[tuple[str, str]]:
+        return {(section, key) for key in key_names(kind)}
 
     def used(section: str, elements: Iterator[dict[str, object]]) -> set[tuple[str, str]]:
         return {(section, key) for element in elements for key in element}
 
     modules = written["modules"].values()
     modes = [mode for module in modules for mode in module.get("modes", {}).values()]
-    every, found = entries("", schema.SpecForm), used("", iter([written]))
-    for section, form in (("buses", schema.BusForm), ("pes", schema.PeForm), ("devices", schema.DeviceForm)):
-        every |= entries(section, form)
+    every, found = entries("", model.Spec), used("", iter([written]))
+    for section, kind in (("buses", model.Bus), ("pes", model.Pe), ("devices", model.Device)):
+        every |= entries(section, kind)
         found |= used(section, iter(written[section].values()))
-    every |= entries("variables", schema.VariableForm) | entries("functions", schema.FunctionForm)
+    every |= entries("variables", model.Variable) | entries("functions", model.Function)
     found |= used("variables", iter(written["variables"].values()))
     found |= used("functions", iter(written["functions"].values()))
-    every |= entries("modules", schema.ModuleOfModesForm) | entries("modes", schema.ModeForm)
+    every |= entries("modules", model.Module) | {("modules", "modes")} | entries("modes", model.Mode)
     found |= used("modules", iter(module for module in modules if "modes" in module)) | used("modes", iter(modes))
-    found |= {("modules", key) for module in modules for key in module if key in schema.field_names(schema.ModuleForm)}
-    every |= entries("when", schema.WhenForm) | entries("contingency", schema.ContingencyForm)
+    found |= {("modules", key) for module in modules for key in module if key in key_names(model.Module)}
+    every |= entries("when", model.When) | entries("contingency", model.Contingency)
     found |= used("when", iter(phase["when"] for phase in written["phases"].values() if "when" in phase))
     found |= used("contingency", iter([written["contingency"]]))
-    every |= entries("plants", schema.PlantForm)
+    every |= entries("plants", model.Plant)
     found |= used("plants", iter(written["plants"].values()))
-    every |= entries("manager", schema.ManagerForm)
+    every |= entries("manager", model.Manager)
     found |= used("manager", iter([written["manager"]]))
     assert found == every
 

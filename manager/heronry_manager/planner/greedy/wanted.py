@@ -6,7 +6,8 @@ For each of these functions, this file also computes how much each mode of its o
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from heronry_dg.model import CRITICALITIES, Function
+from heronry_dg.field_types import CRITICALITIES
+from heronry_dg.model import Function
 from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_dg.situation import Situation
 from heronry_manager.planner.greedy.numbering import Numbering

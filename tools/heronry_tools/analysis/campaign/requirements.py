@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from heronry_dg.model import CRITICALITIES, Function, Spec
+from heronry_dg.field_types import CRITICALITIES
+from heronry_dg.model import Function, Spec
 from heronry_manager.planner.sweep import FaultSet, Outcome, Phase
 from heronry_tools.analysis.campaign.minimal import minimal
 from heronry_tools.console.errors import UserError

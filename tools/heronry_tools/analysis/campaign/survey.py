@@ -11,7 +11,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from heronry_dg.model import CRITICALITIES, Function, Spec
+from heronry_dg.field_types import CRITICALITIES
+from heronry_dg.model import Function, Spec
 from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
 from heronry_tools.analysis.campaign.minimal import minimal
 from heronry_tools.analysis.campaign.rates import Likelihood, likelihood

@@ -2,8 +2,9 @@
 
 from collections.abc import Collection
 
+from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.findings import listed
-from heronry_dg.model import CRITICALITIES, Spec
+from heronry_dg.model import Spec
 
 Phase = str | None
 

@@ -12,23 +12,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from decimal import Decimal
 from fractions import Fraction
-from typing import Final, Literal
+from typing import Any, Literal
 
 from heronry_dg.gates import Expression, Leaf, leaves, words
+from heronry_dg.keys import DeclaredKey, Reading, is_element, keys_of
 from heronry_dg.model import Mode, Module, Spec
 from heronry_tools.reports.render.build import accepted_versions
 
 Fields = Mapping[str, str]
-
-_UNITS: Final[
-    Mapping[str, tuple[str, int]]
-] = {  # field of the model -> key of the spec, and the number of the model's units in one of the spec's
-    "cpu_millis": ("cpu", 1000),
-    "rate_mhz": ("rate_hz", 1000),
-    "heartbeat_ns": ("heartbeat_ms", 1_000_000),
-    "deadline_ns": ("deadline_ms", 1_000_000),
-    "hold_ns": ("hold_ms", 1_000_000),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,21 +121,24 @@ def _mode(spec: Spec, mode: Mode) -> Fields:
 
 def _flat(element: object) -> Fields:
     """Give the fields of a model element as a spec writes them; the name and nested elements are left out."""
+    kind: Any = type(element)
+    declared = {one.field: one for one in keys_of(kind)}
     found: dict[str, str] = {}
-    for field in fields(element):  # type: ignore[arg-type]
+    for field in sorted(fields(kind), key=lambda field: field.name in declared and declared[field.name].inherited):
         if field.name not in ("name", "modes", "needs", "outputs"):
-            found |= _named(field.name, getattr(element, field.name))
+            found |= _named(field.name, getattr(element, field.name), declared.get(field.name))
     return found
 
 
-def _named(field: str, value: object) -> Fields:
+def _named(field: str, value: object, key: DeclaredKey | None = None) -> Fields:
     """Give a field as text, by the key that a spec uses for it; the map is empty if the field has no value."""
     if value is None or value in ((), frozenset(), {}):
         return {}
-    key, parts = _UNITS.get(field, (field, 1))
-    if field in ("ram", "flash", "table_bytes") and isinstance(value, int):
-        return {key: _bytes(value)}
-    return {key: _text(Fraction(value, parts) if parts > 1 and isinstance(value, int) else value)}
+    reading = key.reading if key is not None else Reading()
+    name = key.name if key is not None and reading.parts > 1 else field
+    if isinstance(value, int) and reading.in_bytes:
+        return {name: _bytes(value)}
+    return {name: _text(key.in_units_of_the_file(value) if key is not None else value)}
 
 
 def _text(value: object) -> str:
@@ -159,6 +153,8 @@ def _text(value: object) -> str:
             return f"[{', '.join(map(_text, value))}]"
         case Mapping():
             return ", ".join(_entry(key, one) for key, one in value.items())
+        case _ if is_element(type(value)):
+            return f"{{{_text(_flat(value))}}}"
         case _:
             return str(value)
 

@@ -1,0 +1,103 @@
+"""What there is to fly with: buses, PEs, devices, and the parts of the physical world that they see and move."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Annotated, Literal
+
+from heronry_dg.field_types import Capacity, Criticality, Labels, Names, Period, PositiveMemory, Share
+from heronry_dg.keys import Bounds, Key
+from heronry_dg.model.fallible import Fallible
+from heronry_wire.identifiers import FIRST_PE, LAST_PE
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
+
+
+@dataclass(frozen=True, slots=True)
+class Bus(Fallible):
+    """One CAN segment."""
+
+    name: str
+    bitrate: Annotated[int, Bounds(gt=0, le=1_000_000_000), Key("Bit rate in bit/s.", 1000000)]
+    max_load: Annotated[
+        Share, Key("Largest share of the bit rate that may be used; 0.8 is the CANaerospace rule.", 0.8)
+    ] = Fraction(8, 10)
+    reserve: Annotated[
+        Share, Key("Share of the bit rate kept for management; data may use max_load - reserve.", 0.1)
+    ] = Fraction(1, 10)
+    kind: Annotated[
+        Literal["wired", "wireless"],
+        Key("Whether the bus is wired; on a wireless bus only bandwidth is checked, and not response times.", "wired"),
+    ] = "wired"
+    channels: Annotated[
+        int,
+        Bounds(ge=1, le=2),
+        Key("Number of channels; with 2 the bus is replicated: every frame is sent on both.", 1),
+    ] = 1
+    heartbeat_ns: Annotated[
+        Period, Key("Period in ms of each PE's state frame on this bus.", 20, 12.5, called="heartbeat_ms")
+    ] = USUAL_HEARTBEAT_NS
+    misses: Annotated[
+        int,
+        Bounds(ge=1, le=255),
+        Key("Number of heartbeat periods without a state after which a PE counts as down.", 3),
+    ] = USUAL_MISSES
+
+
+@dataclass(frozen=True, slots=True)
+class Manager:
+    """The bus of the managers, and what PEs do while they hear no manager."""
+
+    bus: Annotated[str, Key("Bus of the managers; the first wired bus if left out.", "can0", resolved="")]
+    without_manager: Annotated[
+        Literal["keep", "safe_mode"],
+        Key(
+            "What PEs do while they hear no manager: keep all modules, or stop those serving nothing critical.", "keep"
+        ),
+    ] = "keep"
+
+
+@dataclass(frozen=True, slots=True)
+class Pe(Fallible):
+    """A processing element; on two or more buses it is a gateway."""
+
+    name: str
+    node_id: Annotated[int, Bounds(ge=FIRST_PE, le=LAST_PE), Key("CANaerospace and CANopen node-ID.", 92)]
+    buses: Annotated[
+        Names, Bounds(min_length=1), Key("Buses of the PE; with two or more the PE is a gateway.", ["can0"])
+    ]
+    cpu_millis: Annotated[
+        Capacity, Key("CPU capacity that modules may use, in reference cores.", 0.5, called="cpu")
+    ]  # thousandths of a reference core
+    ram: Annotated[PositiveMemory, Key("RAM that modules may use.", "32KiB")]
+    flash: Annotated[PositiveMemory, Key("Flash that modules may use.", "64KiB")]
+    features: Annotated[Labels, Key("Labels that a module may require.", ["fpu"])] = frozenset()
+    table_bytes: Annotated[
+        PositiveMemory, Key("Memory for the PE's table, with modules and contingencies.", "4KiB")
+    ] = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Device(Fallible):
+    """A sensor or an actuator, connected to one PE."""
+
+    name: str
+    kind: Annotated[
+        Literal["sensor", "actuator"],
+        Key("Whether the device gives data (sensor) or takes data (actuator).", "sensor"),
+    ]
+    pe: Annotated[str, Key("PE to which the device is connected.", "tail_pe")]
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """A part of the physical world that is controlled.
+
+    What is controlled on several axes is written as several plants.
+    """
+
+    name: str
+    moved_by: Annotated[Names, Key("Actuators that act on the plant.", ["elevator_servo"])] = ()
+    seen_by: Annotated[Names, Key("Sensors that measure the plant.", ["pitch_gyro"])] = ()
+    affects: Annotated[Names, Key("Other plants on which this plant acts.", ["altitude"])] = ()
+    criticality: Annotated[
+        Criticality, Key("How bad it is to lose control of the plant: A (worst) to E (not critical).", "A")
+    ] = "E"
