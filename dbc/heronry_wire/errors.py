@@ -12,4 +12,6 @@ class HeronryError(Exception):
 
 def on_one_line(text: str) -> str:
     """Escape characters that are not printable, so that quoted text stays on one line."""
+    if text.isprintable():
+        return text  # as nearly always, and each name of a spec is quoted before it is known to be wrong
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
