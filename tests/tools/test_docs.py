@@ -1,4 +1,4 @@
-"""The documentation does what it says: every command line in README.md, below docs/ and in tests/lab is run here.
+"""The documentation does what it says: every command line of its pages (DOCUMENTS) is run here.
 
 Command lines are those of fenced sh, bash and console blocks (in a console block, the lines after `$ `). The lines of
 one document run in order, in one copy of the checkout without its `.venv`, so that a line finds the files that an
@@ -35,7 +35,7 @@ from thoroughness import IS_WHOLE, mostly_soak
 OWN_PROGRAMS: dict[str, Callable[[], object]] = {"heronry": heronry, "pe-agent": pe_agent}
 CHECKOUT = Path.cwd()
 README = Path("README.md")
-DOCUMENTS = [README, *sorted(Path("docs").rglob("*.md")), Path("tests/lab/README.md")]
+DOCUMENTS = [README, Path("CONTRIBUTING.md"), *sorted(Path("docs").rglob("*.md")), Path("tests/lab/README.md")]
 TIMEOUT_S = 180
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -137,6 +137,8 @@ RULES = [
     ),
     Rule(r"PYTHONPATH=tests python -m planner\.(comparison|mutants) .*", How.EXEMPT, "tests/planner runs them"),
     Rule(r"heronry (bus|bound)\b.*|python -m lab\.benches\.bus\b.*", How.RUN),
+    Rule(r"pytest tests/.*", How.EXEMPT, "make test runs it"),
+    Rule(r"python -m lab\.benches\.component_graphs.*", How.RUN, more="--runs 1", is_long=True),
     Rule(r"python -m lab\.benches\.takeover.*", How.RUN, more="--seeds 1 --kills 0"),
     Rule(
         r"heronry (status|phase|priority|fail|clear|unlock|traceback)\b.*",
@@ -375,7 +377,9 @@ def test_examples_in_python_run(workspace: Path) -> None:
                 assert ended.returncode == 0, f"{document}: {ended.stderr}"
 
 
-@pytest.mark.parametrize("document", [*DOCUMENTS, Path("ARCHITECTURE.md"), Path("CHANGELOG.md")], ids=str)
+@pytest.mark.parametrize(
+    "document", [*DOCUMENTS, *map(Path, ("ARCHITECTURE.md", "CHANGELOG.md", "SECURITY.md"))], ids=str
+)
 def test_every_link_leads_somewhere(document: Path) -> None:
     links = LINK.findall(document.read_text())
     assert [link for link in links if not (document.parent / link).exists()] == []

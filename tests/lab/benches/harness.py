@@ -1,7 +1,8 @@
-"""The harness of all benchmarks: options, the line about the machine, figures, tables of times, `--json`, and errors.
+"""The harness of all benchmarks: options, the line about the machine, figures, tables of times, JSON, and errors.
 
 A benchmark is one file: its own options, and a function that measures. The function passes its results to a `Report`,
 which prints each line as it comes, or with `--json` one line of JSON at the end: figures by name, and times by row.
+With `--keep FILE` that line is appended to a file, and `--against FILE` compares with the last such run in it (`kept`).
 
 Exit code 0; 1 where a requirement of the benchmark is not met; 2 where the input cannot be used.
 """
@@ -13,10 +14,12 @@ import platform
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
+from lab.benches import kept
 
 Figure = int | float | str
 Item = TypeVar("Item")
@@ -26,8 +29,8 @@ Option = Callable[[argparse.ArgumentParser], object]
 class Report:
     """Prints the results of a benchmark, as text or as JSON."""
 
-    def __init__(self, bench: str, *, as_json: bool) -> None:
-        """Print a line about the machine."""
+    def __init__(self, bench: str, words: Sequence[str] = (), *, as_json: bool) -> None:
+        """Print a line about the machine; `words`: the options of this run."""
         self.is_as_required = True
         self._as_json, self._unit = as_json, ""
         self._document: dict[str, Any] = {
@@ -35,6 +38,8 @@ class Report:
             "machine": platform.machine(),
             "cores": os.cpu_count(),
             "python": platform.python_version(),
+            "commit": kept.commit(),
+            "words": kept.measured_words(words),
         }
         self._sections: list[dict[str, Any]] = []
         self._say("{bench}: {machine}, {cores} cores, Python {python}".format_map(self._document))
@@ -78,9 +83,12 @@ class Report:
     def end(self) -> int:
         """Print the JSON, if it is wanted; gives the exit code."""
         if self._as_json:
-            document = {**self._document, "sections": self._sections, "as_required": self.is_as_required}
-            print(json.dumps(document), flush=True)
+            print(json.dumps(self.document()), flush=True)
         return 0 if self.is_as_required else 1
+
+    def document(self) -> dict[str, Any]:
+        """Give everything that was reported, as `--json` prints it."""
+        return {**self._document, "sections": self._sections, "as_required": self.is_as_required}
 
     def _section(self) -> dict[str, Any]:
         if not self._sections:
@@ -114,10 +122,19 @@ class Benchmark:
         for add in self._options:
             add(parser)
         parser.add_argument("--json", action="store_true", help="one line of JSON instead of text")
+        parser.add_argument("--keep", type=Path, metavar="FILE", help="append the figures to FILE, as a line of JSON")
+        parser.add_argument(
+            "--against", type=Path, metavar="FILE", help="compare with the last run like this one in FILE"
+        )
         arguments = parser.parse_args(words)
         arguments.words = words
-        report = Report(self._name, as_json=arguments.json)
+        report = Report(self._name, words, as_json=arguments.json)
+        before = None if arguments.against is None else kept.last_like(arguments.against, report.document())
         self._measure(arguments, report)
+        if before is not None:
+            report.lines(kept.comparison(before, report.document()))
+        if arguments.keep is not None:
+            kept.keep(arguments.keep, report.document())
         return report.end()
 
 
