@@ -1,0 +1,1 @@
+"""Reliability from the graph: minimal cut sets of every order, and exact probabilities."""

@@ -1,0 +1,316 @@
+"""A formula solved by diagrams: its minimal cut sets, counted and listed, and its probability.
+
+The formula is made small (`simplifying`), split into independent parts (`parts`), and each part becomes a decision
+diagram over its own leaves: events, and other parts, each known by its value alone. Then
+
+    a minimal cut set of the whole is a minimal cut set of the last part, with each part in it replaced by a minimal cut
+    set of that part. So counts multiply, and nothing has to be listed to be counted
+    parts share no event, so each is one more independent event with a probability of its own
+
+A probability here is exact but for the rounding of floating point: all terms that are added are positive. The
+probability of the opposite is computed beside it, since 1 - p is not exact where p is nearly 1.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import count, islice
+from math import inf, log
+from typing import Final
+
+from heronry_tools.analysis.reliability.bdd import Bdd, Zbdd, deep, minimal_cut_sets
+from heronry_tools.analysis.reliability.formula import FALSE, LEAF, TRUE, Formula, TooLargeError
+from heronry_tools.analysis.reliability.ordering import orders
+from heronry_tools.analysis.reliability.parts import Part, parts_of
+from heronry_tools.analysis.reliability.simplifying import simplified
+
+MOST_NODES: Final = 1_500_000  # of one diagram: about 400 MB
+_BUDGETS: Final = (20_000, 200_000, MOST_NODES)  # nodes with which the orders are tried, one budget after the other
+
+Chances = Mapping[str, float]
+"""Probability of each event, from 0 to 1; an event without one never happens."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Solved:
+    """A part with its diagrams; variable number i is `leaves[i]`."""
+
+    part: Part
+    leaves: tuple[int, ...]
+    bdd: Bdd
+    root: int
+    sets: Zbdd
+    family: int
+
+
+class Solution:
+    """The minimal cut sets and the probability of one node of a formula."""
+
+    def __init__(self, formula: Formula, root: int, most_nodes: int = MOST_NODES) -> None:
+        """Solve a node; raises TooLargeError if a diagram needs more than `most_nodes` nodes in every order tried."""
+        self._formula = formula
+        self._root, parts = parts_of(formula, simplified(formula, root))
+        budgets = [*(budget for budget in _BUDGETS if budget < most_nodes), most_nodes]
+        self._parts = {part.root: _solved(formula, part, budgets) for part in parts}
+        self._counts = self._counted()
+
+    @property
+    def nodes(self) -> int:
+        """How many nodes all diagrams have together, those of steps on the way included."""
+        return sum(len(one.bdd) + len(one.sets) for one in self._parts.values())
+
+    def support(self) -> list[str]:
+        """Give the events that are in some minimal cut set."""
+        events = (leaf for one in self._parts.values() for leaf in _asked(one) if leaf not in self._parts)
+        whole = [self._root] if self._root in self._formula.names else []
+        return sorted(self._formula.names[event] for event in (*events, *whole))
+
+    def by_order(self) -> dict[int, int]:
+        """Give the number of minimal cut sets of each order (number of events) that has some."""
+        return {order: number for order, number in enumerate(self._counts[self._root]) if number}
+
+    def _counted(self) -> dict[int, list[int]]:
+        """Count the sets of each part, and of the root, by order."""
+        known: dict[int, list[int]] = {FALSE: [], TRUE: [1]}
+        if self._root not in self._parts:
+            known.setdefault(self._root, [0, 1])
+        for part, one in self._parts.items():
+            counts: dict[int, list[int]] = {FALSE: [], TRUE: [1]}
+            for node in one.sets.below(one.family):
+                leaf = one.leaves[one.sets.variable[node]]
+                high = _product(counts[one.sets.high[node]], known[leaf] if leaf in self._parts else [0, 1])
+                counts[node] = _sum(counts[one.sets.low[node]], high)
+            known[part] = counts[one.family]
+        return known
+
+    def sets(self, most: int, order: int | None = None) -> Iterator[frozenset[str]]:
+        """Yield minimal cut sets, the smaller ones first: at most `most`, and of at most `order` events each."""
+        listing = _Listing(self._parts, self._counts, most)
+        names, left = self._formula.names, most
+        for size in self.by_order():
+            if left <= 0 or (order is not None and size > order):
+                return
+            with deep(_depth(self._parts)):
+                found = listing.of(self._root, size)[:left]
+            left -= len(found)
+            yield from (frozenset(names[event] for event in one) for one in found)
+
+    def likeliest(self, most: int, chances: Chances) -> Iterator[tuple[frozenset[str], float]]:
+        """Yield up to `most` minimal cut sets with the probability that all their events happen, the likeliest first.
+
+        Sets with an event that never happens are left out.
+        """
+        names = self._formula.names
+        weights = {node: log(chances[name]) for name, node in self._formula.events.items() if chances.get(name)}
+        for found in islice(_likeliest(self._root, self._parts, weights), most):
+            chance = 1.0
+            for event in found:
+                chance *= chances[names[event]]
+            yield frozenset(names[event] for event in found), chance
+
+    def probability(self, chances: Chances) -> float:
+        """Give the probability that the node is true, if its events happen independently of each other."""
+        return self._values(chances)[self._root][0]
+
+    def survival(self, chances: Chances) -> float:
+        """Give the probability that the node is false."""
+        return self._values(chances)[self._root][1]
+
+    def birnbaum(self, chances: Chances) -> dict[str, float]:
+        """Give the importance of each event: by how much the probability grows if the event goes from never to surely."""
+        values = self._values(chances)
+        slope: dict[int, float] = {self._root: 1.0}
+        for part, one in reversed(self._parts.items()):
+            for leaf, share in _slopes(one, values).items():
+                slope[leaf] = share * slope.get(part, 0.0)
+        return {name: slope.get(self._formula.events[name], 0.0) for name in self.support()}
+
+    def _values(self, chances: Chances) -> dict[int, tuple[float, float]]:
+        """Give the probabilities that each event, part and the root is true, and that it is false."""
+        known = {FALSE: (0.0, 1.0), TRUE: (1.0, 0.0)}
+        for name, event in self._formula.events.items():
+            chance = chances.get(name, 0.0)
+            known[event] = (chance, 1.0 - chance)
+        for part, one in self._parts.items():
+            known[part] = _chances_of(one, known)[one.root]
+        return known
+
+
+def _solved(formula: Formula, part: Part, budgets: list[int]) -> _Solved:
+    """Make the diagrams of a part, in the first order that is good enough for a budget of nodes."""
+    proposed = list(orders(formula, part))
+    with deep(len(part.leaves)):
+        for budget in budgets:
+            for leaves in proposed:
+                try:
+                    bdd = Bdd(budget)
+                    root = _built(formula, part, leaves, bdd)
+                    sets, family = minimal_cut_sets(bdd, root, 2 * budget)
+                except TooLargeError:
+                    continue
+                return _Solved(part, tuple(leaves), bdd, root, sets, family)
+    raise TooLargeError
+
+
+def _built(formula: Formula, part: Part, leaves: list[int], bdd: Bdd) -> int:
+    value = {leaf: bdd.node(index, FALSE, TRUE) for index, leaf in enumerate(leaves)}
+    for gate in part.gates:
+        value[gate] = bdd.at_least(formula.least[gate], [value[one] for one in formula.inputs[gate]])
+    return value[part.root]
+
+
+def _asked(one: _Solved) -> Iterator[int]:
+    """Yield the leaves on which the value of a part really depends."""
+    for variable in sorted({one.sets.variable[node] for node in one.sets.below(one.family)}):
+        yield one.leaves[variable]
+
+
+def _depth(parts: Mapping[int, _Solved]) -> int:
+    return 4 * sum(len(one.leaves) + 1 for one in parts.values())
+
+
+def _product(one: list[int], other: list[int]) -> list[int]:
+    if not one or not other:
+        return []
+    found = [0] * (len(one) + len(other) - 1)
+    for i, of_one in enumerate(one):
+        if of_one:
+            for j, of_other in enumerate(other):
+                found[i + j] += of_one * of_other
+    return found
+
+
+def _sum(one: list[int], other: list[int]) -> list[int]:
+    longer, shorter = (one, other) if len(one) >= len(other) else (other, one)
+    return [number + (shorter[i] if i < len(shorter) else 0) for i, number in enumerate(longer)]
+
+
+class _Listing:
+    """Lists the sets of each size; of the sets of a node and a size it makes at most `most`."""
+
+    def __init__(self, parts: Mapping[int, _Solved], counts: Mapping[int, list[int]], most: int) -> None:
+        self._parts, self._counts, self._most = parts, counts, most
+        self._known: dict[tuple[int, int, int], list[tuple[int, ...]]] = {}
+
+    def of(self, leaf: int, size: int) -> list[tuple[int, ...]]:
+        """List the sets of an event, a constant or a part."""
+        if leaf in self._parts:
+            return self._below(leaf, self._parts[leaf].family, size)
+        return [() if leaf == TRUE else (leaf,)]
+
+    def _below(self, part: int, node: int, size: int) -> list[tuple[int, ...]]:
+        if node <= TRUE or size <= 0:
+            return [()] if node == TRUE and size == 0 else []
+        key = (part, node, size)
+        found = self._known.get(key)
+        if found is None:
+            one = self._parts[part]
+            found = self._below(part, one.sets.low[node], size)
+            if len(found) < self._most:
+                found = found + self._with(part, one, node, size)[: self._most - len(found)]
+            self._known[key] = found
+        return found
+
+    def _with(self, part: int, one: _Solved, node: int, size: int) -> list[tuple[int, ...]]:
+        leaf, high = one.leaves[one.sets.variable[node]], one.sets.high[node]
+        if leaf not in self._parts:
+            return [(leaf, *rest) for rest in self._below(part, high, size - 1)]
+        found: list[tuple[int, ...]] = []
+        for own, number in enumerate(self._counts[leaf]):
+            if number and own <= size:
+                rests = self._below(part, high, size - own)
+                if rests:
+                    found += [(*mine, *rest) for mine in self.of(leaf, own) for rest in rests]
+                if len(found) >= self._most:
+                    break
+        return found
+
+
+def _likeliest(root: int, parts: Mapping[int, _Solved], weights: Mapping[int, float]) -> Iterator[tuple[int, ...]]:
+    """Yield sets by their weight, the greatest first; the weight of a set is the sum over its events.
+
+    A search from the root that always knows the best way on. `rest` are nodes to visit after the end of a part.
+    """
+    best: dict[int, dict[int, float]] = {}
+    weight = dict(weights)
+    for part, one in parts.items():
+        of_nodes = best[part] = {FALSE: -inf, TRUE: 0.0}
+        for node in one.sets.below(one.family):
+            leaf = one.leaves[one.sets.variable[node]]
+            with_it = weight.get(leaf, -inf) + of_nodes[one.sets.high[node]]
+            of_nodes[node] = max(of_nodes[one.sets.low[node]], with_it)
+        weight[part] = of_nodes[one.family]
+    if root not in parts:
+        if root == TRUE:
+            yield ()
+        elif weight.get(root, -inf) > -inf:
+            yield (root,)
+        return
+    ticket = count()
+    waiting: list[tuple[float, int, int, int, object, object, float]] = []
+    if weight[root] > -inf:
+        waiting.append((-weight[root], next(ticket), root, parts[root].family, None, None, 0.0))
+    while waiting:
+        cost, _, part, node, rest, taken, after = heappop(waiting)
+        while True:
+            if node == TRUE:
+                if rest is None:
+                    yield _unwound(taken)
+                    break
+                part, node, rest, after = rest  # type: ignore[misc]
+                continue
+            one = parts[part]
+            leaf = one.leaves[one.sets.variable[node]]
+            low, high = one.sets.low[node], one.sets.high[node]
+            gain, loss = weight.get(leaf, -inf) + best[part][high], best[part][low]
+            now = max(gain, loss)
+            if loss > -inf and gain > -inf:
+                other = cost + now - min(gain, loss)
+                if gain >= loss:
+                    heappush(waiting, (other, next(ticket), part, low, rest, taken, after))
+                elif leaf in parts:
+                    inside = (part, high, rest, after)
+                    heappush(waiting, (other, next(ticket), leaf, parts[leaf].family, inside, taken, after))
+                else:
+                    heappush(waiting, (other, next(ticket), part, high, rest, (leaf, taken), after))
+            if gain < loss:
+                node = low
+            elif leaf in parts:
+                part, node, rest = leaf, parts[leaf].family, (part, high, rest, after)
+            else:
+                node, taken = high, (leaf, taken)
+
+
+def _unwound(taken: object) -> tuple[int, ...]:
+    found = []
+    while taken is not None:
+        leaf, taken = taken  # type: ignore[misc]
+        found.append(leaf)
+    return tuple(found)
+
+
+def _chances_of(one: _Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, tuple[float, float]]:
+    """Give the probabilities of each node of a part's diagram: that it is true, and that it is false."""
+    found = {FALSE: (0.0, 1.0), TRUE: (1.0, 0.0)}
+    variable, low, high = one.bdd.variable, one.bdd.low, one.bdd.high
+    for node in one.bdd.below(one.root):
+        true, false = known[one.leaves[variable[node]]]
+        if_true, if_false = found[high[node]], found[low[node]]
+        found[node] = (true * if_true[0] + false * if_false[0], true * if_true[1] + false * if_false[1])
+    return found
+
+
+def _slopes(one: _Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, float]:
+    """Give, for each leaf of a part, how the probability of the part grows with that of the leaf."""
+    chances = _chances_of(one, known)
+    reached = dict.fromkeys(chances, 0.0)
+    reached[one.root] = 1.0
+    slopes = dict.fromkeys(one.leaves, 0.0)
+    for node in reversed(one.bdd.below(one.root)):
+        leaf = one.leaves[one.bdd.variable[node]]
+        high, low = one.bdd.high[node], one.bdd.low[node]
+        slopes[leaf] += reached[node] * (chances[high][0] - chances[low][0])
+        true, false = known[leaf]
+        reached[high] += reached[node] * true
+        reached[low] += reached[node] * false
+    return slopes
