@@ -83,12 +83,15 @@ class Formula:
         self.inputs.append(inputs)
         return len(self.least) - 1
 
-    def below(self, root: int) -> list[int]:
-        """Give all nodes on which a node depends, itself included, inputs before the gates that read them."""
+    def below(self, root: int, least: int = 0) -> list[int]:
+        """Give all nodes on which a node depends, itself included, inputs before the gates that read them.
+
+        least: smaller nodes than this are left out.
+        """
         seen, waiting = {root}, [root]
         while waiting:
             for node in self.inputs[waiting.pop()]:
-                if node not in seen:
+                if node >= least and node not in seen:
                     seen.add(node)
                     waiting.append(node)
         return sorted(seen)
@@ -99,16 +102,14 @@ class Formula:
 
     def with_replaced(self, root: int, replaced: Mapping[int, int]) -> int:
         """Give the node that `root` becomes if some nodes are replaced by others."""
-        now: dict[int, int] = {}
-        for node in self.below(root):
-            given = replaced.get(node)
-            if given is not None:
-                now[node] = given
-            elif self.least[node] == LEAF or all(now[one] == one for one in self.inputs[node]):
-                now[node] = node
-            else:
-                now[node] = self.at_least(self.least[node], (now[one] for one in self.inputs[node]))
-        return now[root]
+        now = dict(replaced)
+        for node in self.below(root, min(replaced)):  # smaller nodes do not depend on what is replaced
+            if node in replaced:
+                continue
+            inputs = [now.get(one, one) for one in self.inputs[node]]
+            if inputs != list(self.inputs[node]):
+                now[node] = self.at_least(self.least[node], inputs)
+        return now.get(root, root)
 
     def evaluate(self, root: int, is_true: Callable[[str], bool]) -> bool:
         """Tell whether a node is true, from the events that are."""

@@ -17,6 +17,7 @@ from typing import Final
 from heronry_tools.analysis.reliability.formula import FALSE, LEAF, TRUE, Formula
 
 _ROUNDS: Final = 6
+_EFFORT: Final = 200_000  # nodes that are looked at in one round of moving nodes up; a usual tree takes a tenth
 
 
 def simplified(formula: Formula, root: int) -> int:
@@ -85,11 +86,12 @@ def _decided(formula: Formula, root: int) -> int:
     """Move nodes up that alone decide about a gate."""
     nodes = formula.below(root)
     readers = _readers(formula, nodes)
-    size = _edges(formula, root)
+    size, effort = _edges(formula, root), _EFFORT
     for node in reversed(nodes):
         for value in (TRUE, FALSE):
-            if len(readers.get(node, ())) < 2:
+            if len(readers.get(node, ())) < 2 or effort < 0:
                 break
+            effort -= len(nodes)
             tops = _decides(formula, root, readers, node, value)
             if not tops:
                 continue
@@ -97,6 +99,7 @@ def _decided(formula: Formula, root: int) -> int:
             other = FALSE if value == TRUE else TRUE
             changed = {top: join([node, formula.with_replaced(top, {node: other})]) for top in tops}
             new = formula.with_replaced(root, changed)
+            effort -= 4 * len(nodes)
             now = _edges(formula, new)
             if now < size:
                 root, size = new, now
