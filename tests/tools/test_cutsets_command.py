@@ -14,11 +14,15 @@ from heronry_dg.model import Function, Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements
 from heronry_manager.planner.sweep import Scope
-from heronry_tools.analysis.campaign import cut_sets as cut_sets_module
 from heronry_tools.analysis.campaign.crew import crew
-from heronry_tools.analysis.campaign.cut_sets import CutSets, cut_sets, given_up
-from heronry_tools.analysis.campaign.sweeping import sweep
+from heronry_tools.analysis.campaign.given_up import given_up
+from heronry_tools.analysis.campaign.sweeping import partial_of, sweep
 from heronry_tools.analysis.check.servable import Answer, Planning, without_deadlines
+from heronry_tools.analysis.reliability import cut_sets as cut_sets_module
+from heronry_tools.analysis.reliability.cut_sets import CutSets, cut_sets
+from heronry_tools.analysis.reliability.formula import TooLargeError
+from heronry_tools.analysis.reliability.mission import Reliability
+from heronry_tools.analysis.reliability.resource_sets import Servable
 from heronry_tools.cli import main
 from lab.cut_set_enumeration import main as compare_with_enumeration
 from lab.cut_set_enumeration import shipped
@@ -93,7 +97,7 @@ def test_what_is_given_up_is_not_lost() -> None:
     cuts = cut_sets(tight, monitoring.name, scope)
     with crew(1) as nobody:
         outcomes = sweep(tight, scope, nobody).outcomes
-    left_out = given_up(monitoring, cuts, None, outcomes)
+    left_out = given_up(monitoring, cuts.resources, None, outcomes)
     assert left_out == [frozenset({"pe:sensor_pe"})]
     assert not any(cut <= down for cut in cuts.resources for down in left_out)
 
@@ -102,7 +106,7 @@ def test_the_lists_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
     out = run(capsys, "elevator_and_chute", "parachute", "--kinds", "pe,device", "--given-up", "--jobs", "1")
     assert out == (
         "parachute of elevator_and_chute: sets of up to 2 faults\n\n"
-        "logical: 2 sets\n  pe:control_pe\n  device:chute_solenoid\n\n"
+        "logical: 2 sets in all (2 of 1)\n  pe:control_pe\n  device:chute_solenoid\n\n"
         "resource-aware: the same sets\n\n"
         "given up by the best plan: no sets\n"
     )
@@ -131,33 +135,110 @@ def test_the_lists_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("logical", "resources", "says"),
+    ("resources", "says"),
     [
-        (["pe:nav"], ["pe:payload"], "1 more set, with the logical ones at least 2.0e-04 per hour\n  pe:payload\n"),
-        (["bus:can0"], ["bus:can0", "module:elevator_control"], "1 more set\n  module:elevator_control\n"),
-        ([], ["pe:nav", "pe:payload"], "2 sets, at least 4.0e-04 per hour\n  pe:nav\n  pe:payload\n"),
-        (["pe:nav"], [""], "with nothing down at all\n  nothing down\n"),
-        ([], [], "no sets\n"),
+        (["bus:can0"], "resource-aware: the same sets\n"),
+        (["pe:nav"], "resource-aware: 1 more set\n  pe:nav\nlost with real resources within 1 h: at least 0.0002"),
+        ([""], "resource-aware: with nothing down at all\n  nothing down\n"),
     ],
 )
 def test_a_set_that_is_logical_is_listed_once(
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    logical: list[str],
-    resources: list[str],
-    says: str,
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, resources: list[str], says: str
 ) -> None:
-    cuts = [tuple(frozenset(filter(None, [one])) for one in ones) for ones in (logical, resources)]
-    monkeypatch.setattr(cut_sets_module, "cut_sets", lambda *_: CutSets("elevator", 1, *cuts))
-    assert run(capsys, "big_blue", "elevator").endswith(f"resource-aware: {says}")
+    found = tuple(frozenset(filter(None, [one])) for one in resources)
+
+    def search(_: Spec, function: str, scope: Scope, logic: Reliability, *__: object) -> CutSets:
+        return CutSets(function, scope.faults, logic, found)
+
+    monkeypatch.setattr(cut_sets_module, "cut_sets", search)
+    out = run(capsys, "big_blue", "elevator", "--order", "1")
+    assert out.count("  bus:can0\n") == 1
+    assert says in out
 
 
-def test_a_function_that_is_lost_anyway_says_so(
+def test_every_order_is_counted_and_some_sets_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    document = json.loads(run(capsys, "big_blue", "telemetry", "--logical", "--list", "9", "--json"))
+    logical = document["logical"]
+    assert logical["count"] == sum(logical["by_order"].values()) == 22695
+    assert logical["by_order"]["10"] == 8192
+    assert list(map(len, logical["sets"])) == [1] * 7 + [6] * 2
+    assert "resources" not in document
+    likeliest = run(capsys, "big_blue", "telemetry", "--logical", "--by", "likelihood", "--list", "2")
+    assert "  3.93e-01  bus:radio\n  1.00e-03  pe:ground\n  ... 22693 more" in likeliest
+
+
+def test_probabilities_say_what_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    """Either of two parts of one chain loses the function: 0.3 of 1000 hours each is no matter of first order."""
+    out = run(capsys, "big_blue", "flight_log", "--kinds", "pe", "--order", "1", "--mission", "1000", "--jobs", "1")
+    assert "lost by logic within 1000 h: 0.1813 (exact)\n" in out
+    assert "(lower) to" in out
+    assert "(upper), to order 1" in out
+    assert "mean time to loss: 4137 h (exact; without repair)\n" in out
+
+
+def test_a_place_may_fail(capsys: pytest.CaptureFixture[str]) -> None:
+    document = json.loads(
+        run(capsys, "elevator_and_chute", "parachute", "--kinds", "place", "--logical", "--json")
+    )
+    assert document["logical"]["by_order"] == {"3": 1}
+    assert all(place.startswith("module:chute_logic@") for place in document["logical"]["sets"][0])
+
+
+def test_a_search_that_was_stopped_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "cuts.json"
+    command = ["cutsets", "big_blue", "elevator", "--order", "2", "--jobs", "1", "-o", str(file)]
+    monkeypatch.setattr("heronry_tools.analysis.reliability.resource_sets._SETS_IN_A_PART", 64)
+    asked: list[frozenset[str]] = []
+    after = Servable.after
+
+    def stopping(self: Servable, down: frozenset[str]) -> bool:
+        asked.append(down)
+        if len(asked) == 250:
+            raise KeyboardInterrupt
+        return after(self, down)
+
+    monkeypatch.setattr(Servable, "after", stopping)
+    assert main(command) == 130
+    assert "the same command continues from" in capsys.readouterr().err
+    with partial_of(file).open("ab") as journal:
+        journal.write(b"half a li")
+    first = len(asked)
+    assert main(command) == 0
+    again = len(asked) - first
+    assert "continuing" in capsys.readouterr().err
+    assert not partial_of(file).exists()
+    whole = json.loads(run(capsys, *command[1:-2], "--json"))
+    assert json.loads(file.read_text()) == whole
+    searched = len(asked) - first - again
+    assert first + again <= searched + 64, "only what was begun is done again"
+
+
+def test_the_journal_of_another_search_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "cuts.json"
+    partial_of(file).write_text("something else")
+    assert main(["cutsets", "big_blue", "elevator", "-o", str(file)]) == 2
+    assert "is the journal of another search, or damaged" in capsys.readouterr().err
+    assert partial_of(file).read_text() == "something else"
+
+
+def test_processes_find_the_same(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("heronry_tools.analysis.reliability.resource_sets._PROCESS_PAYS", 0.1)
+    monkeypatch.setattr("heronry_tools.analysis.reliability.resource_sets._SETS_IN_A_PART", 100)
+    alone, together = (run(capsys, "big_blue", "rudder", "--order", "2", "--jobs", jobs) for jobs in "12")
+    assert alone == together
+
+
+def test_a_diagram_that_is_too_large_says_so(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    nothing = (frozenset[str](),)
-    monkeypatch.setattr(cut_sets_module, "cut_sets", lambda *_: CutSets("elevator", 1, nothing, nothing))
-    assert "logical: with nothing down at all\n  nothing down\n" in run(capsys, "elevator_and_chute", "elevator")
+    def outgrown(*_: object) -> None:
+        raise TooLargeError
+
+    monkeypatch.setattr(cut_sets_module, "Reliability", outgrown)
+    assert main(["cutsets", "big_blue", "elevator"]) == 2
+    assert "the diagram of all cut sets of elevator is too large" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -168,6 +249,10 @@ def test_a_function_that_is_lost_anyway_says_so(
         (["elevator_and_chute", "elevator", "--order", "0"], "a set has at least one fault"),
         (["elevator_and_chute", "elevator", "--order", "24"], "there are 16777216 sets of faults"),
         (["elevator_and_chute", "elevator", "--jobs", "0"], "at least one process must plan"),
+        (["elevator_and_chute", "elevator", "--mission", "0"], "write the hours of the mission, a number above 0"),
+        (["elevator_and_chute", "elevator", "--list", "-1"], "write how many logical sets to list, 0 or more"),
+        (["elevator_and_chute", "elevator", "--kinds", "wing"], "the kinds are pe, device, module, bus, channel, place"),
+        (["elevator_and_chute", "elevator", "--logical", "--given-up"], "leave one of them out"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -178,7 +263,11 @@ def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: 
 def test_enumeration_finds_cut_sets_that_are_wrong(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lab.cut_set_enumeration.cut_sets", lambda _, function, *__: CutSets(function, 1, (), ()))
+    def wrong(spec: Spec, function: str, scope: Scope) -> CutSets:
+        nothing = cut_sets(spec, function, Scope((), 1, scope.phases))
+        return CutSets(function, 1, nothing.logic, ())
+
+    monkeypatch.setattr("lab.cut_set_enumeration.cut_sets", wrong)
     assert compare_with_enumeration(["elevator_and_chute", "--order", "1", "--jobs", "2"]) == 1
     out = capsys.readouterr().out
     assert "elevator_and_chute: elevator, logical: it is lost with pe:tail_pe\n" in out

@@ -88,12 +88,15 @@ def cpus() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def kinds_of(text: str | None) -> tuple[str, ...]:
-    """Read the kinds of elements that may fail, as in `pe,bus`; None means all. Raises UserError for any other kind."""
+def kinds_of(text: str | None, also: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Read the kinds of elements that may fail, as in `pe,bus`; None means all. Raises UserError for any other kind.
+
+    also: kinds that may be named, too, but are not among all.
+    """
     if text is None:
         return KINDS
     named = tuple(kind.strip() for kind in text.split(","))
     for kind in named:
-        if kind not in KINDS:
-            raise UserError(f"--kinds: '{kind}' is no kind of element; the kinds are {', '.join(KINDS)}")
+        if kind not in (*KINDS, *also):
+            raise UserError(f"--kinds: '{kind}' is no kind of element; the kinds are {', '.join((*KINDS, *also))}")
     return named

@@ -43,7 +43,7 @@ _Fed = tuple[str, str, str]  # module, mode, path of the leaf
 class Failure:
     """The failure of a function: the node `root` of `formula`.
 
-    reach: elements that may matter to the function, with real resources, too; all others do not.
+    reach: the elements that can fail and may matter to the function, with real resources, too; all others do not.
     """
 
     formula: Formula
@@ -65,7 +65,7 @@ class _Compiler:
     def __init__(self, spec: Spec, elements: Collection[str]) -> None:
         self._spec = spec
         self._may_fail = frozenset(elements)
-        self._reach: set[str] = set()
+        self._ways: dict[str, frozenset[str]] = {}  # PE -> the elements on its route from the manager's bus
         self._formula = Formula(_MOST_NODES)
         self._givers: dict[str, list[tuple[Option, int]]] = {}
         for module in spec.modules.values():
@@ -84,7 +84,17 @@ class _Compiler:
         root = self._formula.all_of(values[end] for end in ends)
         for number, values_of in enumerate(choices):
             root = self._chosen(root, number, len(values_of))
-        return Failure(self._formula, root, frozenset(self._reach))
+        return Failure(self._formula, root, self._reach({module for module, _ in feeds}) & self._may_fail)
+
+    def _reach(self, modules: Iterable[str]) -> frozenset[str]:
+        """Give the elements by which modules can be placed, or not."""
+        reached: set[str] = set()
+        for module in map(self._spec.modules.__getitem__, modules):
+            reached |= {f"module:{module.name}", *places(self._spec, module.name)}
+            reached |= set() if module.device is None else {f"device:{module.device}"}
+            for pe in hosts_when_all_is_up(self._spec, module):
+                reached |= self._ways.get(pe, frozenset())
+        return frozenset(reached)
 
     # What an option depends on.
 
@@ -118,18 +128,21 @@ class _Compiler:
     # Elements.
 
     def _down(self, element: str) -> int:
-        self._reach.add(element)
         return self._formula.event(element) if element in self._may_fail else FALSE
 
+    def _channels(self, bus: str) -> list[str]:
+        count = self._spec.buses[bus].channels
+        return [f"channel:{bus}.{number}" for number in range(1, count + 1)] if count > 1 else []
+
     def _bus(self, name: str) -> int:
-        channels = self._spec.buses[name].channels
-        parts = [self._down(f"channel:{name}.{number}") for number in range(1, channels + 1)] if channels > 1 else ()
-        return self._formula.any_of([self._down(f"bus:{name}"), self._formula.all_of(parts) if parts else FALSE])
+        channels = [self._down(one) for one in self._channels(name)]
+        return self._formula.any_of([self._down(f"bus:{name}"), self._formula.all_of(channels) if channels else FALSE])
 
     def _pe_failures(self) -> dict[str, int]:
         """Give, for each PE with a route to the manager's bus, the node: it is down, or cannot be commanded."""
         first = self._spec.manager.bus
         found, buses = dict[str, int](), {first: self._bus(first)}
+        ways = {first: frozenset((f"bus:{first}", *self._channels(first)))}
         waiting = [first]
         while waiting:
             bus = waiting.pop()
@@ -137,9 +150,11 @@ class _Compiler:
                 if bus not in pe.buses or pe.name in found:
                     continue
                 found[pe.name] = self._formula.any_of([buses[bus], self._down(f"pe:{pe.name}")])
+                self._ways[pe.name] = ways[bus] | {f"pe:{pe.name}"}
                 for other in pe.buses:
                     if other not in buses:
                         buses[other] = self._formula.any_of([found[pe.name], self._bus(other)])
+                        ways[other] = self._ways[pe.name] | {f"bus:{other}", *self._channels(other)}
                         waiting.append(other)
         return found
 
