@@ -49,6 +49,8 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("bound", "the longest time that a reconfiguration takes"),
         Command("campaign", "what survives every set of faults"),
         Command("cutsets", "the smallest sets of faults that lose a function"),
+        Command("export", "a function's fault tree for other tools of reliability", "openpsa"),
+        Command("import", "a spec from a fault tree of another tool", "openpsa"),
         Command("pcs", "component graphs: what controls what, scripts that rewire it"),
     ),
     "try": (

@@ -61,13 +61,17 @@ class Hazards:
 
     def chances(self, hours: float) -> dict[str, float]:
         """Give the probability of each event within so many hours: elements that fail by themselves, common causes."""
-        shared_rate, shared_chance = self._shared()
-        found = {name: _failed(rate - shared_rate.get(name, 0.0), hours) for name, rate in self.rates.items()}
-        found |= {name: max(0.0, chance - shared_chance.get(name, 0.0)) for name, chance in self.demands.items()}
-        for cause in self.common:
-            rate, chance = self._of(cause)
-            found[cause.event] = chance if rate is None else _failed(rate, hours)
-        return found
+        _, shared = self._shared()
+        found = {name: _failed(rate, hours) for name, rate in self.own_rates().items()}
+        found |= {name: max(0.0, chance - shared.get(name, 0.0)) for name, chance in self.demands.items()}
+        return found | {cause.event: self._of(cause)[1] for cause in self.common if self._of(cause)[0] is None}
+
+    def own_rates(self) -> dict[str, float]:
+        """Give the rate of each event that has one: elements that fail by themselves, and common causes."""
+        shared, _ = self._shared()
+        found = {name: max(0.0, rate - shared.get(name, 0.0)) for name, rate in self.rates.items()}
+        causes = {cause.event: rate for cause in self.common if (rate := self._of(cause)[0]) is not None}
+        return found | causes
 
     def with_causes(self, formula: Formula, root: int) -> int:
         """Give the node that `root` becomes if the common causes take down elements, too."""
