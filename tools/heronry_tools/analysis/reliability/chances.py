@@ -20,10 +20,14 @@ from heronry_tools.analysis.reliability.formula import Formula
 
 @dataclass(frozen=True, slots=True)
 class CommonCause:
-    """Elements that one cause takes down together, with the share `beta` of their rate, above 0 and at most 1."""
+    """Elements that one cause takes down together, with the share `beta` of their rate, above 0 and at most 1.
+
+    lowest: the lowest rate or probability of the group; None: that of the elements.
+    """
 
     elements: tuple[str, ...]
     beta: float
+    lowest: float | None = None
 
     @property
     def event(self) -> str:
@@ -48,14 +52,14 @@ class Hazards:
         return frozenset((*self.rates, *self.demands))
 
     def among(self, elements: Collection[str]) -> "Hazards":
-        """Give the same for these elements alone; a common cause of elements that cannot fail takes down the others."""
+        """Give the same for these elements alone; a common cause stays as likely, and takes down those that are left."""
         return Hazards(
             {name: rate for name, rate in self.rates.items() if name in elements},
             {name: chance for name, chance in self.demands.items() if name in elements},
             tuple(
-                one
+                CommonCause(left, cause.beta, self._lowest(cause))
                 for cause in self.common
-                if len((one := CommonCause(tuple(e for e in cause.elements if e in elements), cause.beta)).elements) > 1
+                if (left := tuple(one for one in cause.elements if one in elements))
             ),
         )
 
@@ -136,9 +140,14 @@ class Hazards:
 
     def _of(self, cause: CommonCause) -> tuple[float | None, float]:
         """Give the rate of a cause, or None and its probability on demand."""
-        if all(element in self.demands for element in cause.elements):
-            return None, cause.beta * min(self.demands[element] for element in cause.elements)
-        return cause.beta * min(self.rates.get(element, 0.0) for element in cause.elements), 0.0
+        share = cause.beta * self._lowest(cause)
+        return (None, share) if cause.elements[0] in self.demands else (share, 0.0)
+
+    def _lowest(self, cause: CommonCause) -> float:
+        if cause.lowest is not None:
+            return cause.lowest
+        known = self.demands if cause.elements[0] in self.demands else self.rates
+        return min(known.get(element, 0.0) for element in cause.elements)
 
     def _shared(self) -> tuple[dict[str, float], dict[str, float]]:
         rates, chances = dict[str, float](), dict[str, float]()
