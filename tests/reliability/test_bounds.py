@@ -123,11 +123,12 @@ def test_sampling_agrees_where_nothing_can_be_added_up() -> None:
     rng = random.Random(3)
     named = [one for one in elements(spec) if not one.startswith("channel")]
     rates = {name: 10 ** rng.uniform(-2, -0.8) for name in named}
-    causes = (
+    drawn = (
         CommonCause(("device:elevator_servo_1", "device:elevator_servo_2"), 0.1),
         CommonCause(("pe:tail_a", "pe:tail_b"), 0.05),
     )
-    found = Reliability(spec, "elevator", named, Hazards(rates, {}, causes))
+    found = Reliability(spec, "elevator", named, Hazards(rates, {}, drawn))
+    causes = found.hazards.common
     chances = found.hazards.chances(1.0)
     formula, root = found.failure.formula, found.failure.root
     draws, lost = part_of(40_000), 0
@@ -150,7 +151,7 @@ def test_a_common_cause_leaves_each_element_as_likely_as_before() -> None:
     assert found.loss(1.0) == pytest.approx(both, rel=1e-12)
     alone = Reliability(spec, "elevator", [pair[0], "pe:nav", "bus:can0"], hazards)
     assert [cause.elements for cause in alone.hazards.common] == [(pair[0],)]
-    assert alone.hazards.chances(1.0)[f"common cause of {pair[0]}"] == -expm1(-1e-4)
+    assert alone.hazards.chances(1.0)[alone.hazards.common[0].event] == -expm1(-1e-4)
     assert hazards.exactly([frozenset({pair[0]}), frozenset(pair)], 1.0) == pytest.approx(-expm1(-2e-3), rel=1e-12)
 
 

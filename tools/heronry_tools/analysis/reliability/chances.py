@@ -11,7 +11,7 @@ has beta times the lowest of them, and each element keeps its own less that.
 """
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from math import expm1, fsum
 
@@ -23,19 +23,16 @@ class CommonCause:
     """Elements that one cause takes down together, with the share `beta` of their rate, above 0 and at most 1.
 
     lowest: the lowest rate or probability of the group; None: that of the elements.
+    event: names the event that the cause happens; if it is empty, `Hazards` names it.
     """
 
     elements: tuple[str, ...]
     beta: float
     lowest: float | None = None
-
-    @property
-    def event(self) -> str:
-        """Name the event that the cause happens."""
-        return f"common cause of {', '.join(self.elements)}"
+    event: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Hazards:
     """The rates (per hour) and the probabilities on demand of elements, and their common causes.
 
@@ -47,6 +44,13 @@ class Hazards:
     demands: Mapping[str, float] = field(default_factory=dict)
     common: tuple[CommonCause, ...] = ()
 
+    def __post_init__(self) -> None:
+        named = tuple(
+            replace(cause, event=cause.event or f"common cause {number} of {', '.join(cause.elements)}")
+            for number, cause in enumerate(self.common, 1)
+        )
+        object.__setattr__(self, "common", named)
+
     def known(self) -> frozenset[str]:
         """Give the elements of which it is known how likely they fail."""
         return frozenset((*self.rates, *self.demands))
@@ -57,7 +61,7 @@ class Hazards:
             {name: rate for name, rate in self.rates.items() if name in elements},
             {name: chance for name, chance in self.demands.items() if name in elements},
             tuple(
-                CommonCause(left, cause.beta, self._lowest(cause))
+                CommonCause(left, cause.beta, self._lowest(cause), cause.event)
                 for cause in self.common
                 if (left := tuple(one for one in cause.elements if one in elements))
             ),
