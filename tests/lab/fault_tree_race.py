@@ -44,28 +44,26 @@ def drawn_tree(seed: int) -> Tree:
     events = [f"e{number}" for number in range(rng.randint(60, 300))]
     gates, shared = rng.randint(80, 300), rng.choice((0.02, 0.05, 0.1, 0.15))
     fresh, alone, made = rng.sample(events, len(events)), list[int](), list[int]()
+
+    def drawn_input() -> int:
+        drawn = rng.random()
+        if drawn < shared and made:
+            return rng.choice(made[-30:])
+        if drawn < shared + 0.05:
+            return formula.event(rng.choice(events))
+        if alone and (drawn < 0.55 or not fresh):
+            return alone.pop(0)
+        return formula.event(fresh.pop() if fresh else rng.choice(events))
+
     for _ in range(gates - 1):
-        inputs = {_input(rng, formula, events, fresh, alone, made, shared) for _ in range(rng.choice((2, 2, 3, 3, 4)))}
+        inputs = {drawn_input() for _ in range(rng.choice((2, 2, 3, 3, 4)))}
         kind = rng.choices(("or", "and", "vote"), (5, 4, 1))[0]
         least = {"or": 1, "and": len(inputs)}.get(kind, rng.randint(1, len(inputs)))
         made.append(formula.at_least(least, sorted(inputs)))
-        alone = [one for one in dict.fromkeys([*alone, made[-1]]) if one not in inputs or one == made[-1]]
+        alone[:] = [one for one in dict.fromkeys([*alone, made[-1]]) if one not in inputs or one == made[-1]]
     root = formula.any_of(alone)
     demands = {name: 10 ** rng.uniform(-4, -1) for name in formula.events}
     return Tree(formula, ("top",), {"top": root}, {}, demands, (), ())
-
-
-def _input(
-    rng: random.Random, formula: Formula, events: list[str], fresh: list[str], alone: list[int], made: list[int], shared: float
-) -> int:
-    drawn = rng.random()
-    if drawn < shared and made:
-        return rng.choice(made[-30:])
-    if drawn < shared + 0.05:
-        return formula.event(rng.choice(events))
-    if alone and (drawn < 0.55 or not fresh):
-        return alone.pop(0)
-    return formula.event(fresh.pop() if fresh else rng.choice(events))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +83,8 @@ def by_scram(file: Path) -> Result:
     command = [SCRAM or "scram", "--probability", "true", "--limit-order", "1000", "-o", str(out), str(file)]
     try:
         subprocess.run(command, check=True, capture_output=True, timeout=_SECONDS)
-        text = out.open().read(100_000)
+        with out.open() as report:
+            text = report.read(100_000)
     except (subprocess.TimeoutExpired, subprocess.CalledProcessError):
         text = ""
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -132,6 +131,20 @@ def races(seeds: Iterator[int], folder: Path) -> Iterator[tuple[int, Tree, Resul
         yield seed, tree, here(file), by_scram(file)
 
 
+def _row(seed: int, tree: Tree, ours: Result, theirs: Result) -> str:
+    nodes = tree.formula.below(tree.gates["top"])
+    events = sum(node in tree.formula.names for node in nodes)
+    if ours.by_order is None:
+        says = "too large here"
+    elif theirs.by_order is None:
+        says = "scram stopped"
+    else:
+        says = "equal" if agree(ours, theirs) else "DIFFER"
+    sets, chance = sum((ours.by_order or {}).values()), f"{ours.probability or 0:.6g}"
+    times = f"{ours.cpu_s:8.2f} {theirs.cpu_s:8.2f}"
+    return f"{seed:4} {events:6} {len(nodes) - events:5} {sets:12} {chance:>12} {times}  {says}"
+
+
 def main(argv: list[str] | None = None) -> int:
     """Let both tools solve drawn trees, and print a table; gives the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -142,22 +155,13 @@ def main(argv: list[str] | None = None) -> int:
         print("there is no scram here; apt-get install scram")
         return 2
     wrong, totals = 0, [0.0, 0.0]
-    print(f"{'seed':>4} {'events':>6} {'gates':>5} {'sets':>12} {'probability':>12} {'here, s':>8} {'scram, s':>8}  result")
+    seeds = iter(range(arguments.first, arguments.first + arguments.trees))
+    print("seed events gates         sets  probability  here, s scram, s  result")
     with TemporaryDirectory() as folder:
-        for seed, tree, ours, theirs in races(iter(range(arguments.first, arguments.first + arguments.trees)), Path(folder)):
-            same = agree(ours, theirs)
-            wrong += not same
-            nodes = tree.formula.below(tree.gates["top"])
-            events = sum(node in tree.formula.names for node in nodes)
-            both = ours.by_order is not None and theirs.by_order is not None
-            says = "DIFFER" if not same else "equal" if both else "too large here" if theirs.by_order else "scram stopped"
-            sets = sum((ours.by_order or {}).values())
-            chance = f"{ours.probability or 0:.6g}"
-            print(
-                f"{seed:4} {events:6} {len(nodes) - events:5} {sets:12} {chance:>12} {ours.cpu_s:8.2f} {theirs.cpu_s:8.2f}  {says}",
-                flush=True,
-            )
-            if both:
+        for seed, tree, ours, theirs in races(seeds, Path(folder)):
+            wrong += not agree(ours, theirs)
+            print(_row(seed, tree, ours, theirs), flush=True)
+            if ours.by_order is not None and theirs.by_order is not None:
                 totals = [totals[0] + ours.cpu_s, totals[1] + theirs.cpu_s]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"where both finish: {totals[0]:.2f} s here, {totals[1]:.2f} s scram; {memory:.0f} MiB here; {wrong} differ")

@@ -4,6 +4,7 @@ import itertools
 import random
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import cache
 from math import exp, expm1, sqrt
 
 import pytest
@@ -38,7 +39,9 @@ def added_up(hazards: Hazards, hours: float, lost: Callable[[frozenset[str]], bo
         for one in cause.elements:
             shares[one] += shared
     for name, share in shares.items():
-        own[name] = -expm1(-(hazards.rates[name] - share) * hours) if name in hazards.rates else hazards.demands[name] - share
+        own[name] = (
+            -expm1(-(hazards.rates[name] - share) * hours) if name in hazards.rates else hazards.demands[name] - share
+        )
     total = 0.0
     for happening in itertools.product((False, True), repeat=len(causes)):
         weight = 1.0
@@ -64,15 +67,26 @@ def drawn_hazards(rng: random.Random, names: Collection[str]) -> Hazards:
     common = []
     for group in (list(rates), list(demands)):
         if len(group) > 1 and rng.random() < 0.7:
-            common.append(CommonCause(tuple(rng.sample(group, rng.randint(2, min(3, len(group))))), rng.uniform(0.01, 0.4)))
+            common += [
+                CommonCause(tuple(rng.sample(group, min(rng.choice((2, 3)), len(group)))), rng.uniform(0.01, 0.4))
+            ]
     if len(rates) > 2 and rng.random() < 0.3:
         common.append(CommonCause(tuple(rng.sample(list(rates), 2)), 0.1))
     return Hazards(rates, demands, tuple(common))
 
 
 def with_channels(rng: random.Random, spec: Spec) -> Spec:
-    buses = {name: replace(bus, channels=rng.choice((1, 2, 2))) if bus.kind == "wired" else bus for name, bus in spec.buses.items()}
+    buses = {
+        name: replace(bus, channels=rng.choice((1, 2, 2))) if bus.kind == "wired" else bus
+        for name, bus in spec.buses.items()
+    }
     return replace(spec, buses=buses)
+
+
+def unservable(spec: Spec, function: str) -> Callable[[frozenset[str]], bool]:
+    """Tell by a plan whether a function cannot be served with real resources; each set is planned for once."""
+    planning = Planning(spec)
+    return cache(lambda down: planning.all_at_once((function,), down).configuration is None)
 
 
 @pytest.mark.parametrize("share", range(4))
@@ -81,7 +95,11 @@ def test_exact_probabilities_are_those_of_adding_up_every_way_to_fail(share: int
     for seed in range(share, part_of(200, 5), 4):
         rng = random.Random(seed)
         spec = with_channels(rng, random_spec(rng, modules=4)).in_phase(None)
-        if any(sum(m.device == d.name for m in spec.modules.values()) > 1 for d in spec.devices.values() if d.kind == "actuator"):
+        if any(
+            sum(m.device == d.name for m in spec.modules.values()) > 1
+            for d in spec.devices.values()
+            if d.kind == "actuator"
+        ):
             continue
         function = rng.choice(list(spec.functions))
         possible = elements(spec)
@@ -92,19 +110,13 @@ def test_exact_probabilities_are_those_of_adding_up_every_way_to_fail(share: int
         hours = rng.choice((0.5, 1.0, 20.0))
         lost = Losing(spec, function)
         assert found.loss(hours) == pytest.approx(added_up(hazards, hours, lost), rel=1e-9), seed
-        assert found.survival(hours) == pytest.approx(added_up(hazards, hours, lambda down, lost=lost: not lost(down)), rel=1e-9)
+        assert found.survival(hours) == pytest.approx(
+            added_up(hazards, hours, lambda down, lost=lost: not lost(down)), rel=1e-9
+        )
         reach = [one for one in chosen if one in found.failure.reach]
         cuts = resource_sets(spec, function, reach, len(reach), list(found.sets.sets(10**6)))
         bounds = loss_bounds(found.failure, cuts, len(reach), hazards, hours)
-        planning = Planning(spec)
-        known: dict[frozenset[str], bool] = {}
-
-        def unservable(down: frozenset[str], planning: Planning = planning, known: dict = known, function: str = function) -> bool:  # type: ignore[type-arg]
-            if down not in known:
-                known[down] = planning.all_at_once((function,), down).configuration is None
-            return known[down]
-
-        exact = added_up(hazards, hours, unservable)
+        exact = added_up(hazards, hours, unservable(spec, function))
         assert bounds.exact
         assert bounds.low == pytest.approx(exact, rel=1e-9), seed
         bound_by_resources += bounds.low > found.loss(hours) * 1.001

@@ -69,7 +69,9 @@ def with_two_modes(consumers: int) -> Spec:
     pe = next(iter(base.pes))
     leaf_a, leaf_b = Leaf("a", 1, 1, (0,)), Leaf("b", 1, 1, (0,))
     modules = {
-        "either": Module("either", "either", {name: Mode(name, None, {name: 1}, 1, 1, 1000) for name in "ab"}, runs_on=(pe,)),
+        "either": Module(
+            "either", "either", {name: Mode(name, None, {name: 1}, 1, 1, 1000) for name in "ab"}, runs_on=(pe,)
+        ),
         "spare": Module("spare", "spare", {"only": Mode("only", None, {"b": 1}, 1, 1, 1000)}, device="spare"),
         "user_a": Module("user_a", "user_a", {"only": Mode("only", leaf_a, {"x": 1}, 1, 1, 1000)}, runs_on=(pe,)),
         "user_b": Module("user_b", "user_b", {"only": Mode("only", leaf_b, {"y": 1}, 1, 1, 1000)}, runs_on=(pe,)),
@@ -95,7 +97,7 @@ def with_two_modes(consumers: int) -> Spec:
 
 
 def test_a_module_runs_in_one_mode() -> None:
-    """For both users it must give a, so the other datum comes from the spare alone; for one user any of them will do."""
+    """For both users it must give a, so the other datum comes from the spare alone; one user takes any of them."""
     both, one = with_two_modes(2), with_two_modes(1)
     named = ["device:spare", "module:either", "module:user_a"]
     found = failure(both, "f", named)

@@ -1,7 +1,6 @@
 """`heronry campaign`: the functions that survive, requirements for CI, and a page that needs no other file."""
 
 import io
-import itertools
 import json
 import math
 import re
@@ -21,10 +20,12 @@ from heronry_dg.situation import Situation, elements
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
 from heronry_tools.analysis.campaign.minimal import minimal
-from heronry_tools.analysis.campaign.rates import Likelihood, likelihood, rate_of
+from heronry_tools.analysis.campaign.outlook import outlook
+from heronry_tools.analysis.campaign.outlook_picture import falls_below
 from heronry_tools.analysis.campaign.report import text_report
 from heronry_tools.analysis.campaign.requirements import Offence, offences, read_requirement
 from heronry_tools.analysis.campaign.survey import survey
+from heronry_tools.analysis.campaign.sweeping import sweep
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.progress import Progress
@@ -148,49 +149,62 @@ def test_only_the_smallest_sets_are_kept() -> None:
     assert minimal([ab, b]) == [b]
 
 
-def test_likelihoods_are_products_and_sums_of_rates() -> None:
-    flight, nav, screen = "pe:flight", "pe:nav", "module:telemetry"
-    assert rate_of(BIG_BLUE, "channel:can0.1") is None
-    assert rate_of(BIG_BLUE, "bus:radio") is not None
-    rated = Scope((flight, nav, "device:gps"), 2, (None,))
-    found = likelihood(BIG_BLUE, [frozenset({flight, nav}), frozenset({"device:gps"})], rated)
-    assert found is not None
-    assert found.per_h == pytest.approx(0.0002**2 + 0.001, rel=1e-3)
-    assert found.at_most_per_h == pytest.approx(0.0002**2 + 0.001, rel=1e-5)
-    assert found.per_h < 0.0002**2 + 0.001 < found.at_most_per_h
-    scope = Scope((flight, screen), 2, (None,))
-    some = likelihood(BIG_BLUE, [frozenset({flight}), frozenset({screen})], scope)
-    assert some is not None
-    assert (some.per_h, some.at_most_per_h, some.complete) == (pytest.approx(0.0002, rel=1e-3), None, False)
-    assert likelihood(BIG_BLUE, [frozenset({flight, screen})], scope) is None
-    assert str(Likelihood(0.002, None)) == "at least 2.0e-03 per hour"
-    assert str(Likelihood(0.002, 0.00201)) == "2.0e-03 per hour"
-    assert str(Likelihood(0.002, 0.01)) == "2.0e-03 to 1.0e-02 per hour"
-
-
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
-def test_bounds_of_a_likelihood_hold_whatever_order_the_sets_are_cut_off_at(order: int) -> None:
-    rates = {"pe:flight": 0.1, "pe:nav": 0.1, "pe:air": 0.05}
+def test_losses_and_utility_are_bounded_whatever_the_order(order: int) -> None:
+    """Of three PEs that may fail every set is planned for, and its probability added up."""
+    rates = {"control_pe": 0.1, "sensor_pe": 0.1, "tail_pe": 0.05}
     pes = {
-        name: replace(BIG_BLUE.pes[name], rate_per_h=Fraction(str(rates[f"pe:{name}"])))
-        for name in ("flight", "nav", "air")
+        name: replace(CHUTE.pes[name], rate_per_h=Fraction(str(rate)), cpu_millis=190) for name, rate in rates.items()
     }
-    spec = replace(BIG_BLUE, pes={**BIG_BLUE.pes, **pes})
-    cuts = [frozenset({"pe:air"}), frozenset({"pe:flight", "pe:nav"}), frozenset({"pe:air", "pe:nav"})]
-    chances = {name: 1 - math.exp(-rate) for name, rate in rates.items()}
-    lost = [
-        math.prod(chances[name] if name in down else 1 - chances[name] for name in rates)
-        for size in range(4)
-        for down in map(frozenset, itertools.combinations(rates, size))
-        if any(cut <= down for cut in cuts)
-    ]
-    found = likelihood(spec, [cut for cut in cuts if len(cut) <= order], Scope(tuple(rates), order, (None,)))
-    if order == 0:
-        assert found is None
-        return
+    spec = replace(CHUTE, pes=pes)
+    names = tuple(f"pe:{name}" for name in rates)
+    chances = {f"pe:{name}": 1 - math.exp(-rate) for name, rate in rates.items()}
+    swept = sweep(spec, Scope(names, 3, (None,)), None)
+    exactly = {
+        down: math.prod(chances[name] if name in down else 1 - chances[name] for name in names)
+        for _, down in swept.outcomes
+    }
+    scope = Scope(names, order, (None,))
+    found = outlook(spec, scope, None, swept.outcomes)
     assert found is not None
-    assert found.at_most_per_h is not None
-    assert found.per_h <= sum(lost) <= found.at_most_per_h
+    for function in spec.functions.values():
+        lost = sum(
+            exactly[down]
+            for (_, down), one in swept.outcomes.items()
+            if not any(output in one.configuration.modules for output in function.outputs)
+        )
+        loss = found.losses[function.name]
+        assert loss.high is not None
+        assert loss.low * (1 - 1e-12) <= lost <= loss.high * (1 + 1e-12)
+        assert loss.exact or order < 3
+    expected = sum(exactly[down] * one.objective.utility for (_, down), one in swept.outcomes.items())
+    assert found.expected[0] * (1 - 1e-12) <= expected <= found.expected[1] * (1 + 1e-12)
+    assert math.fsum([*(chance for _, chance in found.utilities), found.beyond]) == pytest.approx(1.0, abs=1e-12)
+    below = falls_below(found)
+    assert below[0][1] == found.beyond
+    assert [chance for _, chance in below] == sorted(chance for _, chance in below)
+
+
+def test_without_rates_there_is_no_outlook() -> None:
+    scope = Scope(elements(CHUTE), 0, (None,))
+    outcomes = sweep(CHUTE, scope, None).outcomes
+    assert outlook(CHUTE, scope, None, outcomes) is None
+
+
+def test_the_page_has_the_outlook(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.html"
+    kinds = ("--kinds", "pe", "--faults", "1", "--phase", "glide")
+    assert run(capsys, "big_blue", *kinds, "-o", str(page)) == (0, "")
+    html = page.read_text()
+    assert "probability that the utility falls below a level within 1 h" in html
+    assert "expected utility" in html
+    _, out = run(capsys, "big_blue", *kinds, "--json")
+    (phase,) = json.loads(out)["phases"]
+    log = phase["functions"]["flight_log"]
+    assert log["loss_per_h"] <= 0.0002 <= log["loss_at_most_per_h"]
+    assert log["loss_is_complete"]
+    assert phase["outlook"]["expected_utility"]["at_least"] < 58000
+    assert phase["outlook"]["elements_without_rate"] == 0
 
 
 def test_a_long_list_is_cut_short_and_missing_proofs_are_reported() -> None:

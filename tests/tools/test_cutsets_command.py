@@ -177,9 +177,7 @@ def test_probabilities_say_what_they_are(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_a_place_may_fail(capsys: pytest.CaptureFixture[str]) -> None:
-    document = json.loads(
-        run(capsys, "elevator_and_chute", "parachute", "--kinds", "place", "--logical", "--json")
-    )
+    document = json.loads(run(capsys, "elevator_and_chute", "parachute", "--kinds", "place", "--logical", "--json"))
     assert document["logical"]["by_order"] == {"3": 1}
     assert all(place.startswith("module:chute_logic@") for place in document["logical"]["sets"][0])
 
@@ -251,7 +249,10 @@ def test_a_diagram_that_is_too_large_says_so(
         (["elevator_and_chute", "elevator", "--jobs", "0"], "at least one process must plan"),
         (["elevator_and_chute", "elevator", "--mission", "0"], "write the hours of the mission, a number above 0"),
         (["elevator_and_chute", "elevator", "--list", "-1"], "write how many logical sets to list, 0 or more"),
-        (["elevator_and_chute", "elevator", "--kinds", "wing"], "the kinds are pe, device, module, bus, channel, place"),
+        (
+            ["elevator_and_chute", "elevator", "--kinds", "wing"],
+            "the kinds are pe, device, module, bus, channel, place",
+        ),
         (["elevator_and_chute", "elevator", "--logical", "--given-up"], "leave one of them out"),
     ],
 )

@@ -16,7 +16,8 @@ from heronry_tools.console.spec_argument import add_spec_argument, load_spec
 
 _EPILOG = """\
 A function is lost when the best plan does not serve it: because no plan can, or because the remaining
-resources go to a more important function. Likelihoods come from the spec's rate_per_h, to first order.
+resources go to a more important function. Probabilities come from rate_per_h and probability of the spec, over its
+mission_h, without repair: exact for the sets that are planned, and bounds for the rest.
 
 examples:
   heronry campaign elevator_and_chute                             what survives one fault, and two

@@ -53,7 +53,7 @@ def add_parsers(subparsers: Any) -> None:
         "--order",
         metavar="N",
         type=int,
-        help="find and list sets of up to N faults (default: the spec's contingency.faults; with --logical: every order)",
+        help="find and list sets of up to N faults (default: contingency.faults of the spec; with --logical: all)",
     )
     parser.add_argument("--logical", action="store_true", help="only logical sets: no planning, so any order is fast")
     parser.add_argument(
@@ -71,7 +71,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--kinds",
         metavar="KINDS",
-        help="let only these kinds of elements fail, for example pe,bus; place: a module on one PE (default: all but place)",
+        help="let only these kinds of elements fail, for example pe,bus (default: all but place, a module on one PE)",
     )
     parser.add_argument(
         "--given-up",
@@ -162,7 +162,7 @@ def _with_resources(
             print(f"heronry: continuing {journal.file}, which has {journal.sets} fault sets", file=sys.stderr)
         progress.begin("fault sets", number)
         try:
-            found = cut_sets(spec, function, scope, logic, executor, journal, progress.step)
+            found = cut_sets(spec, function, scope, logic, executor=executor, journal=journal, advance=progress.step)
         except KeyboardInterrupt:
             if journal is not None:
                 print(f"heronry: stopped; the same command continues from {journal.file}", file=sys.stderr)

@@ -44,7 +44,9 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(writer)
     writer.add_argument("function", metavar="FUNCTION", help="a function of the spec")
     writer.add_argument("--phase", metavar="NAME", help="the phase (default: the first one of the spec)")
-    writer.add_argument("--mission", metavar="HOURS", type=float, help="length of the mission (default: mission_h, or 1)")
+    writer.add_argument(
+        "--mission", metavar="HOURS", type=float, help="length of the mission (default: mission_h, or 1)"
+    )
     writer.add_argument("--kinds", metavar="KINDS", help="let only these kinds of elements fail (default: all)")
     add_output_file(writer, "Open-PSA", ".xml")
     writer.set_defaults(run=run_export)

@@ -11,7 +11,8 @@ from typing import Final
 
 from heronry_dg.model import Spec
 from heronry_manager.planner.sweep import Scope
-from heronry_tools.analysis.campaign.report import Assessed
+from heronry_tools.analysis.campaign.outlook_picture import outlook_picture
+from heronry_tools.analysis.campaign.report import Assessed, loss_head, loss_in_words, outlook_lines
 from heronry_tools.analysis.campaign.survey import Grade, PhaseSurvey, Range
 
 _WIDTH: Final = 420
@@ -79,12 +80,16 @@ def _phase(one: PhaseSurvey) -> Iterator[str]:
     yield '<div class="pictures">'
     yield _picture("Utility", one.grades, lambda grade: grade.utility)
     yield _picture("Critical functions served", one.grades, lambda grade: grade.critical)
+    if one.outlook is not None:
+        yield outlook_picture(one.outlook)
     yield "</div>"
+    if one.outlook is not None:
+        yield from (f"<p>{escape(line)}</p>" for line in outlook_lines(one.outlook))
     yield '<div class="tables">'
     heads = ("faults", "sets", "utility: best", "mean", "worst", "critical served: best", "mean", "worst")
     yield _table(heads, [_grade_row(grade) for grade in one.grades])
     sizes = (f"lost in {grade.sets} sets of {grade.faults}" for grade in one.grades)
-    yield _table(("function", "class", *sizes, "likelihood of loss", "lost alone with"), list(_function_rows(one)))
+    yield _table(("function", "class", *sizes, loss_head(one), "lost alone with"), list(_function_rows(one)))
     yield "</div>"
 
 
@@ -96,7 +101,7 @@ def _grade_row(grade: Grade) -> list[str]:
 def _function_rows(one: PhaseSurvey) -> Iterator[list[str]]:
     for name, level in one.wanted.items():
         counts = [str(grade.lost[name]) for grade in one.grades]
-        likely = str(one.likelihoods.get(name, "-"))
+        likely = loss_in_words(one, name)
         yield [name, level, *counts, likely, ", ".join(one.single_points[name]) or "-"]
 
 

@@ -5,11 +5,13 @@ from collections.abc import Iterator, Sequence
 
 from heronry_dg.model import Spec
 from heronry_manager.planner.sweep import Scope
+from heronry_tools.analysis.campaign.outlook import Outlook
 from heronry_tools.analysis.campaign.requirements import Offence, Requirement
 from heronry_tools.analysis.campaign.survey import Grade, PhaseSurvey, Range
 
 Assessed = Sequence[tuple[Requirement, list[Offence]]]
 _OFFENCES_SHOWN = 20
+_UTILITIES_SHOWN = 5
 
 
 def text_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
@@ -35,15 +37,42 @@ def _phase_lines(one: PhaseSurvey) -> Iterator[str]:
     yield from aligned(rows)
     yield ""
     sizes = [f"{grade.sets} of {grade.faults}" for grade in one.grades]
-    rows2 = [("function", "class", *(f"lost in {size}" for size in sizes), "likelihood of loss", "lost alone with")]
+    rows2 = [("function", "class", *(f"lost in {size}" for size in sizes), loss_head(one), "lost alone with")]
     for name, level in one.wanted.items():
         counts = [str(grade.lost[name]) for grade in one.grades]
-        likely = str(one.likelihoods.get(name, "-"))
+        likely = loss_in_words(one, name)
         rows2.append((name, level, *counts, likely, ", ".join(one.single_points[name]) or "-"))
     yield from aligned(rows2)
+    if one.outlook is not None:
+        yield ""
+        yield from outlook_lines(one.outlook)
     unproven = sum(grade.unproven for grade in one.grades)
     if unproven:
         yield f"{unproven} plans are legal, but not proven to be the best"
+
+
+def loss_head(one: PhaseSurvey) -> str:
+    """Give the head of the column with probabilities of loss."""
+    return "loss" if one.outlook is None else f"lost within {one.outlook.hours:g} h"
+
+
+def loss_in_words(one: PhaseSurvey, function: str) -> str:
+    """Write the probability that a function is lost, and what it is; `-` if nothing is known of it."""
+    return "-" if one.outlook is None else str(one.outlook.losses.get(function, "-"))
+
+
+def outlook_lines(outlook: Outlook) -> Iterator[str]:
+    """Write what utility is to be expected, and how likely it is."""
+    low, high = outlook.expected
+    expected = f"{low:.6g} (lower) to {high:.6g} (upper)" if high - low > 1e-9 * high else f"{low:.6g} (exact)"
+    yield f"within {outlook.hours:g} h, without repair: expected utility {expected}, by plans to order {outlook.order}"
+    likely = sorted(outlook.utilities, key=lambda one: -one[1])[:_UTILITIES_SHOWN]
+    shown = ", ".join(
+        f"{utility} with {chance:.4g}" for utility, chance in sorted(likely, reverse=True) if chance > 0.0
+    )
+    yield f"utility (exact): {shown}; not known with {outlook.beyond:.2g}"
+    if outlook.without_rate:
+        yield f"{outlook.without_rate} elements have no rate, and count as never down"
 
 
 def _in_words(values: Range) -> tuple[str, str, str]:
@@ -100,12 +129,33 @@ def _phase_json(one: PhaseSurvey) -> dict[str, object]:
                 "class": level,
                 "lost": [grade.lost[name] for grade in one.grades],
                 "single_points": list(one.single_points[name]),
-                "loss_per_h": one.likelihoods[name].per_h if name in one.likelihoods else None,
-                "loss_at_most_per_h": one.likelihoods[name].at_most_per_h if name in one.likelihoods else None,
-                "loss_is_complete": one.likelihoods[name].complete if name in one.likelihoods else None,
+                **_loss_json(one.outlook, name),
             }
             for name, level in one.wanted.items()
         },
+        "outlook": None if one.outlook is None else _outlook_json(one.outlook),
+    }
+
+
+def _loss_json(outlook: Outlook | None, function: str) -> dict[str, object]:
+    per_h = None if outlook is None else outlook.losses_per_h.get(function)
+    loss = None if outlook is None else outlook.losses.get(function)
+    return {
+        "loss_per_h": None if per_h is None else per_h.low,
+        "loss_at_most_per_h": None if per_h is None else per_h.high,
+        "loss_is_complete": None if per_h is None else per_h.high is not None,
+        "loss": None if loss is None else {"at_least": loss.low, "at_most": loss.high, "exact": loss.exact},
+    }
+
+
+def _outlook_json(outlook: Outlook) -> dict[str, object]:
+    return {
+        "mission_h": outlook.hours,
+        "order": outlook.order,
+        "expected_utility": {"at_least": outlook.expected[0], "at_most": outlook.expected[1]},
+        "utility": [{"utility": utility, "probability": chance} for utility, chance in outlook.utilities],
+        "not_known": outlook.beyond,
+        "elements_without_rate": outlook.without_rate,
     }
 
 

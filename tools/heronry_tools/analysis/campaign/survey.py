@@ -15,7 +15,7 @@ from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.model import Function, Spec
 from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
 from heronry_tools.analysis.campaign.minimal import minimal
-from heronry_tools.analysis.campaign.rates import Likelihood, likelihood
+from heronry_tools.analysis.campaign.outlook import Outlook, outlook
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +41,13 @@ class Grade:
 
 @dataclass(frozen=True, slots=True)
 class PhaseSurvey:
-    """What survives in one phase: figures by number of faults, single points of failure, likelihoods of losses."""
+    """What survives in one phase: figures by number of faults, single points of failure, the outlook."""
 
     phase: Phase
     wanted: Mapping[str, str]  # function -> its class
     grades: tuple[Grade, ...]  # one for each number of faults, from 0
     single_points: Mapping[str, tuple[str, ...]]  # served function -> elements of which each alone loses it
-    likelihoods: Mapping[str, Likelihood]  # function -> likelihood of its loss, where rates are given
+    outlook: Outlook | None  # how likely functions are lost, where rates are given
 
 
 def survey(spec: Spec, scope: Scope, outcomes: Mapping[tuple[Phase, FaultSet], Outcome]) -> tuple[PhaseSurvey, ...]:
@@ -65,7 +65,6 @@ def _phase_survey(
         for name in _unserved(wanted, outcomes[phase, down]):
             losing[name].append(down)
     smallest = {name: minimal(sets) for name, sets in losing.items()}
-    found = {name: likelihood(spec, sets, scope) for name, sets in smallest.items() if frozenset() not in sets}
     return PhaseSurvey(
         phase=phase,
         wanted={name: function.criticality_in(phase) for name, function in wanted.items()},
@@ -76,7 +75,7 @@ def _phase_survey(
         single_points={
             name: tuple(element for one in sets if len(one) == 1 for element in one) for name, sets in smallest.items()
         },
-        likelihoods={name: one for name, one in found.items() if one is not None},
+        outlook=outlook(spec, scope, phase, outcomes),
     )
 
 

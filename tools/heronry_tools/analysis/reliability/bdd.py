@@ -108,11 +108,11 @@ class Bdd(Diagram):
         known: dict[int, int] = {}
 
         def joined(one: int, other: int) -> int:
-            if one == other or other == neutral:
+            if other in (one, neutral):
                 return one
             if one == neutral:
                 return other
-            if one == absorbing or other == absorbing:
+            if absorbing in (one, other):
                 return absorbing
             key = one << _SHIFT | other if one < other else other << _SHIFT | one
             node = known.get(key)
@@ -173,9 +173,9 @@ class Zbdd(Diagram):
 
         def without(family: int, other: int) -> int:
             """Give the sets of a family that contain no set of the other."""
-            if family == FALSE or other == FALSE:
+            if FALSE in (family, other):
                 return family
-            if other == TRUE or family == other:
+            if other in (TRUE, family):
                 return FALSE
             if family == TRUE:
                 return TRUE

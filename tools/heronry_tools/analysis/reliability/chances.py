@@ -10,10 +10,10 @@ its own rate. So a single element fails as often as without the group. With prob
 has beta times the lowest of them, and each element keeps its own less that.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from math import expm1, fsum
+from math import expm1, fsum, prod
 
 from heronry_tools.analysis.reliability.formula import Formula
 
@@ -56,7 +56,7 @@ class Hazards:
         return frozenset((*self.rates, *self.demands))
 
     def among(self, elements: Collection[str]) -> "Hazards":
-        """Give the same for these elements alone; a common cause stays as likely, and takes down those that are left."""
+        """Give the same for these elements alone; a common cause stays as likely, and takes down what is left."""
         return Hazards(
             {name: rate for name, rate in self.rates.items() if name in elements},
             {name: chance for name, chance in self.demands.items() if name in elements},
@@ -88,13 +88,22 @@ class Hazards:
             for element in cause.elements:
                 causes.setdefault(element, []).append(formula.event(cause.event))
         own = {formula.event(element): events for element, events in causes.items()}
-        return formula.with_replaced(root, {one: formula.any_of([one, *its]) for one, its in own.items()}) if own else root
+        return (
+            formula.with_replaced(root, {one: formula.any_of([one, *its]) for one, its in own.items()}) if own else root
+        )
 
     def exactly(self, sets: Iterable[frozenset[str]], hours: float) -> float:
         """Give the probability that the elements that are down are exactly one of these sets, each given once."""
+        return fsum(self.each_exactly(list(sets), hours))
+
+    def each_exactly(self, sets: Sequence[frozenset[str]], hours: float) -> list[float]:
+        """Give the probability of each of these sets that exactly its elements are down."""
         chances = self.chances(hours)
-        these = list(sets)
-        return fsum(weight * self._exactly(these, forced, chances) for weight, forced in self._causes(chances))
+        found = [0.0] * len(sets)
+        for weight, forced in self._causes(chances):
+            for number, chance in enumerate(self._exactly(sets, forced, chances)):
+                found[number] += weight * chance
+        return found
 
     def more_than(self, number: int, elements: Collection[str], hours: float) -> float:
         """Give the probability that more than so many of these elements are down."""
@@ -111,25 +120,19 @@ class Hazards:
             terms.append(weight * down[-1])
         return fsum(terms)
 
-    def _exactly(self, sets: list[frozenset[str]], forced: frozenset[str], chances: Mapping[str, float]) -> float:
+    def _exactly(
+        self, sets: Iterable[frozenset[str]], forced: frozenset[str], chances: Mapping[str, float]
+    ) -> Iterator[float]:
         own = {name: chances[name] for name in (*self.rates, *self.demands) if name not in forced}
-        whole, certain = 1.0, set[str]()
-        for name, chance in own.items():
-            if chance < 1.0:
-                whole *= 1.0 - chance
-            else:
-                certain.add(name)
-        odds = {name: chance / (1.0 - chance) for name, chance in own.items() if chance < 1.0}
-        total = []
+        certain = {name for name, chance in own.items() if chance >= 1.0}
+        whole = prod(1.0 - chance for name, chance in own.items() if name not in certain)
+        odds = {name: chance / (1.0 - chance) for name, chance in own.items() if name not in certain}
+        odds |= dict.fromkeys((*forced, *certain), 1.0)
         for down in sets:
-            if not forced <= down or not certain <= down:
-                continue
-            term = whole
-            for name in down:
-                if name not in forced and name not in certain:
-                    term *= odds.get(name, 0.0)
-            total.append(term)
-        return fsum(total)
+            if forced <= down and certain <= down:
+                yield whole * prod(odds.get(name, 0.0) for name in down)
+            else:
+                yield 0.0
 
     def _causes(self, chances: Mapping[str, float]) -> Iterable[tuple[float, frozenset[str]]]:
         """Yield the ways in which common causes happen or not: its probability, and what they take down."""

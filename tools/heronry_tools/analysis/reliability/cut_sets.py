@@ -79,6 +79,7 @@ def cut_sets(
     function: str,
     scope: Scope,
     logic: Reliability | None = None,
+    *,
     executor: Executor | None = None,
     journal: Journal | None = None,
     advance: Callable[[int], None] = lambda _: None,
@@ -95,6 +96,13 @@ def cut_sets(
     logical = tuple(logic.sets.sets(MOST_LISTED, scope.faults))
     searched = elements_searched(logic, scope)
     resources = resource_sets(
-        spec.in_phase(phase), function, searched, scope.faults, logical, executor, journal, advance
+        spec.in_phase(phase),
+        function,
+        searched,
+        scope.faults,
+        logical,
+        executor=executor,
+        journal=journal,
+        advance=advance,
     )
     return CutSets(function, scope.faults, logic, resources)

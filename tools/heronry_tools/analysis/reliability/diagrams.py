@@ -12,35 +12,28 @@ probability of the opposite is computed beside it, since 1 - p is not exact wher
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from heapq import heappop, heappush
-from itertools import count, islice
-from math import inf, log
+from itertools import islice
+from math import log
 from typing import Final
 
-from heronry_tools.analysis.reliability.bdd import Bdd, Zbdd, deep, minimal_cut_sets
-from heronry_tools.analysis.reliability.formula import FALSE, LEAF, TRUE, Formula, TooLargeError
+from heronry_tools.analysis.reliability.bdd import Bdd, deep, minimal_cut_sets
+from heronry_tools.analysis.reliability.formula import FALSE, TRUE, Formula, TooLargeError
+from heronry_tools.analysis.reliability.likeliest import Solved, likeliest
 from heronry_tools.analysis.reliability.ordering import orders
 from heronry_tools.analysis.reliability.parts import Part, parts_of
 from heronry_tools.analysis.reliability.simplifying import simplified
 
 MOST_NODES: Final = 1_500_000  # of one diagram: about 400 MB
-_BUDGETS: Final = (20_000, 200_000, MOST_NODES)  # nodes with which the orders are tried, one budget after the other
+_BUDGETS: Final = (
+    10_000,
+    40_000,
+    150_000,
+    500_000,
+    MOST_NODES,
+)  # nodes with which the orders are tried, one budget after the other
 
 Chances = Mapping[str, float]
 """Probability of each event, from 0 to 1; an event without one never happens."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Solved:
-    """A part with its diagrams; variable number i is `leaves[i]`."""
-
-    part: Part
-    leaves: tuple[int, ...]
-    bdd: Bdd
-    root: int
-    sets: Zbdd
-    family: int
 
 
 class Solution:
@@ -102,7 +95,7 @@ class Solution:
         """
         names = self._formula.names
         weights = {node: log(chances[name]) for name, node in self._formula.events.items() if chances.get(name)}
-        for found in islice(_likeliest(self._root, self._parts, weights), most):
+        for found in islice(likeliest(self._root, self._parts, weights), most):
             chance = 1.0
             for event in found:
                 chance *= chances[names[event]]
@@ -117,7 +110,7 @@ class Solution:
         return self._values(chances)[self._root][1]
 
     def birnbaum(self, chances: Chances) -> dict[str, float]:
-        """Give the importance of each event: by how much the probability grows if the event goes from never to surely."""
+        """Give the importance of each event: by how much the probability grows if it surely happens, not never."""
         values = self._values(chances)
         slope: dict[int, float] = {self._root: 1.0}
         for part, one in reversed(self._parts.items()):
@@ -136,7 +129,7 @@ class Solution:
         return known
 
 
-def _solved(formula: Formula, part: Part, budgets: list[int]) -> _Solved:
+def _solved(formula: Formula, part: Part, budgets: list[int]) -> Solved:
     """Make the diagrams of a part, in the first order that is good enough for a budget of nodes."""
     proposed = list(orders(formula, part))
     with deep(len(part.leaves)):
@@ -148,7 +141,7 @@ def _solved(formula: Formula, part: Part, budgets: list[int]) -> _Solved:
                     sets, family = minimal_cut_sets(bdd, root, 2 * budget)
                 except TooLargeError:
                     continue
-                return _Solved(part, tuple(leaves), bdd, root, sets, family)
+                return Solved(part, tuple(leaves), bdd, root, sets, family)
     raise TooLargeError
 
 
@@ -159,13 +152,13 @@ def _built(formula: Formula, part: Part, leaves: list[int], bdd: Bdd) -> int:
     return value[part.root]
 
 
-def _asked(one: _Solved) -> Iterator[int]:
+def _asked(one: Solved) -> Iterator[int]:
     """Yield the leaves on which the value of a part really depends."""
     for variable in sorted({one.sets.variable[node] for node in one.sets.below(one.family)}):
         yield one.leaves[variable]
 
 
-def _depth(parts: Mapping[int, _Solved]) -> int:
+def _depth(parts: Mapping[int, Solved]) -> int:
     return 4 * sum(len(one.leaves) + 1 for one in parts.values())
 
 
@@ -188,7 +181,7 @@ def _sum(one: list[int], other: list[int]) -> list[int]:
 class _Listing:
     """Lists the sets of each size; of the sets of a node and a size it makes at most `most`."""
 
-    def __init__(self, parts: Mapping[int, _Solved], counts: Mapping[int, list[int]], most: int) -> None:
+    def __init__(self, parts: Mapping[int, Solved], counts: Mapping[int, list[int]], most: int) -> None:
         self._parts, self._counts, self._most = parts, counts, most
         self._known: dict[tuple[int, int, int], list[tuple[int, ...]]] = {}
 
@@ -211,7 +204,7 @@ class _Listing:
             self._known[key] = found
         return found
 
-    def _with(self, part: int, one: _Solved, node: int, size: int) -> list[tuple[int, ...]]:
+    def _with(self, part: int, one: Solved, node: int, size: int) -> list[tuple[int, ...]]:
         leaf, high = one.leaves[one.sets.variable[node]], one.sets.high[node]
         if leaf not in self._parts:
             return [(leaf, *rest) for rest in self._below(part, high, size - 1)]
@@ -226,70 +219,7 @@ class _Listing:
         return found
 
 
-def _likeliest(root: int, parts: Mapping[int, _Solved], weights: Mapping[int, float]) -> Iterator[tuple[int, ...]]:
-    """Yield sets by their weight, the greatest first; the weight of a set is the sum over its events.
-
-    A search from the root that always knows the best way on. `rest` are nodes to visit after the end of a part.
-    """
-    best: dict[int, dict[int, float]] = {}
-    weight = dict(weights)
-    for part, one in parts.items():
-        of_nodes = best[part] = {FALSE: -inf, TRUE: 0.0}
-        for node in one.sets.below(one.family):
-            leaf = one.leaves[one.sets.variable[node]]
-            with_it = weight.get(leaf, -inf) + of_nodes[one.sets.high[node]]
-            of_nodes[node] = max(of_nodes[one.sets.low[node]], with_it)
-        weight[part] = of_nodes[one.family]
-    if root not in parts:
-        if root == TRUE:
-            yield ()
-        elif weight.get(root, -inf) > -inf:
-            yield (root,)
-        return
-    ticket = count()
-    waiting: list[tuple[float, int, int, int, object, object, float]] = []
-    if weight[root] > -inf:
-        waiting.append((-weight[root], next(ticket), root, parts[root].family, None, None, 0.0))
-    while waiting:
-        cost, _, part, node, rest, taken, after = heappop(waiting)
-        while True:
-            if node == TRUE:
-                if rest is None:
-                    yield _unwound(taken)
-                    break
-                part, node, rest, after = rest  # type: ignore[misc]
-                continue
-            one = parts[part]
-            leaf = one.leaves[one.sets.variable[node]]
-            low, high = one.sets.low[node], one.sets.high[node]
-            gain, loss = weight.get(leaf, -inf) + best[part][high], best[part][low]
-            now = max(gain, loss)
-            if loss > -inf and gain > -inf:
-                other = cost + now - min(gain, loss)
-                if gain >= loss:
-                    heappush(waiting, (other, next(ticket), part, low, rest, taken, after))
-                elif leaf in parts:
-                    inside = (part, high, rest, after)
-                    heappush(waiting, (other, next(ticket), leaf, parts[leaf].family, inside, taken, after))
-                else:
-                    heappush(waiting, (other, next(ticket), part, high, rest, (leaf, taken), after))
-            if gain < loss:
-                node = low
-            elif leaf in parts:
-                part, node, rest = leaf, parts[leaf].family, (part, high, rest, after)
-            else:
-                node, taken = high, (leaf, taken)
-
-
-def _unwound(taken: object) -> tuple[int, ...]:
-    found = []
-    while taken is not None:
-        leaf, taken = taken  # type: ignore[misc]
-        found.append(leaf)
-    return tuple(found)
-
-
-def _chances_of(one: _Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, tuple[float, float]]:
+def _chances_of(one: Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, tuple[float, float]]:
     """Give the probabilities of each node of a part's diagram: that it is true, and that it is false."""
     found = {FALSE: (0.0, 1.0), TRUE: (1.0, 0.0)}
     variable, low, high = one.bdd.variable, one.bdd.low, one.bdd.high
@@ -300,7 +230,7 @@ def _chances_of(one: _Solved, known: Mapping[int, tuple[float, float]]) -> dict[
     return found
 
 
-def _slopes(one: _Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, float]:
+def _slopes(one: Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, float]:
     """Give, for each leaf of a part, how the probability of the part grows with that of the leaf."""
     chances = _chances_of(one, known)
     reached = dict.fromkeys(chances, 0.0)

@@ -1,7 +1,7 @@
 """When the graph cannot serve a function any more: its failure as a monotone formula over the elements of a spec.
 
-Resources, placement rules and time are left out here: this is the logic of semantics rules 1 to 6 and 10. An *option* is
-a module in one of its modes. An option fails if
+Resources, placement rules and time are left out here: this is the logic of semantics rules 1 to 6 and 10. An *option*
+is a module in one of its modes. An option fails if
 
     its module cannot be placed     the module or its device is down, or each possible PE is: the PE itself, the place,
                                     or a bus or gateway PE on the one route from the manager's bus. (Between two PEs
@@ -12,9 +12,9 @@ a module in one of its modes. An option fails if
 
 and a function fails if all options of its outputs fail.
 
-*Feedback.* Options that feed each other in a cycle carry themselves: what fails is the least solution. A cycle is cut at
-some options, whose values are computed again and again, beginning with "nothing fails". With n such options the values
-stand still after n rounds, since each round but the last makes at least one of them fail for good.
+*Feedback.* Options that feed each other in a cycle carry themselves: what fails is the least solution. A cycle is cut
+at some options, whose values are computed again and again, beginning with "nothing fails". With n such options the
+values stand still after n rounds, since each round but the last makes at least one of them fail for good.
 
 *What excludes itself.* A module runs in one mode; of the branches of a DEMUX, of its ends, and of the modules on one
 actuator at most one runs. Of two options that exclude each other one may be left out if the other feeds all that it
@@ -28,7 +28,7 @@ from typing import Final
 from heronry_dg.gates import Expression, Leaf, bounds
 from heronry_dg.model import Mode, Module, Spec
 from heronry_dg.situation import hosts_when_all_is_up, places
-from heronry_tools.analysis.reliability.formula import FALSE, TRUE, Formula, TooLargeError
+from heronry_tools.analysis.reliability.formula import FALSE, TRUE, Formula
 
 _MOST_NODES: Final = 400_000
 _SERVES: Final = ("", "", "")  # what an option of an output feeds: the function itself
@@ -284,13 +284,17 @@ def _choices(spec: Spec, feeds: Mapping[Option, set[_Fed]]) -> list[list[frozens
 def _exclusive(spec: Spec) -> Iterable[frozenset[str]]:
     """Give the groups of modules of which at most one runs, and each other module with several modes as a group."""
     grouped = [frozenset(modules) for demux in spec.demuxes.values() for modules in demux.exclusives.values()]
-    for device in spec.devices.values():
-        if device.kind == "actuator":
-            grouped.append(frozenset(m.name for m in spec.modules.values() if m.device == device.name))
+    grouped += [
+        frozenset(module.name for module in spec.modules.values() if module.device == device.name)
+        for device in spec.devices.values()
+        if device.kind == "actuator"
+    ]
     grouped = [group for group in dict.fromkeys(grouped) if len(group) > 1]
     yield from grouped
     covered = frozenset[str]().union(*grouped)
-    yield from (frozenset({one.name}) for one in spec.modules.values() if len(one.modes) > 1 and one.name not in covered)
+    yield from (
+        frozenset({one.name}) for one in spec.modules.values() if len(one.modes) > 1 and one.name not in covered
+    )
 
 
 def _stands_for(feeds: Mapping[Option, set[_Fed]], one: Option, other: Option) -> bool:
@@ -378,7 +382,9 @@ def _cut(group: list[Option], read: Mapping[Option, Collection[Option]]) -> list
 
 def _ordered(group: list[Option], read: Mapping[Option, Collection[Option]], cut: Collection[Option]) -> list[Option]:
     """Put the options of a group that are not cut in an order in which each comes after those that it reads."""
-    left = {one: {other for other in read[one] if other in group and other not in cut} for one in group if one not in cut}
+    left = {
+        one: {other for other in read[one] if other in group and other not in cut} for one in group if one not in cut
+    }
     ordered: list[Option] = []
     while left:
         ready = [one for one, before in left.items() if not before]

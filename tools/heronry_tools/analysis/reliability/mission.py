@@ -68,7 +68,7 @@ class Reliability:
         return [(t, self.survival(t)) for t in (hours * number / points for number in range(points + 1))]
 
     def importance(self, hours: float) -> dict[str, Importance]:
-        """Give the importance of each event that can lose the function, common causes among them; greatest share first."""
+        """Give the importance of each event that can lose the function, common causes, too; the greatest first."""
         chances = self.hazards.chances(hours)
         whole = self._with_causes.probability(chances)
         slopes = self._with_causes.birnbaum(chances)
@@ -88,12 +88,11 @@ class Reliability:
         if fastest <= 0.0 or self._with_causes.survival(self.hazards.chances(inf)) > 0.0:
             return 0.0 if self.survival(0.0) == 0.0 else inf
         scale = self._scale(1.0 / fastest)
-        before = None
+        found = 0.0
         for steps in _STEPS:
-            found = self._integral(scale, steps)
-            if before is not None and abs(found - before) <= _EXACT * found:
-                return found
-            before = found
+            before, found = found, self._integral(scale, steps)
+            if abs(found - before) <= _EXACT * found:
+                break
         return found
 
     def _scale(self, hours: float) -> float:

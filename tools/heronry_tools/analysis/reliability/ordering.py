@@ -4,13 +4,14 @@ No order is good for every formula, so several are proposed, and the caller take
 
     as read     the order in which a search from the root, depth first, meets the leaves
     small first the same search, but each gate's smaller inputs first
+    large first the same search, but each gate's larger inputs first
     shared first the same search, but what is read most often first
-    drawn together: an order in which the leaves of a gate lie near each other (Aloul, Markov and Sakallah, FORCE: a fast
-        and easy-to-implement variable-ordering heuristic, 2003)
+    pulled      one of these, with the leaves of a gate moved near each other (Aloul, Markov and Sakallah, FORCE: a fast
+                and easy-to-implement variable-ordering heuristic, 2003)
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from heronry_tools.analysis.reliability.formula import LEAF, Formula
@@ -29,17 +30,17 @@ def orders(formula: Formula, part: Part) -> Iterator[list[int]]:
 
 
 def _proposed(formula: Formula, part: Part) -> Iterator[list[int]]:
-    gates = set(part.gates)
     size = _sizes(formula, part)
     readers = Counter(one for gate in part.gates for one in formula.inputs[gate])
+    keys: tuple[Callable[[int], object], ...] = (
+        lambda _: 0,
+        lambda one: size[one],
+        lambda one: -size[one],
+        lambda one: (-readers[one], size[one]),
+    )
     searches = [
-        _searched(formula, part, {gate: list(formula.inputs[gate]) for gate in gates}),
-        _searched(formula, part, {gate: sorted(formula.inputs[gate], key=lambda one: size[one]) for gate in gates}),
-        _searched(
-            formula,
-            part,
-            {gate: sorted(formula.inputs[gate], key=lambda one: (-readers[one], size[one])) for gate in gates},
-        ),
+        _searched(part, {gate: sorted(formula.inputs[gate], key=key) for gate in part.gates})  # type: ignore[arg-type]
+        for key in keys
     ]
     pulled = [_pulled(formula, part, order) for order in searches]
     spans = sorted(((_span(formula, part, order), order) for order in [*searches, *pulled]), key=lambda pair: pair[0])
@@ -56,7 +57,7 @@ def _sizes(formula: Formula, part: Part) -> dict[int, int]:
     return size
 
 
-def _searched(formula: Formula, part: Part, inputs: dict[int, list[int]]) -> list[int]:
+def _searched(part: Part, inputs: dict[int, list[int]]) -> list[int]:
     seen, found, waiting = set[int](), list[int](), [part.root]
     while waiting:
         node = waiting.pop()

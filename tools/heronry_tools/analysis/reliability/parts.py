@@ -1,8 +1,8 @@
 """Splits a formula into independent parts, so that each diagram stays small.
 
-A gate is *independent* if what it depends on is read by nothing outside it. Then the formula knows it only by its value,
-and it can be treated as one more event. A part is an independent gate with all that it depends on, down to events and
-other independent gates. Parts share no event.
+A gate is *independent* if what it depends on is read by nothing outside it. Then the formula knows it only by its
+value, and it can be treated as one more event. A part is an independent gate with all that it depends on, down to
+events and other independent gates. Parts share no event.
 
 Independent gates are found by the times at which a search from the root comes by (Dutuit and Rauzy, A linear-time
 algorithm to find modules of fault trees, 1996). Before that, a gate that reads only gates of its own kind takes over

@@ -7,8 +7,8 @@ Only planning finds them, one set of faults after the other, the smaller ones fi
 - A set is settled without a search if a configuration that is known already survives it, or if it leaves exactly what
   another set has left.
 
-The sets of one size do not depend on each other. They are numbered and divided into parts; processes take the parts, and
-a journal keeps those that are done, so that a killed run goes on where it ended.
+The sets of one size do not depend on each other. They are numbered and divided into parts; processes take the parts,
+and a journal keeps those that are done, so that a killed run goes on where it ended.
 """
 
 import json
@@ -169,6 +169,7 @@ def resource_sets(
     elements: Collection[str],
     order: int,
     logical: Collection[FaultSet],
+    *,
     executor: Executor | None = None,
     journal: Journal | None = None,
     advance: Callable[[int], None] = lambda _: None,
@@ -189,7 +190,15 @@ def resource_sets(
         cuts = tuple(cut for cut in logical if len(cut) <= size and not any(one < cut for one in found))
         new = [cut for cut in cuts if len(cut) == size]
         parts = [
-            Part(spec, function, named, size, first, min(_SETS_IN_A_PART, comb(len(named), size) - first), (*found, *cuts))
+            Part(
+                spec,
+                function,
+                named,
+                size,
+                first,
+                min(_SETS_IN_A_PART, comb(len(named), size) - first),
+                (*found, *cuts),
+            )
             for first in range(0, comb(len(named), size), _SETS_IN_A_PART)
         ]
         for part, sets in _answers(parts, executor, journal):

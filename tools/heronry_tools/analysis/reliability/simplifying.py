@@ -48,27 +48,7 @@ def _read_in_context(formula: Formula, root: int) -> int:
     """Read each node with what is known to be false or true wherever it is read; bits of integers stand for nodes."""
     nodes = formula.below(root)
     bit = {node: 1 << index for index, node in enumerate(nodes)}
-    below, if_false, if_true = dict(bit), dict(bit), dict(bit)  # of a node: itself, and what follows from its value
-    for node in nodes:
-        inputs, least = formula.inputs[node], formula.least[node]
-        for one in inputs:
-            below[node] |= below[one]
-            if least == 1:
-                if_false[node] |= if_false[one]
-            if least == len(inputs):
-                if_true[node] |= if_true[one]
-    false, true = {root: 0}, {root: 0}
-    for node in reversed(nodes):
-        here_false, here_true = false[node], true[node]
-        if bit[node] & (here_false | here_true):
-            here_false = here_true = -1  # then the inputs are not read here
-        for one in sorted(formula.inputs[node], key=lambda one: (formula.least[one] != LEAF, one)):
-            false[one] = here_false & below[one] & false.get(one, -1)
-            true[one] = here_true & below[one] & true.get(one, -1)
-            if formula.least[node] == 1:
-                here_false |= if_false[one]
-            elif formula.least[node] == len(formula.inputs[node]):
-                here_true |= if_true[one]
+    false, true = _known(formula, nodes, bit)
     now: dict[int, int] = {}
     for node in nodes:
         if bit[node] & false[node]:
@@ -80,6 +60,39 @@ def _read_in_context(formula: Formula, root: int) -> int:
         else:
             now[node] = formula.at_least(formula.least[node], [now[one] for one in formula.inputs[node]])
     return now[root]
+
+
+def _known(formula: Formula, nodes: list[int], bit: dict[int, int]) -> tuple[dict[int, int], dict[int, int]]:
+    """Give, for each node, the nodes below it that are known to be false, and to be true, wherever it is read."""
+    below, if_false, if_true = _consequences(formula, nodes, bit)
+    false, true = {nodes[-1]: 0}, {nodes[-1]: 0}
+    for node in reversed(nodes):
+        inputs, least = formula.inputs[node], formula.least[node]
+        here_false, here_true = false[node], true[node]
+        if bit[node] & (here_false | here_true):
+            here_false = here_true = -1  # then the inputs are not read here
+        for one in sorted(inputs, key=lambda one: (formula.least[one] != LEAF, one)):
+            false[one] = here_false & below[one] & false.get(one, -1)
+            true[one] = here_true & below[one] & true.get(one, -1)
+            if least == 1:
+                here_false |= if_false[one]
+            elif least == len(inputs):
+                here_true |= if_true[one]
+    return false, true
+
+
+def _consequences(formula: Formula, nodes: list[int], bit: dict[int, int]) -> tuple[dict[int, int], ...]:
+    """Give, for each node, what it depends on, what is false if it is, and what is true if it is; itself included."""
+    below, if_false, if_true = dict(bit), dict(bit), dict(bit)
+    for node in nodes:
+        inputs, least = formula.inputs[node], formula.least[node]
+        for one in inputs:
+            below[node] |= below[one]
+            if least == 1:
+                if_false[node] |= if_false[one]
+            if least == len(inputs):
+                if_true[node] |= if_true[one]
+    return below, if_false, if_true
 
 
 def _decided(formula: Formula, root: int) -> int:
@@ -123,36 +136,14 @@ def _decides(formula: Formula, root: int, readers: dict[int, list[int]], node: i
         if sum(one in forced for one in inputs) >= needed:
             forced.add(gate)
     tops = [gate for gate in forced if gate != node and (gate == root or any(r not in forced for r in readers[gate]))]
-    kind = 1 if value == TRUE else 0
-    far = [
-        gate
-        for gate in tops
-        if not (node in formula.inputs[gate] and (formula.least[gate] == 1) == bool(kind))
-    ]
-    return tops if far else []
+    near = [one for one in tops if node in formula.inputs[one] and (formula.least[one] == 1) == (value == TRUE)]
+    return tops if len(near) < len(tops) else []
 
 
 def _together(formula: Formula, root: int) -> int:
     """Give a gate of their own to inputs that the same gates read, if these are all ORs or all ANDs."""
     nodes = formula.below(root)
-    groups: dict[tuple[int, ...], list[int]] = {}
-    for node, gates in _readers(formula, nodes).items():
-        if len(gates) > 1:
-            groups.setdefault(tuple(gates), []).append(node)
-    merged: dict[int, dict[int, int]] = {}  # gate -> input -> the gate that stands for it
-    for gates, group in groups.items():
-        if len(group) < 2:
-            continue
-        if all(formula.least[gate] == 1 for gate in gates):
-            made = formula.any_of(group)
-        elif all(formula.least[gate] == len(formula.inputs[gate]) for gate in gates):
-            made = formula.all_of(group)
-        else:
-            continue
-        for gate in gates:
-            merged.setdefault(gate, {}).update(dict.fromkeys(group, made))
-    if not merged:
-        return root
+    merged = _merged(formula, nodes)
     now: dict[int, int] = {}
 
     def value(node: int) -> int:
@@ -162,12 +153,32 @@ def _together(formula: Formula, root: int) -> int:
             found = now[node] = formula.at_least(formula.least[node], [now[one] for one in formula.inputs[node]])
         return found
 
-    for node in nodes:
+    for node in nodes if merged else ():
         if formula.least[node] == LEAF:
             now[node] = node
             continue
         its = merged.get(node, {})
-        inputs = list(dict.fromkeys(its.get(one, one) for one in formula.inputs[node]))
-        new = [value(one) for one in inputs]
+        new = [value(one) for one in dict.fromkeys(its.get(one, one) for one in formula.inputs[node])]
         now[node] = formula.at_least(len(new) if formula.least[node] > 1 and its else formula.least[node], new)
-    return now[root]
+    return now.get(root, root)
+
+
+def _merged(formula: Formula, nodes: list[int]) -> dict[int, dict[int, int]]:
+    """Give, by gate and input, the gate that is to stand for the input and others."""
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for node, gates in _readers(formula, nodes).items():
+        if len(gates) > 1:
+            groups.setdefault(tuple(gates), []).append(node)
+    merged: dict[int, dict[int, int]] = {}
+    for readers, group in groups.items():
+        if len(group) < 2:
+            continue
+        if all(formula.least[gate] == 1 for gate in readers):
+            made = formula.any_of(group)
+        elif all(formula.least[gate] == len(formula.inputs[gate]) for gate in readers):
+            made = formula.all_of(group)
+        else:
+            continue
+        for gate in readers:
+            merged.setdefault(gate, {}).update(dict.fromkeys(group, made))
+    return merged

@@ -1,5 +1,7 @@
 """How likely the elements of a spec fail, as the spec says it."""
 
+from typing import Any
+
 from heronry_dg.model import Spec
 from heronry_dg.situation import elements
 from heronry_tools.analysis.reliability.chances import CommonCause, Hazards
@@ -12,7 +14,7 @@ def hazards(spec: Spec) -> Hazards:
         kind, _, name = element.partition(":")
         if kind == "channel":
             continue  # the spec says this of whole buses
-        its = {"pe": spec.pes, "device": spec.devices, "module": spec.modules, "bus": spec.buses}[kind][name]
+        its: Any = {"pe": spec.pes, "device": spec.devices, "module": spec.modules, "bus": spec.buses}[kind][name]
         if its.rate_per_h is not None:
             rates[element] = float(its.rate_per_h)
         elif getattr(its, "probability", None) is not None:

@@ -1,16 +1,16 @@
 """Reads a fault tree in the Open-PSA Model Exchange Format into a formula.
 
-Understood are gates of `and`, `or`, `atleast`, of one argument, and constants; house events; basic events with a number,
+Understood are gates of `and`, `or`, `atleast`, of one input, and constants; house events; basic events with a number,
 an exponential law, or none; parameters; common causes by the beta factor. A tree with a negation has no minimal cut
-sets, so gates such as `not` and `xor` are refused. Trees may be divided into components; names must be unique in the
-whole model then.
+sets, so gates such as `not` and `xor` are refused. Trees may be divided into components; then names must be unique in
+the whole model.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 from heronry_tools.analysis.reliability.formula import FALSE, TRUE, Formula
 from heronry_tools.console.errors import UserError
@@ -47,8 +47,8 @@ def read_tree(file: Path) -> Tree:
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise UserError(f"{file}: a document type is not read; remove the line with <!DOCTYPE")
     try:
-        root = ElementTree.fromstring(text)  # noqa: S314 - without a document type no entity can grow
-    except ElementTree.ParseError as error:
+        root = ET.fromstring(text)  # noqa: S314 - without a document type no entity can grow
+    except ET.ParseError as error:
         raise UserError(f"{file}: this is no XML: {error}; name an Open-PSA file") from error
     if root.tag != "opsa-mef":
         raise UserError(f"{file}: the root is <{root.tag}>; an Open-PSA file begins with <opsa-mef>")
@@ -56,7 +56,7 @@ def read_tree(file: Path) -> Tree:
 
 
 class _Reader:
-    def __init__(self, file: Path, root: ElementTree.Element) -> None:
+    def __init__(self, file: Path, root: ET.Element) -> None:
         self._file, self._root = file, root
         self._formula = Formula()
         self._definitions = dict(self._defined("define-gate"))
@@ -72,7 +72,7 @@ class _Reader:
     def _wrong(self, sentence: str, remedy: str) -> UserError:
         return UserError(f"{self._file}: {sentence}; {remedy}")
 
-    def _defined(self, tag: str) -> Iterator[tuple[str, ElementTree.Element]]:
+    def _defined(self, tag: str) -> Iterator[tuple[str, ET.Element]]:
         seen: set[str] = set()
         for one in self._root.iter(tag):
             name = one.get("name")
@@ -99,13 +99,13 @@ class _Reader:
                 without.append(name)
         return Tree(self._formula, tops, gates, rates, demands, tuple(without), tuple(self._common()))
 
-    def _reads(self, one: ElementTree.Element) -> Iterator[str]:
+    def _reads(self, one: ET.Element) -> Iterator[str]:
         for reference in one.iter():
             name = self._name(reference)
             if reference.tag in ("gate", "event") and name in self._definitions:
                 yield name
 
-    def _name(self, one: ElementTree.Element) -> str:
+    def _name(self, one: ET.Element) -> str:
         return (one.get("name") or "").rpartition(".")[2]
 
     def _gates(self, read: Mapping[str, set[str]]) -> dict[str, int]:
@@ -127,13 +127,13 @@ class _Reader:
                 values[name] = self._formula_of(name, self._definitions[name], values)
         return values
 
-    def _formula_of(self, gate: str, one: ElementTree.Element, values: Mapping[str, int]) -> int:
+    def _formula_of(self, gate: str, one: ET.Element, values: Mapping[str, int]) -> int:
         inside = [child for child in one if child.tag not in _ABOUT]
         if len(inside) != 1:
             raise self._wrong(f"gate {gate} has {len(inside)} formulas", "give it one")
         return self._value(gate, inside[0], values)
 
-    def _value(self, gate: str, one: ElementTree.Element, values: Mapping[str, int]) -> int:
+    def _value(self, gate: str, one: ET.Element, values: Mapping[str, int]) -> int:
         if one.tag == "constant":
             return TRUE if one.get("value") == "true" else FALSE
         if one.tag in _REFERENCES:
@@ -154,13 +154,13 @@ class _Reader:
                     )
                 raise self._wrong(f"gate {gate} has a <{one.tag}>, which is no formula", "write or, and, or atleast")
 
-    def _least(self, gate: str, one: ElementTree.Element, inputs: int) -> int:
+    def _least(self, gate: str, one: ET.Element, inputs: int) -> int:
         text = one.get("min") or ""
         if not text.isdecimal() or not 0 <= int(text) <= inputs:
             raise self._wrong(f"gate {gate}: 'min' is {text or 'missing'}", f"write a number from 0 to {inputs}")
         return int(text)
 
-    def _reference(self, gate: str, one: ElementTree.Element, values: Mapping[str, int]) -> int:
+    def _reference(self, gate: str, one: ET.Element, values: Mapping[str, int]) -> int:
         name = self._name(one)
         kind = one.get("type") or one.tag
         if kind in ("gate", "event") and name in values:
@@ -190,7 +190,7 @@ class _Reader:
             raise self._wrong(f"basic event {name} has the value {value:g}", what)
         return value
 
-    def _number(self, one: ElementTree.Element, depth: int = 0) -> float | None:
+    def _number(self, one: ET.Element, depth: int = 0) -> float | None:
         """Give a number, directly or by a parameter; None for any other expression."""
         if one.tag in ("float", "int"):
             try:
@@ -209,6 +209,6 @@ class _Reader:
             factors = [value for one in group.iter("factor") for child in one if (value := self._number(child))]
             if group.get("model") != "beta-factor" or len(factors) != 1 or not 0.0 < factors[0] <= 1.0:
                 raise self._wrong(
-                    f"common cause group {name} is no beta factor", "write model=\"beta-factor\" with one factor"
+                    f"common cause group {name} is no beta factor", 'write model="beta-factor" with one factor'
                 )
             yield members, factors[0]

@@ -1,8 +1,8 @@
 """Writes a fault tree as a spec: one device for each basic event, and one module for each gate.
 
 A gate of the tree is true when something has failed, and a module runs when its needs hold: so an OR of failures needs
-all its inputs, an AND any one of them, and "at least k of n have failed" needs n - k + 1 that work. `heronry cutsets SPEC
-FUNCTION --kinds device` then has the cut sets of the tree.
+all its inputs, an AND any one of them, and "at least k of n have failed" needs n - k + 1 that work. Then the command
+`heronry cutsets SPEC FUNCTION --kinds device` has the cut sets of the tree.
 """
 
 from collections.abc import Iterator, Mapping

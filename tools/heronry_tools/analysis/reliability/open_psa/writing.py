@@ -28,11 +28,11 @@ def fault_tree(name: str, formula: Formula, root: int, hazards: Hazards, hours: 
         f"      {_body(names, formula, root)}",
         "    </define-gate>",
     ]
-    for node in reversed(formula.below(root)):
-        if formula.least[node] != LEAF and node != root:
-            lines.append(
-                f'    <define-gate name="{names.of[node]}">{_body(names, formula, node)}</define-gate>'
-            )
+    lines += [
+        f'    <define-gate name="{names.of[node]}">{_body(names, formula, node)}</define-gate>'
+        for node in reversed(formula.below(root))
+        if formula.least[node] != LEAF and node != root
+    ]
     lines += ["  </define-fault-tree>", "  <model-data>", *_events(names, formula, root, hazards, hours)]
     return "\n".join([*lines, "  </model-data>", "</opsa-mef>"]) + "\n"
 
@@ -50,7 +50,9 @@ class _Names:
 
 
 def _free(text: str, taken: set[str]) -> str:
-    parts = "".join(letter if letter.isascii() and letter.isalnum() else "-" if letter != "_" else "_" for letter in text)
+    parts = "".join(
+        letter if letter.isascii() and letter.isalnum() else "-" if letter != "_" else "_" for letter in text
+    )
     words = [word for word in parts.replace("_", " _ ").replace("-", " ").split() if word]
     name = ""
     for word in words:
@@ -73,9 +75,7 @@ def _body(names: _Names, formula: Formula, node: int) -> str:
     if node in formula.names:
         return f'<basic-event name="{names.of[node]}"/>'
     inputs = formula.inputs[node]
-    inside = "".join(
-        f'<{"basic-event" if one in formula.names else "gate"} name="{names.of[one]}"/>' for one in inputs
-    )
+    inside = "".join(f'<{"basic-event" if one in formula.names else "gate"} name="{names.of[one]}"/>' for one in inputs)
     least = formula.least[node]
     if least == 1:
         return f"<or>{inside}</or>"
