@@ -121,6 +121,32 @@ def failures_per_hour(value: object) -> Fraction:
     return exact
 
 
+def probability(value: object) -> Fraction:
+    """Convert a probability, from 0 to 1; raises UnfitError for any other value."""
+    exact = number(value)
+    if not 0 <= exact <= 1:
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be from 0 to 1, not {value}", "write a number such as 0.001")
+    return exact
+
+
+def part(value: object) -> Fraction:
+    """Convert a share above 0, at most 1; raises UnfitError for any other value."""
+    exact = number(value)
+    if not 0 < exact <= 1:
+        raise UnfitError(
+            rules.OUT_OF_RANGE, f"must be above 0 and at most 1, not {value}", "write a number such as 0.1"
+        )
+    return exact
+
+
+def hours(value: object) -> Fraction:
+    """Convert a number of hours, more than 0; raises UnfitError for any other value."""
+    exact = number(value)
+    if exact <= 0:
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be more than 0 hours, not {value}", "write a number such as 2.5")
+    return exact
+
+
 def number(value: object) -> Fraction:
     """Convert a number exactly; raises UnfitError for a value that is not a number."""
     return Fraction(_numeric(value))

@@ -42,6 +42,7 @@ def check_references(draft: Draft, findings: Findings) -> None:
     assess.phases()
     assess.placement()
     assess.plants()
+    assess.common_causes()
 
 
 class _ReferenceRules:
@@ -106,6 +107,17 @@ class _ReferenceRules:
             self._findings.add(
                 graph.MANAGER_BUS, place, sentence, f"put the manager on a wired bus, such as {wired[0]}"
             )
+
+    def common_causes(self) -> None:
+        """Check that the elements of each common cause exist; a channel or a place has no rate, so it is none here."""
+        sections = {"pe": self._draft.pes, "device": self._draft.devices, "module": self._draft.modules}
+        sections["bus"] = self._draft.buses  # type: ignore[assignment]
+        known = [f"{kind}:{name}" for kind, section in sections.items() for name in section]
+        for number, cause in enumerate(self._draft.header.common_cause if self._draft.header is not None else ()):
+            for index, element in enumerate(cause.elements):
+                if element not in known:
+                    place = yaml_source.place_at(self._draft.root, ("common_cause", number, "elements", index))
+                    self._findings.unknown(graph.UNKNOWN_NAME, place, "element", element, known)
 
     def plants(self) -> None:
         """Check that `moved_by` of each plant names actuators, `seen_by` names sensors, and `affects` names plants."""

@@ -1,9 +1,9 @@
-"""What the mission asks: phases, the rules by which they begin, and the faults to plan ahead for."""
+"""What the mission asks: phases, the rules by which they begin, the faults to plan ahead for, and common causes."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
-from heronry_dg.field_types import Names, Span, Threshold
+from heronry_dg.field_types import Names, Part, Span, Threshold
 from heronry_dg.keys import Bounds, Key
 
 
@@ -44,6 +44,16 @@ class Phase:
             {"variable": "altitude", "above": 17000, "hold_ms": 500},
         ),
     ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class CommonCause:
+    """Elements that one cause takes down together (the beta factor)."""
+
+    elements: Annotated[
+        Names, Bounds(min_length=2), Key("Elements with rates, or with probabilities.", ["pe:tail_a", "pe:tail_b"])
+    ]
+    beta: Annotated[Part, Key("Share of their failures that takes down all of them.", 0.1)]
 
 
 @dataclass(frozen=True, slots=True)

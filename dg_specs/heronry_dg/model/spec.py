@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
-from heronry_dg.field_types import Name, Names
+from heronry_dg.field_types import Hours, Name, Names
 from heronry_dg.gates import Expression
 from heronry_dg.keys import Bounds, Key
 from heronry_dg.model.hardware import Bus, Device, Manager, Pe, Plant
-from heronry_dg.model.mission import Contingency, Phase
+from heronry_dg.model.mission import CommonCause, Contingency, Phase
 from heronry_dg.model.software import Demux, Function, Mode, Module, Variable
 
 
@@ -26,6 +26,18 @@ class Header:
         tuple[Annotated[Names, Bounds(min_length=2)], ...],
         Key("Groups of modules; all modules of a group must run on the same PE.", [["a", "b"]]),
     ] = ()
+    common_cause: Annotated[
+        tuple[CommonCause, ...],
+        Key(
+            "Groups of elements that one cause takes down together; only analysis uses them.",
+            [{"elements": ["pe:tail_a", "pe:tail_b"], "beta": 0.1}],
+            analysis_only=True,
+        ),
+    ] = ()
+    mission_h: Annotated[
+        Hours | None,
+        Key("Length of the mission in hours; 1 if left out; only analysis uses it.", 2.5, analysis_only=True),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
