@@ -111,7 +111,7 @@ class _ReferenceRules:
     def common_causes(self) -> None:
         """Check that the elements of each common cause exist; a channel or a place has no rate, so it is none here."""
         sections = {"pe": self._draft.pes, "device": self._draft.devices, "module": self._draft.modules}
-        sections["bus"] = self._draft.buses  # type: ignore[assignment]
+        sections["bus"] = self._draft.buses
         known = [f"{kind}:{name}" for kind, section in sections.items() for name in section]
         for number, cause in enumerate(self._draft.header.common_cause if self._draft.header is not None else ()):
             for index, element in enumerate(cause.elements):

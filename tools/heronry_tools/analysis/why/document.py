@@ -21,6 +21,7 @@ def document(spec: Spec, found: Explanation) -> dict[str, Any]:
         "best_value": found.best_value,
         "why_not": found.report.why_not,
         "reasons": [{"kind": one.kind, "name": one.name, "text": in_words(spec, one)} for one in found.reasons],
+        "logical": [sorted(down) for down in found.logical],
         "repairs": [
             {
                 "restore": list(repair.restore),

@@ -39,6 +39,9 @@ from heronry_dg.situation import Situation
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.explain import explained
 from heronry_tools.analysis.check.servable import PLENTY, Planning
+from heronry_tools.analysis.reliability.diagrams import Solution
+from heronry_tools.analysis.reliability.failure import failure
+from heronry_tools.analysis.reliability.formula import TooLargeError
 from heronry_tools.analysis.why.assumptions import (
     CAPACITIES,
     MENDABLE,
@@ -51,6 +54,7 @@ from heronry_tools.analysis.why.assumptions import (
 )
 from heronry_tools.console.errors import UserError
 
+_MOST_SETS: Final = 20  # logical cut sets that are told
 _MOST_TRIES: Final = 40  # hitting sets that are tried; the shipped specs need a few
 _MOST_PARTS: Final = 4  # most elements and capacities of one repair
 
@@ -71,7 +75,10 @@ class Repair:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Whether and how a function is served, the reasons why it is not served better, and the repairs."""
+    """Whether and how a function is served, the reasons why it is not served better, and the repairs.
+
+    logical: if the function is not served, the smallest sets of what is down without which no resources would help.
+    """
 
     function: Function
     now: Situation
@@ -79,6 +86,7 @@ class Explanation:
     best_value: int
     reasons: tuple[Assumption, ...]
     repairs: tuple[Repair, ...]  # all with one part; if there are none, one smallest repair; empty: none helps
+    logical: tuple[frozenset[str], ...] = ()
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
@@ -109,9 +117,18 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
         return unknown
     return replace(
         unknown,
+        logical=() if report.served else _lost_by_logic(spec, now, function),
         reasons=tuple(_irreducible(every, possible)),
         repairs=tuple(_repairs(question, every, function, now, possible)),
     )
+
+
+def _lost_by_logic(spec: Spec, now: Situation, function: Function) -> tuple[frozenset[str], ...]:
+    try:
+        found = failure(spec.in_phase(now.phase), function.name, now.down)
+        return tuple(Solution(found.formula, found.root).sets(_MOST_SETS))
+    except TooLargeError:
+        return ()
 
 
 def _question(spec: Spec, found: Plan, function: Function, least: int) -> Question:
