@@ -174,8 +174,13 @@ def test_every_key_has_a_sentence_and_an_example(kind: type, one: DeclaredKey) -
     assert one.key.examples, kind
 
 
-def test_only_failure_rates_are_left_to_analysis() -> None:
-    assert {one.field for _, one in KEYS if one.key.analysis_only} == {"rate_per_h"}
+def test_only_how_likely_things_fail_is_left_to_analysis() -> None:
+    assert {one.field for _, one in KEYS if one.key.analysis_only} == {
+        "rate_per_h",
+        "probability",
+        "common_cause",
+        "mission_h",
+    }
     assert {kind for kind, one in KEYS if one.field == "rate_per_h"} >= {Bus, Pe, Module}
 
 

@@ -23,6 +23,7 @@ TEACHING = [name for name in COMMANDS if name != HELP]
 ORDERS = ("phase", "priority", "fail", "clear", "unlock", "send-table", "key")  # one sentence is all that they answer
 STREAMS = ("demo", "manager", "top", "web")  # they print until they are ended; a shell's > keeps that
 FORMATS = (
+    "export",
     "render",
     "schema",
     "table",
@@ -32,7 +33,10 @@ FORMATS = (
     "record",
     "log",
 )  # what they write is for programs already
-WIRES = ("softbus",)  # it carries frames, and has no answer to anything
+WIRES = (
+    "import",
+    "softbus",
+)  # it carries frames, and has no answer to anything
 
 
 @pytest.fixture(autouse=True)
@@ -269,6 +273,8 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "bound": ["bound", "nosuch"],
     "campaign": ["campaign", "nosuch"],
     "cutsets": ["cutsets", "nosuch", "elevator"],
+    "export": ["export", "openpsa", "nosuch", "elevator"],
+    "import": ["import", "openpsa", "nosuch.xml"],
     "sim": ["sim", "nosuch"],
     "fly": ["fly", "nosuch"],
     "exhaust": ["exhaust", "nosuch"],

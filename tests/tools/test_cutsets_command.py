@@ -147,7 +147,7 @@ def test_a_set_that_is_logical_is_listed_once(
 ) -> None:
     found = tuple(frozenset(filter(None, [one])) for one in resources)
 
-    def search(_: Spec, function: str, scope: Scope, logic: Reliability, *__: object) -> CutSets:
+    def search(_: Spec, function: str, scope: Scope, logic: Reliability, **__: object) -> CutSets:
         return CutSets(function, scope.faults, logic, found)
 
     monkeypatch.setattr(cut_sets_module, "cut_sets", search)

@@ -62,11 +62,11 @@ def _text(spec: "Spec", found: "Explanation") -> str:
     from heronry_tools.analysis.why.assumptions import in_words  # noqa: PLC0415
 
     lines = [_headline(found)]
-    if found.reasons:
-        lines += ["because, all at once:", *(f"  {in_words(spec, one)}" for one in found.reasons)]
     if any(found.logical):
         sets = "; or ".join(" and ".join(sorted(down)) for down in found.logical)
         lines.append(f"by the logic of the graph it is lost without: {sets}")
+    if found.reasons:
+        lines += ["because, all at once:", *(f"  {in_words(spec, one)}" for one in found.reasons)]
     if found.repairs:
         lines += ["repaired by:" if len(found.repairs) == 1 else "repaired by any one of these:"]
         lines += [f"  {_repair(spec, one)}" for one in found.repairs]
