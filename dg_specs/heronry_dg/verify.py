@@ -14,6 +14,7 @@ The rules and their sub-rules:
     7 resources  cpu, ram, flash, bus
     8 placement  separate, together
     9 deadlines  deadline
+   10 actuators  drivers (more than one module runs on one actuator)
 
 A plan may come from anywhere, so every name in it can be wrong. A module with an unknown name, mode or PE is reported
 under semantics rule 1, and the other checks ignore it. As far as possible, one mistake gives one violation. The order
@@ -82,6 +83,7 @@ def verify(spec: Spec, now: Situation, configuration: Configuration) -> list[Vio
         _bus_resources,
         _placement_rules,
         _deadlines,
+        _actuators,
     ):
         found.extend(rule(case))
     return found
@@ -393,3 +395,14 @@ def _deadlines(case: _Case) -> Iterator[Violation]:
             f"bus {hop.bus}",
             f"{hop.variable} from {hop.producer} takes {taken} to arrive, but its deadline is {late.deadline_ns} ns",
         )
+
+
+# Semantics rule 10: actuators
+
+
+def _actuators(case: _Case) -> Iterator[Violation]:
+    for device in case.spec.devices.values():
+        driving = [name for name in case.known.modules if case.spec.modules[name].device == device.name]
+        if device.kind == "actuator" and len(driving) > 1:
+            text = f"{listed(driving)} drive it, but only one module may drive an actuator"
+            yield Violation("10.drivers", f"device {device.name}", text)

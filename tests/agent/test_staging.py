@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from agent.one_pe import FLYING, TABLE, OnePe, pages, slice_messages
+from agent.one_pe import FLYING, RUN_SERVO_1, RUN_SERVO_2, SERVO_2, TABLE, OnePe, pages, slice_messages
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.contingency_block import Preloaded, write_block
 from heronry_wire.pe_table import TableError
@@ -43,6 +43,18 @@ def test_the_frames_of_a_slice_come_in_any_order_and_doubled() -> None:
 def test_a_table_whose_contingencies_cannot_be_read_is_refused(contingencies: str) -> None:
     with pytest.raises(TableError, match=r"contingenc.*write the table anew"):
         OnePe(replace(TABLE, contingencies=contingencies))
+
+
+def test_two_drivers_of_one_actuator_are_refused_and_each_alone_is_staged() -> None:
+    drivers = tuple(replace(m, device="left") if m.index == SERVO_2 else m for m in TABLE.modules)
+    for running, reason in (
+        ((RUN_SERVO_1, RUN_SERVO_2), Reason.UNKNOWN_INDEX),
+        ((RUN_SERVO_1,), Reason.NONE),
+        ((RUN_SERVO_2,), Reason.NONE),
+    ):
+        pe = OnePe(replace(TABLE, modules=drivers))
+        pe.command(*slice_messages(replace(FLYING, modules=(FLYING.modules[0], *running)), EPOCH, DIGEST))
+        assert last_page_1(pe).reason is reason
 
 
 def test_epochs_wrap_round() -> None:

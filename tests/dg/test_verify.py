@@ -62,6 +62,7 @@ modules:
         rate_hz: 10
   driver_1: {needs: surface, device: servo_1, cpu: 0.05, ram: 1KiB, flash: 1KiB, rate_hz: 50}
   driver_2: {needs: {and: [surface]}, device: servo_2, cpu: 0.05, ram: 1KiB, flash: 1KiB, rate_hz: 50}
+  trim_driver: {needs: demand, device: servo_1, cpu: 0.05, ram: 1KiB, flash: 1KiB, rate_hz: 50}
   logger:
     needs: {or: {k: 0, of: [{and: [position, wind]}, demand]}}
     gives: {log_entry: 1}
@@ -72,6 +73,7 @@ modules:
   recorder: {needs: log_entry, cpu: 0.05, ram: 1KiB, flash: 1KiB, rate_hz: 10}
 functions:
   steering: {output: surface, criticality: A, priority: 10}
+  trimming: {output: trim_driver}
   logging: {output: recorder, priority: {default: 1, landing: 0}}
 phases: {cruise: {}, landing: {}}
 """
@@ -98,6 +100,11 @@ SIMPLE: Modules = {
     "dead_reckoning": Running("mid", "only"),
     "control": Running("mid", "simple", {"1": Wire("dead_reckoning", "position", 2)}),
     "driver_2": Running("mid", "only", {"0": DEMAND}),
+}
+# One module drives servo_1 instead of the other.
+TRIMMING: Modules = {
+    **{name: running for name, running in FLYING.items() if name != "driver_1"},
+    "trim_driver": Running("tail", "only", {"": DEMAND}),
 }
 # The log and the control feed each other.
 FEEDBACK: Modules = {
@@ -134,7 +141,7 @@ def wired(modules: Modules, name: str, inputs: dict[str, Wire | None]) -> Module
     return {**modules, name: replace(modules[name], inputs=kept)}
 
 
-@pytest.mark.parametrize("modules", [{}, FLYING, LOGGING, SIMPLE, FEEDBACK])
+@pytest.mark.parametrize("modules", [{}, FLYING, LOGGING, SIMPLE, TRIMMING, FEEDBACK])
 def test_the_plans_that_the_others_vary_are_legal(modules: Modules) -> None:
     assert broken(modules) == []
 
@@ -171,6 +178,7 @@ def test_the_plans_that_the_others_vary_are_legal(modules: Modules) -> None:
         ("4.wired", {"driver_1": Running("tail", "only")}),
         ("4.wired", {"driver_2": Running("mid", "only")}),
         ("5.idle", {**FLYING, "dead_reckoning": Running("mid", "only")}),
+        ("10.drivers", {**TRIMMING, "driver_1": Running("tail", "only", {"": DEMAND})}),
     ],
 )
 def test_one_fault_in_a_plan_is_one_violation(rule: str, modules: Modules) -> None:

@@ -108,7 +108,7 @@ class Enumerator:
         allowed = module.runs_on is None or pe in module.runs_on
         return allowed and all(feature in self.spec.pes[pe].features for feature in module.requires)
 
-    # Structures: rules 2 to 6
+    # Structures: rules 2 to 6 and 10
 
     @cached_property
     def outputs(self) -> list[str]:
@@ -133,15 +133,19 @@ class Enumerator:
         ]
         for picked in itertools.product(*choices):
             modes = {name: mode for name, mode in zip(self.outputs, picked, strict=True) if mode is not None}
-            if self._demuxes_allow(modes):
+            if self._rivals_allow(modes):
                 for structure in self._wired(modes, {}):
                     if not self._starts_nowhere(structure):
                         structure.value = self.worth(structure)
                         yield structure
 
-    def _demuxes_allow(self, modes: Mapping[str, Mode]) -> bool:
+    def _rivals_allow(self, modes: Mapping[str, Mode]) -> bool:
+        """Tell whether no DEMUX has two branches or two ends among these modules, and no actuator two drivers."""
         groups = [group for demux in self.spec.demuxes.values() for group in (demux.branches, demux.to)]
-        return all(len(modes.keys() & set(group)) <= 1 for group in groups)
+        if any(len(modes.keys() & set(group)) > 1 for group in groups):
+            return False
+        driven = [self.spec.modules[name].device for name in modes]
+        return all(driven.count(device.name) < 2 for device in self.spec.devices.values() if device.kind == "actuator")
 
     def _wired(self, modes: dict[str, Mode], inputs: dict[str, Inputs]) -> Iterator[Structure]:
         unwired = next((name for name in modes if name not in inputs), None)
@@ -177,7 +181,7 @@ class Enumerator:
             return modes[name] is mode
         if name in self.outputs or not self.hosts[name]:
             return False  # an output that was chosen not to run, or a module with no place
-        return self._demuxes_allow({**modes, name: mode})
+        return self._rivals_allow({**modes, name: mode})
 
     def _starts_nowhere(self, structure: Structure) -> bool:
         """Tell whether some module waits, through variables without an initial value, for itself."""

@@ -49,7 +49,7 @@ def random_case(rng: random.Random, *, modules: int = 7) -> Case:
 
 def plain_case(rng: random.Random, *, modules: int = 7) -> Case:
     """Draw a case in which every input is open in every phase, and no priority is changed."""
-    spec = random_spec(rng, modules=modules)
+    spec = with_shared_actuator(rng, random_spec(rng, modules=modules))
     return Case(spec, random_situation(rng, spec), random_running(rng, spec))
 
 
@@ -89,6 +89,44 @@ def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:
         together=_groups(rng, list(drawn_modules)),
     )
     return with_paths(rng, spec) if demux and rng.random() < 0.85 else spec
+
+
+def with_shared_actuator(rng: random.Random, spec: Spec) -> Spec:
+    """Let several modules sometimes drive one actuator, all of them or some as outputs of functions; else the same spec.
+
+    Only one of these modules may run (semantics rule 10).
+    """
+    if rng.random() < 0.6:
+        return spec
+    actuator = Device("servo", "actuator", rng.choice(list(spec.pes)))
+    count = min(rng.choice((2, 2, 3)), len(spec.modules))
+    drivers = rng.sample(list(spec.modules), count)
+    modules = {
+        name: replace(module, device="servo", runs_on=None, requires=frozenset()) if name in drivers else module
+        for name, module in spec.modules.items()
+    }
+    changed = replace(spec, devices={**spec.devices, "servo": actuator}, modules=modules)
+    for demux in changed.demuxes.values():
+        if demux.to and not _each_end_belongs_to_its_branch(changed, demux, _ends_by_branch(spec, demux)):
+            return spec
+    functions = {
+        name: _with_output(function, rng.choice(drivers)) if rng.random() < 0.5 else function
+        for name, function in spec.functions.items()
+        if function.output not in spec.demuxes or rng.random() < 0.7
+    }
+    return replace(changed, functions=functions or spec.functions)
+
+
+def _with_output(function: Function, output: str) -> Function:
+    return replace(function, output=output, outputs=(output,), value=None)
+
+
+def _ends_by_branch(spec: Spec, demux: Demux) -> list[str]:
+    """Sort the ends of a DEMUX by the branch to which they belong."""
+    return [
+        next(end for end in demux.to if end in can_run(spec, ()) and end not in can_run(spec, (branch,)))
+        for branch in demux.branches
+    ]
 
 
 def with_paths(rng: random.Random, spec: Spec) -> Spec:
@@ -547,6 +585,11 @@ def features(case: Case) -> dict[str, bool]:
         "xor": any(isinstance(gate, Xor) for gate in gates),
         "nested gates": any(not isinstance(one, Leaf) for gate in gates for one in gate.inputs),
         "demux": bool(spec.demuxes),
+        "shared actuator": any(
+            sum(module.device == device.name for module in spec.modules.values()) > 1
+            for device in spec.devices.values()
+            if device.kind == "actuator"
+        ),
         "demux with to": any(demux.to for demux in spec.demuxes.values()),
         "path of two": any(f"{b}p1" in d.to for d in spec.demuxes.values() for b in d.branches),
         "path of three": any(f"{b}p2" in d.to for d in spec.demuxes.values() for b in d.branches),

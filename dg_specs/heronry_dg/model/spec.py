@@ -111,6 +111,22 @@ class Spec(Header):
         Contingency, Key("For how many faults, and for which phases, plans are made ahead.", {"faults": 2})
     ] = field(default=Contingency())
 
+    def rivals(self) -> tuple[tuple[str, ...], ...]:
+        """Give groups of modules of which at most one may run: branches and ends of DEMUXes, drivers of one actuator.
+
+        An actuator with a single driver gives no group.
+        """
+        of_demuxes = [group for demux in self.demuxes.values() for group in demux.exclusives.values()]
+        return (*of_demuxes, *self.drivers_of_one_actuator().values())
+
+    def drivers_of_one_actuator(self) -> dict[str, tuple[str, ...]]:
+        """Give the drivers of each actuator that has two or more, by name of the actuator (semantics rule 10)."""
+        drivers: dict[str, tuple[str, ...]] = {}
+        for module in self.modules.values():
+            if module.device is not None and self.devices[module.device].kind == "actuator":
+                drivers[module.device] = (*drivers.get(module.device, ()), module.name)
+        return {device: modules for device, modules in drivers.items() if len(modules) > 1}
+
     def exclusive_things(self) -> dict[str, tuple[str, ...]]:
         """Give the names of the groups in `Demux.exclusives` to which a module belongs, by name of the module.
 

@@ -43,7 +43,7 @@ class Choosing(Choice):
         super().__init__(CpModel(), possible)
         self.spent = 0.0  # deterministic time
         self._add_modules()
-        self._one_branch()
+        self._one_of_rivals()
         self._add_capacities()
         Wiring(self._model, possible, self)
         self._worth = self._aim(group, key)

@@ -9,6 +9,7 @@ This part of the model ensures these rules of docs/semantics.md, section 3:
     semantics rule 4   of one DEMUX, at most one branch runs, and at most one end
     semantics rule 7   CPU, memory and flash of each PE
     semantics rule 8   placement rules
+    semantics rule 10  of the modules that drive one actuator, at most one runs
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -55,10 +56,9 @@ class Choice:
         self._model.add(LinearExpr.sum(literals) == result)
         return result
 
-    def _one_branch(self) -> None:
-        for demux in self.possible.spec.demuxes.values():
-            for rivals in demux.exclusives.values():
-                self._model.add_at_most_one(self.runs[module] for module in rivals if module in self.runs)
+    def _one_of_rivals(self) -> None:
+        for rivals in self.possible.spec.rivals():
+            self._model.add_at_most_one(self.runs[module] for module in rivals if module in self.runs)
 
     def _fits_in(self, pes: Collection[str], modes: Iterable[tuple[str, str]], modules: Iterable[str]) -> None:
         """Add a constraint: these modes, and the code of these modules, fit into all resources of `pes` together."""
@@ -85,7 +85,7 @@ class Placing(Choice):
         self.at: dict[tuple[str, str], IntVar] = {}
         for name, candidate in possible.modules.items():
             self._add_module(name, candidate)
-        self._one_branch()
+        self._one_of_rivals()
         self._capacities()
         self._fits_in(tuple(possible.left.pe_cpu_millis), self.on, self.runs)  # redundant; it gives a bound
         self._separate()

@@ -5,7 +5,8 @@ A slice is checked before it is staged, so that its activation cannot fail half 
 - every index is in the table,
 - every wired leaf gets the variable that it reads, from a module of this slice or from a PE that the slice names,
 - every published source is an output of a module of this slice,
-- every bit mask names only ports of this PE, and
+- every bit mask names only ports of this PE,
+- no two modules drive one actuator, and
 - the code of every module is on this PE.
 """
 
@@ -64,7 +65,14 @@ class SliceReader:
             and all(map(self._is_mask, wanted.publish.values()))
             and all(self._is_mask(mask) for _, mask in wanted.forward.values())
             and all(self._is_wired(module, given | wanted.remote.keys()) for module in wanted.modules)
+            and not self._shares_an_actuator(wanted)
         )
+
+    def _shares_an_actuator(self, wanted: Slice) -> bool:
+        """Tell whether two modules of a slice drive one actuator (semantics rule 10)."""
+        driven = [self._index.modules[module.module].device for module in wanted.modules]
+        driven = [device for device in driven if device in self._index.actuators]
+        return len(set(driven)) < len(driven)
 
     def _are_sources(self, sources: Iterable[int]) -> bool:
         return all(source < len(self._index.table.sources) for source in sources)

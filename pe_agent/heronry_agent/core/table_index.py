@@ -39,6 +39,7 @@ class TableIndex:
         self.elements = _elements(table)
         self.critical = frozenset(self.elements[name] for name in table.flight_critical if name in self.elements)
         self.phase_index = {phase.name: index for index, phase in enumerate(table.phases)}
+        self.actuators = frozenset(device.name for device in table.devices if device.kind == "actuator")
         self.device_index = {device.name: index for index, device in enumerate(table.devices)}
         self._preloaded = table.preloaded()
         _check(table, self.source_of)

@@ -1,4 +1,4 @@
-"""Rules between modules: which must run on different PEs, on one PE, or never at the same time (DEMUX)."""
+"""Rules between modules: which must run on different PEs, on one PE, or never at the same time."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,25 +15,24 @@ class PlacementRules:
 
     separate: the modules that must run on another PE than this module.
     together: the modules that must run on the same PE as this module.
-    rivals: the other branches, or other ends, of the same DEMUX; none of them may run while this module runs.
+    rivals: the modules of which none may run while this module runs (`Spec.rivals`).
     demuxes: for each DEMUX, the numbers of its ends, in order.
     """
 
     separate: list[int]
     together: list[int]
-    rivals: list[int]  # other branches, or other ends, of the same DEMUX
+    rivals: list[int]
     demuxes: list[list[int]]  # ends of each DEMUX, in order
 
 
 def placement_rules(numbers: Numbering) -> PlacementRules:
     """Read the placement rules and DEMUXes of the spec."""
     spec, number = numbers.spec, numbers.module_number
-    demuxes = spec.demuxes.values()
     return PlacementRules(
         separate=_others(numbers, spec.separate),
         together=_others(numbers, spec.together),
-        rivals=_others(numbers, [group for demux in demuxes for group in demux.exclusives.values()]),
-        demuxes=[[number[name] for name in demux.ends] for demux in demuxes],
+        rivals=_others(numbers, spec.rivals()),
+        demuxes=[[number[name] for name in demux.ends] for demux in spec.demuxes.values()],
     )
 
 

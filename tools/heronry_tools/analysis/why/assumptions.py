@@ -13,7 +13,7 @@ from heronry_dg.model import Bus, Pe, Spec
 from heronry_dg.situation import checked_element
 from heronry_tools.analysis.check.servable import PLENTY, without_deadlines
 
-Kind = Literal["down", "cpu", "ram", "flash", "bandwidth", "deadlines", "separate", "together", "function"]
+Kind = Literal["down", "cpu", "ram", "flash", "bandwidth", "deadlines", "separate", "together", "actuator", "function"]
 CAPACITIES: Final[tuple[Kind, ...]] = ("cpu", "ram", "flash", "bandwidth")
 MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
 
@@ -28,6 +28,7 @@ class Assumption:
         cpu, ram, flash      the PE
         bandwidth            the bus
         separate, together   the index of the placement rule
+        actuator             the actuator that has several drivers, of which at most one may run
         function             the function
         deadlines            empty
     """
@@ -63,6 +64,7 @@ def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
     yield from (Assumption("function", name) for name in question.least if name != goal)
     yield from (Assumption("separate", str(number)) for number in range(len(spec.separate)))
     yield from (Assumption("together", str(number)) for number in range(len(spec.together)))
+    yield from (Assumption("actuator", name) for name in spec.drivers_of_one_actuator())
     yield Assumption("deadlines", "")
     yield from (Assumption("bandwidth", name) for name in spec.buses)
     for pe in spec.pes:
@@ -73,7 +75,8 @@ def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
 def relaxed(question: Question, without: Collection[Assumption]) -> Question:
     """Give the question that remains if the assumptions in `without` are relaxed.
 
-    A relaxed capacity becomes unlimited. A relaxed placement rule no longer holds; the assumption `deadlines`
+    A relaxed capacity becomes unlimited. A relaxed placement rule no longer holds, nor does the rule that an actuator
+    has one driver; the assumption `deadlines`
     stands for all deadlines, which then no longer hold. A relaxed element is not down, and a relaxed function
     need not be served.
     """
@@ -97,6 +100,10 @@ def relaxed(question: Question, without: Collection[Assumption]) -> Question:
             },
             separate=_others(spec.separate, gone("separate")),
             together=_others(spec.together, gone("together")),
+            devices={
+                name: replace(device, kind="sensor") if name in gone("actuator") else device  # a sensor has many readers
+                for name, device in spec.devices.items()
+            },
         ),
         down=question.down - gone("down"),
         least={name: value for name, value in question.least.items() if name not in gone("function")},
@@ -164,6 +171,8 @@ def in_words(spec: Spec, one: Assumption) -> str:
             return f"pe {one.name} has {capacity(spec, one)} bytes of {one.kind.replace('ram', 'RAM')}"
         case "bandwidth":
             return f"bus {one.name} carries {capacity(spec, one)} bit/s"
+        case "actuator":
+            return f"one module alone may drive {one.name}"
         case "deadlines":
             return "data must arrive in time"
         case "separate":

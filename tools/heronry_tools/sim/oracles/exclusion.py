@@ -5,7 +5,7 @@ What is exclusive is called a *thing* here, and each thing has a *holder*:
     thing                                               holder
     an identifier on one bus                            the node that has sent the identifier last
     the branches of a DEMUX; the ends of its `to`;      the module, with its PE, that has moved the thing last. If the
-    an actuator without a DEMUX before it               module has no device, each of its steps counts as a movement
+    an actuator                                         module has no device, each of its steps counts as a movement
 
 Another holder may take a thing over. After that the former holder may drive the thing again only if there was a
 handover in between. Without a handover, two holders have driven the thing at one time. So if two modules drive a thing
@@ -59,7 +59,7 @@ class ExclusionCheck(Oracle):
                 self._things_of.setdefault(module, []).append(("end of DEMUX", demux.name))
         for m in spec.modules.values():
             if m.device:
-                self._things_of.setdefault(m.name, [("actuator", m.device)])
+                self._things_of.setdefault(m.name, []).append(("actuator", m.device))
         self._epoch, self._step = 0, Step.PREPARED  # the newest epoch, and its last step
         self._last: dict[int, tuple[int, Step]] = {}  # the same, by term
         self._handover = 0  # number of handovers so far
