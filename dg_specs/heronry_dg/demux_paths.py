@@ -18,24 +18,49 @@ Whether a path fits the PEs and buses is checked by the planner, and not here.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
 
 from heronry_dg import yaml_source
 from heronry_dg.draft import Draft
-from heronry_dg.findings import Findings, Place, listed
+from heronry_dg.findings import Findings, listed
 from heronry_dg.gates import Leaf, could_hold
 from heronry_dg.model import Demux, Mode, Module, Spec
 from heronry_dg.rules import graph as rules
+from heronry_dg.rules.rule import Rule
 from heronry_dg.situation import hosts_when_all_is_up
 
 _Datum = tuple[str, int]  # variable, version
 
 
+@dataclass(frozen=True, slots=True)
+class EndMistake:
+    """A mistake in the paths behind a DEMUX.
+
+    path: the place of the mistake below the DEMUX in the file; () for the DEMUX itself.
+    """
+
+    demux: str
+    rule: Rule
+    path: tuple[str | int, ...]
+    sentence: str
+    hint: str
+
+
 def check_demux_paths(draft: Draft, spec: Spec, findings: Findings) -> None:
+    """Add a finding for each mistake in the paths behind the DEMUXes of a spec."""
+    for mistake in end_mistakes(spec):
+        element = draft.demuxes[mistake.demux]
+        place = yaml_source.place_at(element.node, mistake.path) if mistake.path else element.place
+        findings.add(mistake.rule, place, mistake.sentence, mistake.hint)
+
+
+def end_mistakes(spec: Spec) -> Iterator[EndMistake]:
     """Check the key `to` of each DEMUX, and find each DEMUX that should have this key and does not.
 
-    The key must name one end for each branch. A DEMUX should have the key if it is the output of a function, and
-    one of its branches drives no actuator, but leads on to modules that drive one.
+    The key must name one end for each branch. An end that drives no actuator must not lead on to one that does.
+    A DEMUX should have the key if it is the output of a function, and one of its branches drives no actuator, but
+    leads on to modules that drive one.
     """
     outputs = {function.output for function in spec.functions.values()}
     asked = [demux for demux in spec.demuxes.values() if demux.to or (demux.name in outputs and _bare(spec, demux))]
@@ -43,38 +68,50 @@ def check_demux_paths(draft: Draft, spec: Spec, findings: Findings) -> None:
         return
     paths = DemuxPaths(spec)
     for demux in asked:
-        if demux.to:
-            _check_ends(draft, paths, demux, findings)
-        else:
-            _check_lack_of_ends(draft, paths, demux, findings)
+        yield from _wrong_ends(paths, demux) if demux.to else _missing_ends(paths, demux)
 
 
-def _check_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
-    """Verify that `to` of a DEMUX names one end for each branch; each mistake is a finding.
+def _wrong_ends(paths: "DemuxPaths", demux: Demux) -> Iterator[EndMistake]:
+    """Find what is wrong with `to` of a DEMUX, which must name one end for each branch.
 
-    An end is wrong if it can never run, belongs to no branch, to several, or to the branch of another end.
+    An end is wrong if it can never run, if it belongs to no branch, to several, or to the branch of another end, or if
+    it drives no actuator although another module of its branch does.
     """
     hint = "name one end for each branch: a module that can run only if that branch does"
     if len(demux.to) != len(demux.branches):
         sentence = f"DEMUX '{demux.name}' has {len(demux.branches)} branches, and 'to' names {len(demux.to)} modules"
-        findings.add(rules.DEMUX_ENDS, _place(draft, demux, "to"), f"{sentence}: {listed(demux.branches)}", hint)
+        sentence = f"{sentence}: {listed(demux.branches)}"
+        yield EndMistake(demux.name, rules.DEMUX_ENDS, ("to",), sentence, hint)
         return
     end_of: dict[str, str] = {}
     for index, end in enumerate(demux.to):
         owners = [branch for branch in demux.branches if paths.belongs(end, branch)]
-        place = _place(draft, demux, "to", index)
+        sentence = ""
         if not paths.can_run(end):
-            findings.add(rules.DEMUX_ENDS, place, f"'{end}' cannot be an end: it never runs", hint)
+            sentence = f"'{end}' cannot be an end: it never runs"
         elif len(owners) != 1:
             which = listed(owners, last="and") if owners else "no branch"
             sentence = f"'{end}' cannot be an end: it depends on {which} of the DEMUX"
-            findings.add(rules.DEMUX_ENDS, place, sentence, hint)
         elif (other := end_of.setdefault(owners[0], end)) != end:
             sentence = f"'{other}' and '{end}' are both ends of branch '{owners[0]}'"
-            findings.add(rules.DEMUX_ENDS, place, sentence, hint)
+        elif further := _actuators_beyond(paths, end, owners[0]):
+            sentence = f"'{end}' cannot be an end: it drives no actuator, and leads on to {listed(further)}"
+            hint = (
+                "name the module that drives the actuator; instead of a cascade, write one DEMUX with a branch for each"
+            )
+        if sentence:
+            yield EndMistake(demux.name, rules.DEMUX_ENDS, ("to", index), sentence, hint)
 
 
-def _check_lack_of_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
+def _actuators_beyond(paths: "DemuxPaths", end: str, branch: str) -> list[str]:
+    """Give the modules of a branch that drive an actuator, if its end drives none."""
+    spec = paths.spec
+    if _drives(spec, spec.modules[end]):
+        return []
+    return [name for name, module in spec.modules.items() if _drives(spec, module) and paths.belongs(name, branch)]
+
+
+def _missing_ends(paths: "DemuxPaths", demux: Demux) -> Iterator[EndMistake]:
     """Check a DEMUX that has no `to`.
 
     It needs `to` if one of its branches drives no actuator, but leads on to modules that drive one. The first such
@@ -88,7 +125,7 @@ def _check_lack_of_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, finding
         if ends:
             sentence = f"branch '{branch}' of DEMUX '{demux.name}' drives no actuator, and leads on to {listed(ends)}"
             hint = "name under 'to' the module at which each branch ends, the preferred one first"
-            findings.add(rules.DEMUX_WITHOUT_ENDS, _place(draft, demux), sentence, hint)
+            yield EndMistake(demux.name, rules.DEMUX_WITHOUT_ENDS, (), sentence, hint)
             return
 
 
@@ -99,11 +136,6 @@ def _bare(spec: Spec, demux: Demux) -> list[str]:
 
 def _drives(spec: Spec, module: Module) -> bool:
     return module.device is not None and spec.devices[module.device].kind == "actuator"
-
-
-def _place(draft: Draft, demux: Demux, *path: str | int) -> Place:
-    element = draft.demuxes[demux.name]
-    return yaml_source.place_at(element.node, path) if path else element.place
 
 
 class DemuxPaths:

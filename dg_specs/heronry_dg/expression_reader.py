@@ -9,7 +9,9 @@ around it need:
 
 *Order.* Each named gate is read before the gates that name it. If no such order exists, the gates name one another in a
 cycle, which is reported. Each named gate is read twice, for use below an OR or a XOR and for use elsewhere, since the
-default worth of its leaves depends on this. All expressions that name the gate share the two readings.
+default worth of its leaves depends on this. All expressions that name the gate share the two readings. A DEMUX is a
+named gate, too: the gate in front of it. Its name is replaced by the expression of this gate, whose leaves all name
+the DEMUX. It is read once, since a DEMUX may not stand below an OR or a XOR.
 
 *Limits.* An expression with too many inputs is refused. The inputs are counted before named gates are expanded, so that
 a small file cannot take much memory.
@@ -19,7 +21,7 @@ their mistakes, too.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, TypeGuard
 
@@ -27,7 +29,7 @@ from heronry_dg import cycles, yaml_source
 from heronry_dg.draft import Draft
 from heronry_dg.field_types import MOST_POINTS
 from heronry_dg.findings import Findings, Place, listed, shown, shown_cycle
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, with_leaves
 from heronry_dg.rules import graph as rules
 from heronry_dg.yaml_source import Node
 
@@ -49,7 +51,7 @@ class Reading:
 
     expression: Expression
     places: tuple[Place, ...]  # of the leaves, in the order of `gates.leaves`
-    demuxes: tuple[str, ...]  # names of the DEMUXes among the leaves, in the same order
+    demuxes: tuple[str, ...]  # names of the DEMUXes in the expression, each as often as the expression names it
     holds_unwired: bool  # whether it holds with nothing wired below it
     depth: int
 
@@ -67,7 +69,14 @@ class ExpressionReader:
 
     def shorthands(self) -> dict[str, Expression]:
         """Give the expression of every named gate that is no DEMUX and has no mistake, in the order of the file."""
-        readings = ((name, self._gates[name, False]) for name in self._draft.shorthands)
+        return self._expressions_of(self._draft.shorthands)
+
+    def demuxes(self) -> dict[str, Expression]:
+        """Give the expression in front of every DEMUX without mistake, in the order of the file."""
+        return self._expressions_of(self._draft.demuxes)
+
+    def _expressions_of(self, names: Iterable[str]) -> dict[str, Expression]:
+        readings = ((name, self._gates[name, False]) for name in names)
         return {name: reading.expression for name, reading in readings if reading is not None}
 
     def read(self, node: Node) -> Reading | None:
@@ -88,19 +97,23 @@ class ExpressionReader:
         return reading if self._leaves_left >= 0 else None
 
     def _read_named_gates(self) -> None:
-        names = self._draft.shorthands
-        graph = {name: [n for n in _names_in(entry.node) if n in names] for name, entry in names.items()}
+        nodes = {name: entry.node for name, entry in self._draft.shorthands.items()}
+        nodes |= {name: yaml_source.follow(one.node, ("demux",))[0] for name, one in self._draft.demuxes.items()}
+        graph = {name: [n for n in _names_in(node) if n in nodes] for name, node in nodes.items()}
         for component in cycles.components(graph):
             cycle = cycles.shortest_cycle(graph, component)
             if cycle:
                 self._refuse_cycle(cycle)
             for name in component:
+                if name in self._draft.demuxes:
+                    self._gates[name, False] = None if cycle else self._demux(name, nodes[name])
+                    continue
                 for below_choice in (False, True):
-                    reading = None if cycle else self._expression(names[name].node, below_choice)
-                    self._gates[name, below_choice] = reading
+                    self._gates[name, below_choice] = None if cycle else self._expression(nodes[name], below_choice)
 
     def _refuse_cycle(self, cycle: list[str]) -> None:
-        place = self._draft.shorthands[cycle[0]].place
+        name = cycle[0]
+        place = (self._draft.demuxes[name] if name in self._draft.demuxes else self._draft.shorthands[name]).place
         sentence = f"gate '{cycle[0]}' contains itself: {shown_cycle(cycle)}"
         hint = f"write variables instead of a gate in '{cycle[0]}', or in another gate of the cycle"
         self._findings.add(rules.GATE_IN_ITSELF, place, sentence, hint)
@@ -138,9 +151,7 @@ class ExpressionReader:
             sentence = f"'{name}' is a gate and has no versions"
             self._findings.add(rules.GATE_VERSION, place, sentence, f"write {name} alone")
             return None
-        if name in self._draft.demuxes:
-            return self._demux_leaf(place, name)
-        return self._named_gate(place, name, below_choice)
+        return self._named_gate(place, name, below_choice and name not in self._draft.demuxes)
 
     def _matched(self, place: Place, text: str) -> re.Match[str] | None:
         match = _REFERENCE.fullmatch(text)
@@ -230,18 +241,26 @@ class ExpressionReader:
             return None
         return points if len(points) == accepted else points[best - 1 : worst]
 
-    def _demux_leaf(self, place: Place, name: str) -> Reading | None:
-        """Read the name of a DEMUX: give a leaf that accepts every version of the DEMUX's variable.
+    def _demux(self, name: str, node: Node) -> Reading | None:
+        """Read the expression in front of a DEMUX; all its leaves name the DEMUX.
 
-        None if the DEMUX or its variable has a mistake.
+        node: the expression. None: the DEMUX has a mistake.
         """
-        form = self._draft.demuxes[name].form
-        variable = self._draft.variables.get(form.variable) if form is not None else None
-        if form is None or variable is None or variable.form is None:
+        reading = self._expression(node, below_choice=False) if self._draft.demuxes[name].form is not None else None
+        if reading is None:
             return None
-        versions = variable.form.versions
-        points = _default_worth(1, versions, versions, below_choice=False)
-        return _reading_of(Leaf(form.variable, 1, versions, points, demux=name), place)
+        if reading.demuxes:
+            sentence = f"DEMUX '{reading.demuxes[0]}' is named in front of DEMUX '{name}'"
+            hint = "write one DEMUX, with a branch for each of the last modules"
+            self._findings.add(rules.DEMUX_MISPLACED, node.place, sentence, hint)
+            return None
+        if reading.holds_unwired:
+            sentence = f"the expression in front of DEMUX '{name}' holds with nothing wired below it"
+            hint = "let it need an input: give the OR a 'k' of 1 or more"
+            self._findings.add(rules.DEMUX_UNWIRED, node.place, sentence, hint)
+            return None
+        expression = with_leaves(reading.expression, lambda leaf: replace(leaf, demux=name))
+        return replace(reading, expression=expression, demuxes=(name,))
 
     def _named_gate(self, place: Place, name: str, below_choice: bool) -> Reading | None:
         reading = self._gates[name, below_choice]
@@ -346,7 +365,7 @@ class ExpressionReader:
 
 
 def _reading_of(leaf: Leaf, place: Place) -> Reading:
-    return Reading(leaf, (place,), (leaf.demux,) if leaf.demux is not None else (), holds_unwired=False, depth=1)
+    return Reading(leaf, (place,), (), holds_unwired=False, depth=1)
 
 
 def _joined(gate: Expression, inputs: list[Reading], holds_unwired: bool) -> Reading:

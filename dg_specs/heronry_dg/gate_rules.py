@@ -8,6 +8,7 @@ modes is refused, although it can never be wired.
 Source: docs/semantics.md, section 2, and semantics rule 6.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -28,13 +29,15 @@ _Datum = tuple[str, int]  # variable, version
 class Gates:
     """The expressions of a spec after reading; an expression with a mistake is missing.
 
-    shorthands: expression of each entry of `gates`, by name.
+    shorthands: expression of each entry of `gates` that is no DEMUX, by name.
+    demuxes: expression in front of each DEMUX.
     needs: expression of each mode; None for a mode without `needs`.
     branches: the modules that are branches of each DEMUX.
     places: where each leaf of a mode stands in the file, in the order of `gates.leaves`.
     """
 
     shorthands: Mapping[str, Expression]
+    demuxes: Mapping[str, Expression]
     needs: Mapping[ModeName, Expression | None]
     branches: Mapping[str, tuple[str, ...]]
     places: Mapping[ModeName, tuple[Place, ...]]
@@ -52,7 +55,7 @@ def read_gates(draft: Draft, findings: Findings) -> Gates:
     needs = {name: reading.expression if reading else None for name, reading in assess.readings.items()}
     places = {name: reading.places if reading else () for name, reading in assess.readings.items()}
     branches = {name: tuple(modules) for name, modules in assess.branches.items()}
-    return Gates(reader.shorthands(), needs, branches, places)
+    return Gates(reader.shorthands(), reader.demuxes(), needs, branches, places)
 
 
 class _GateRules:
@@ -124,21 +127,24 @@ class _GateRules:
 
         A datum is a variable in one version.
         """
-        demuxes: set[str] = set()
+        twice = {name for name, count in Counter(reading.demuxes).items() if count > 1}
         accepted: set[_Datum] = set()
-        for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):
+        below: Counter[str] = Counter()  # leaves read so far, by DEMUX
+        placed = list(zip(reading.places, leaves(reading.expression), strict=True))
+        sizes = Counter(leaf.demux for _, (_, leaf) in placed)
+        for place, (_, leaf) in placed:
             data = {(leaf.variable, version) for version in range(leaf.best, leaf.worst + 1)}
-            if leaf.demux in demuxes:
-                sentence = f"DEMUX '{leaf.demux}' is named twice in one mode"
-                self._findings.add(rules.DEMUX_MISPLACED, place, sentence, "name it once")
+            if leaf.demux in twice:
+                below[leaf.demux] += 1
+                if below[leaf.demux] == 1 + sizes[leaf.demux] // reading.demuxes.count(leaf.demux):
+                    sentence = f"DEMUX '{leaf.demux}' is named twice in one mode"
+                    self._findings.add(rules.DEMUX_MISPLACED, place, sentence, "name it once")
             elif data & accepted:
                 variable, version = min(data & accepted)
                 sentence = f"version {version} of '{variable}' is accepted by another input of this mode as well"
                 hint = "inputs of one mode accept different versions, so that no producer counts twice"
                 self._findings.add(rules.READ_TWICE, place, sentence, hint)
             accepted |= data
-            if leaf.demux is not None:
-                demuxes.add(leaf.demux)
 
     def _demuxes(self, module: str, mode: str) -> tuple[str, ...]:
         reading = self.readings.get((module, mode))

@@ -8,8 +8,8 @@ A leaf holds iff it is wired. A gate holds iff the number of its inputs that hol
 `bounds`; everything else about a gate follows from these numbers. So a new kind of gate needs a class, a case in
 `bounds` and in `words`, and a syntax (`expression_reader`, `check.json_schema`).
 
-A DEMUX is not a node of a tree. The expression of each branch has a leaf with the variable of the DEMUX; the field
-`demux` of this leaf names the DEMUX.
+A DEMUX is not a node of a tree. The expression of each branch contains the expression in front of the DEMUX, as a rule
+a lone leaf; the field `demux` of each of its leaves names the DEMUX.
 
 Source: section 3.1 and Figure 2 of the paper by Rawashdeh et al. (docs/semantics.md has the reference). The paper has
 no numbers for worth and accepted versions.
@@ -158,6 +158,12 @@ def most_together(points: Sequence[int], most: int) -> int:
 def with_leaves(expression: Expression, changed: Callable[[Leaf], Leaf]) -> Expression:
     """Give the same tree, with each leaf replaced by `changed(leaf)`."""
     return fold(expression, lambda leaf, _: changed(leaf), lambda gate, inputs: replace(gate, inputs=tuple(inputs)))
+
+
+def demux_at(expression: Expression) -> str | None:
+    """Name of the DEMUX to which all leaves of an expression belong; None if they do not belong to one DEMUX."""
+    names = {leaf.demux for _, leaf in leaves(expression)}
+    return next(iter(names)) if len(names) == 1 else None
 
 
 def child_path(path: str, index: int) -> str:

@@ -25,6 +25,7 @@ from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
 from heronry_dg.field_types import NAME_PATTERN
 from heronry_dg.findings import Findings, Place
 from heronry_dg.gate_rules import Gates, read_gates
+from heronry_dg.gates import leaves
 from heronry_dg.keys import keys_of
 from heronry_dg.meaning import with_digest
 from heronry_dg.misspelt import blame_declarations
@@ -131,7 +132,7 @@ def _built(draft: Draft, gates: Gates, file_name: str) -> Spec:
     """Build the model of a draft without findings: what other elements decide is filled in."""
     header = _of(draft.header)
     buses = _forms(draft.buses)
-    demuxes = {name: replace(demux, branches=gates.branches[name]) for name, demux in _forms(draft.demuxes).items()}
+    demuxes = {name: _demux(demux, gates) for name, demux in _forms(draft.demuxes).items()}
     given: dict[str, Any] = {one.field: getattr(header, one.field) for one in keys_of(Header)}
     return Spec(
         **{**given, "name": header.name or file_name},
@@ -160,6 +161,12 @@ def _variable(variable: Variable) -> Variable:
     if variable.initial is None:
         return variable
     return replace(variable, initial=initial_value(variable.initial, variable.type))
+
+
+def _demux(demux: Demux, gates: Gates) -> Demux:
+    needs = gates.demuxes[demux.name]
+    variable = next(leaf.variable for _, leaf in leaves(needs))
+    return replace(demux, variable=variable, branches=gates.branches[demux.name], needs=needs)
 
 
 def _module(module: ModuleElement, gates: Gates) -> Module:

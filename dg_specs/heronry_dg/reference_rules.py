@@ -175,7 +175,6 @@ class _ReferenceRules:
                 for variable, version in form.gives.items():
                     self._gives(mode, variable, version)
         for demux, demux_form in _whole(self._draft.demuxes):
-            self._name(_value_place(demux, "demux"), "variable", demux_form.variable, self._draft.variables)
             self._names(demux, "to", demux_form.to, "module", self._draft.modules)
 
     def functions(self) -> None:

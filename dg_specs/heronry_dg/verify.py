@@ -239,19 +239,23 @@ def _gates(case: _Case) -> Iterator[Violation]:
         needs = case.mode(name).needs
         if needs is None:
             continue
-        # An unwired branch of a DEMUX is reported under semantics rule 4 alone.
-        demuxed = {path for path, leaf in leaves(needs) if leaf.demux is not None}
-        for rule, path, text in _gate(needs, "", demuxed | running.inputs.keys(), "3.leaf"):
+        # An unwired branch of a DEMUX is reported under semantics rule 4 alone, so its DEMUX counts as wired here.
+        fed = {leaf.demux for path, leaf in leaves(needs) if path in running.inputs}
+        unfed = {path for path, leaf in leaves(needs) if leaf.demux is not None and leaf.demux not in fed}
+        for rule, path, text in _gate(needs, "", running.inputs.keys(), "3.leaf", unfed):
             yield Violation(rule, f'module {name}, input "{path}"' if path else f"module {name}", text)
 
 
 def _gate(
-    expression: Expression, path: str, wired: Collection[str], rule_if_unwired: str
+    expression: Expression, path: str, wired: Collection[str], rule_if_unwired: str, ignored: Collection[str]
 ) -> Iterator[tuple[str, str, str]]:
     """Check that an expression holds; gives a (rule, path, sentence) for each mistake.
 
     wired: paths of the leaves that are wired. rule_if_unwired: the rule that a leaf breaks if it is not wired.
+    ignored: paths of leaves; an expression that has no other leaves is not checked.
     """
+    if all(at in ignored for at, _ in leaves(expression, path)):
+        return
     if isinstance(expression, Leaf):
         if path not in wired:
             yield rule_if_unwired, path, f"{expression.variable} is needed and not wired"
@@ -259,7 +263,7 @@ def _gate(
     children = [(child, child_path(path, index)) for index, child in enumerate(expression.inputs)]
     if isinstance(expression, And):
         for child, at in children:
-            yield from _gate(child, at, wired, words(expression).rule)
+            yield from _gate(child, at, wired, words(expression).rule, ignored)
         return
     held = sum(holds(child, wired, at) for child, at in children)
     fewest, most = bounds(expression)
@@ -268,7 +272,7 @@ def _gate(
         yield kind.rule, path, f"{held} of {len(children)} inputs hold, and {kind.demand}"
     for child, at in children:
         if holds(child, wired, at):
-            yield from _gate(child, at, wired, "3.leaf")
+            yield from _gate(child, at, wired, "3.leaf", ignored)
         else:
             yield from _nothing_below(child, at, wired)
 
@@ -297,7 +301,8 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
         for branch in running:
             paths = [path for path, leaf in case.mode(branch).leaves() if leaf.demux == demux.name]
             if not any(path in case.known.modules[branch].inputs for path in paths):
-                yield Violation("4.wired", f"demux {demux.name}", f"{branch} runs and is not wired to {demux.variable}")
+                read = listed(dict.fromkeys(leaf.variable for _, leaf in leaves(demux.needs)), last="or")
+                yield Violation("4.wired", f"demux {demux.name}", f"{branch} runs and is not wired to {read}")
 
 
 # Semantics rule 5: purpose

@@ -1,11 +1,17 @@
 """Gate expressions in a spec: how they are read, and every error in them."""
 
+import random
+from collections import Counter
+from dataclasses import replace
+
 import pytest
 
 from dg.marked_spec import RUNS, complaint, complaints, spec_text
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor, leaves
+from heronry_dg.findings import SpecError
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, holds, leaves, with_leaves
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
+from thoroughness import part_of
 
 VARIABLES = "{altitude: {type: FLOAT, versions: 3}, speed: {type: FLOAT, versions: 2}, command: {type: UCHAR}}"
 COMMAND = Leaf("command", 1, 1, (0,))
@@ -77,6 +83,30 @@ def test_a_shorthand_is_worth_what_its_place_makes_it_worth() -> None:
 
 def test_shorthands_may_stand_in_any_order() -> None:
     assert read("a", gates="{a: {and: [b]}, b: {and: [c]}, c: command}") == And((And((COMMAND,)),))
+
+
+def needs_when_sound(text: str) -> Expression | None:
+    """The needs of the module `first`, or of the only one; None for a spec that is refused."""
+    try:
+        spec = loads(text, "test.dg.yaml")
+    except SpecError:
+        return None
+    return next(iter(spec.modules[list(spec.modules)[-1]].modes.values())).needs
+
+
+def expression(rng: random.Random, depth: int) -> str:
+    """Draw the text of an expression; it may read one version of a variable twice, or hold with nothing wired."""
+    names = ("altitude", "altitude@1", "altitude@3", "altitude@<=2", "speed@1", "speed@2", "command")
+    kind = rng.choice(("leaf", "and", "or", "xor", "worth")) if depth else "leaf"
+    inputs = ", ".join(expression(rng, depth - 1) for _ in range(2)) if kind in ("and", "or", "xor") else ""
+    match kind:
+        case "or":
+            return f"{{or: {{k: {rng.randrange(3)}, of: [{inputs}]}}}}"
+        case "and" | "xor":
+            return f"{{{kind}: [{inputs}]}}"
+        case "worth":
+            return f"{{var: speed@1, worth: [{rng.randrange(9)}], only_in: [climb]}}"
+    return rng.choice(names)
 
 
 def branches(needs: str, gates: str) -> str:
@@ -196,9 +226,51 @@ class TestDemux:
         assert "DEMUX 'out' needs two branches or more, and no module names it" in complaint(none)
 
     def test_its_variable_exists(self) -> None:
-        assert "no variable is named 'comand'" in complaint(branches("out", "{out: {demux: »comand}}"))
-        assert "'demux' of gate 'out' must be text, not a list" in complaint(branches("out", "{out: {demux: »[]}}"))
+        assert "no variable or gate is named 'comand'" in complaint(branches("out", "{out: {demux: »comand}}"))
+        assert "a gate expression is expected here" in complaint(branches("out", "{out: {demux: »[]}}"))
         assert "gate 'out' has no field 'k'" in complaint(branches("out", "{out: {demux: command, »k: 1}}"))
+
+    def test_no_demux_is_in_front_of_it(self) -> None:
+        gates = "{out: {demux: »inner}, inner: {demux: speed}}"
+        needs = "{and: [out, inner]}"
+        assert "DEMUX 'inner' is named in front of DEMUX 'out'" in complaint(branches(needs, gates))
+        gates = "{out: {demux: »{and: [command, name]}}, name: inner, inner: {demux: speed}}"
+        assert "DEMUX 'inner' is named in front of DEMUX 'out'" in complaint(branches(needs, gates))
+        circle = "{out: {demux: name}, »name: {and: [out, command]}}"
+        assert "gate 'name' contains itself: name -> out -> name" in complaint(branches("out", circle))
+
+    def test_it_does_not_hold_with_nothing_wired(self) -> None:
+        said = complaint(branches("out", "{out: {demux: »{or: {k: 0, of: [speed]}}}}"))
+        assert "the expression in front of DEMUX 'out' holds with nothing wired below it" in said
+
+    def test_its_expression_counts_as_written_out_in_each_branch(self) -> None:
+        spec = loads(branches("{and: [command, out]}", "{out: {demux: {xor: [altitude@<=2, speed]}}}"), "test.dg.yaml")
+        chosen = Xor((Leaf("altitude", 1, 2, (3, 2), demux="out"), Leaf("speed", 1, 2, (2, 1), demux="out")))
+        assert needs_of(spec, "first") == And((COMMAND, chosen))
+        assert [path for path, leaf in spec.modules["first"].modes["only"].leaves() if leaf.demux] == ["1.0", "1.1"]
+        assert spec.demuxes["out"].needs == chosen
+        said = complaints(branches("{and: [speed@1, »out]}", "{out: {demux: {xor: [altitude@<=2, speed]}}}"))
+        assert ["version 1 of 'speed' is accepted by another input" in sentence for sentence in said] == [True, True]
+        twice = complaints(branches("{and: [out, »out]}", "{out: {demux: {and: [command, speed]}}}"))
+        assert ["DEMUX 'out' is named twice in one mode" in sentence for sentence in twice] == [True, True]
+
+    def test_so_does_any_expression(self) -> None:
+        """Read random expressions in front of a DEMUX and, in a second spec, in the branches themselves."""
+        counts: Counter[bool] = Counter()
+        for seed in range(part_of(1_000, share=4)):
+            rng = random.Random(seed)
+            demanded, other = expression(rng, 2), expression(rng, 1)
+            needs = rng.choice(("{}", "{{and: [{}, {o}]}}", "{{and: [{o}, {{and: [{}]}}]}}"))
+            through = branches(needs.format("out", o=other), f"{{out: {{demux: {demanded}}}}}")
+            direct = branches(needs.format(demanded, o=other), "").replace("output: out", "output: first")
+            written = needs_when_sound(direct)
+            if written is not None and holds(needs_when_sound(logic(demanded)), ()):
+                assert "holds with nothing wired below it" in complaints(through.replace("demux: ", "demux: »"))[0]
+                continue
+            found = needs_when_sound(through)
+            counts[found is None] += 1
+            assert (found and with_leaves(found, lambda leaf: replace(leaf, demux=None))) == written, seed
+        assert min(counts[True], counts[False]) > 20
 
     @pytest.mark.parametrize("needs", ["{or: {k: 0, of: [»out]}}", "{xor: [command, »{and: [out]}]}"])
     def test_a_branch_names_it_below_ands_alone(self, needs: str) -> None:

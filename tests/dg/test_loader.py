@@ -25,6 +25,7 @@ from thoroughness import part_of
 
 FIGURE_3 = shipped_spec_path("elevator_and_chute")
 FIGURE_3_TEXT = FIGURE_3.read_text()
+ELEVATOR = Leaf("elevator_demand", 1, 1, (0,), demux="elevator_out")
 DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 FIGURE_3_TREE = yaml.safe_load(FIGURE_3_TEXT)
 
@@ -47,9 +48,8 @@ def test_figure_3_of_the_paper() -> None:
     assert spec.pes["tail_pe"] == Pe("tail_pe", 94, ("can0",), 300, 16_384, 32_768)
     assert spec.devices["elevator_servo_2"] == Device("elevator_servo_2", "actuator", "tail_pe")
     assert spec.variables["altitude"] == Variable("altitude", "FLOAT", "m", 3, 322)
-    assert spec.demuxes == {
-        "elevator_out": Demux("elevator_out", "elevator_demand", ("servo_driver_1", "servo_driver_2"))
-    }
+    branches = ("servo_driver_1", "servo_driver_2")
+    assert spec.demuxes == {"elevator_out": Demux("elevator_out", "elevator_demand", branches, ELEVATOR)}
     assert list(spec.modules)[:3] == ["gps_driver", "pressure_driver", "high_quality_altitude"]
     both = And((Leaf("gps_altitude", 1, 1, (0,)), Leaf("absolute_pressure", 1, 1, (0,))))
     assert spec.modules["high_quality_altitude"] == Module(

@@ -344,6 +344,17 @@ def test_the_order_of_a_random_plan_does_not_matter(rng: random.Random) -> None:
     assert verify(spec, now, shuffled) == verify(spec, now, Configuration(modules))
 
 
+def test_a_branch_is_wired_to_an_expression_in_front_of_its_demux() -> None:
+    spec = loads(GLIDER.replace("{demux: demand}", "{demux: {and: [demand, {xor: [wind, log_entry]}]}}"), "x.dg.yaml")
+    wiring = {"0": DEMAND, "1.0": WIND}
+    flying = {**FLYING, "driver_1": Running("tail", "only", wiring)}
+    assert broken(flying, spec=spec) == []
+    assert broken({**SIMPLE, "driver_2": Running("mid", "only")}, spec=spec) == ["4.wired", "5.idle", "5.idle"]
+    assert broken({"driver_1": Running("tail", "only")}, spec=spec) == ["4.wired"]
+    assert broken({**flying, "driver_1": Running("tail", "only", {"0": DEMAND})}, spec=spec) == ["3.xor"]
+    assert broken(wired(flying, "driver_1", {"0": None}), spec=spec) == ["3.and", "5.idle", "5.idle"]
+
+
 def test_two_ends_of_a_demux_do_not_run_at_once() -> None:
     spec = load(Path("dg_specs/examples/demux_paths.dg.yaml"))
     contrast, angle = Wire("horizon_driver", "horizon_contrast", 1), Wire("horizon_attitude", "pitch_angle", 1)

@@ -40,6 +40,8 @@ MUST_APPEAR = (
     "gate below gate",
     "first branch",
     "second branch",
+    "demux of an expression",
+    "rival drivers",
     "first end",
     "other end",
     "path of one",
@@ -129,10 +131,14 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
     for name, running in configuration.modules.items():
         yield from _gates(configuration.mode(case.spec, name).needs, "", running.inputs.keys())
     for demux in case.spec.demuxes.values():
+        if not isinstance(demux.needs, Leaf) and configuration.modules.keys() & set(demux.branches):
+            yield "demux of an expression"
         for word, branch in zip(("first branch", "second branch"), demux.branches, strict=False):
             if branch in configuration.modules:
                 yield word
         yield from _paths(demux, configuration.modules)
+    if any(configuration.modules.keys() & set(group) for group in case.spec.drivers_of_one_actuator().values()):
+        yield "rival drivers"
     feeds = {(consumer, wire.producer) for consumer, _, wire in configuration.wires()}
     yield from ("feedback" for a, b in feeds if (b, a) in feeds)
     yield from ("gateway crossed" for hop in hops(survivors(case.spec, case.now), configuration) if hop.after)

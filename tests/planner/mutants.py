@@ -114,6 +114,17 @@ def start_the_other_branch(drawn: Drawn) -> Modules | None:
     return _started(drawn, drawn.rng.choice(branches)[1]) if branches else None
 
 
+def start_a_rival_driver(drawn: Drawn) -> Modules | None:
+    """Let a second module drive an actuator that is driven."""
+    rivals = [
+        other
+        for group in drawn.case.spec.drivers_of_one_actuator().values()
+        for other in group
+        if other not in drawn.modules and drawn.modules.keys() & set(group)
+    ]
+    return _started(drawn, drawn.rng.choice(rivals)) if rivals else None
+
+
 def _started(drawn: Drawn, name: str) -> Modules:
     """Start a module where it may run, with every input wired that a running module can feed."""
     module = drawn.case.spec.modules[name]
@@ -352,6 +363,7 @@ MUTATIONS: Mapping[str, Mutation] = {
         start_an_unknown_module,
         start_what_has_failed,
         start_the_other_branch,
+        start_a_rival_driver,
         another_mode,
         an_unknown_mode,
         move,

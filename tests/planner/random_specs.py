@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import get_args
 
 from heronry_dg.field_types import Criticality
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor, holds, with_leaves
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, holds, leaves, with_leaves
 from heronry_dg.model import (
     Bus,
     Demux,
@@ -66,7 +66,7 @@ def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:
     devices = {f"d{i}": Device(f"d{i}", rng.choice(("sensor", "actuator")), rng.choice(list(pes))) for i in range(2)}
     variables = _variables(rng)
     count = rng.randint(3, modules)
-    demux = _demux(rng, list(variables), count)
+    demux = _demux(rng, variables, count)
     draw = _ModuleDrawer(rng, count, variables, list(pes), list(devices), demux)
     drawn = [draw.module(index) for index in range(count)]
     drawn_modules = {module.name: module for module in drawn}
@@ -92,7 +92,7 @@ def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:
 
 
 def with_shared_actuator(rng: random.Random, spec: Spec) -> Spec:
-    """Let several modules sometimes drive one actuator, all of them or some as outputs of functions; else the same spec.
+    """Let several modules sometimes drive one actuator, some of them as outputs of functions; else give the same spec.
 
     Only one of these modules may run (semantics rule 10).
     """
@@ -299,11 +299,23 @@ def _variables(rng: random.Random) -> dict[str, Variable]:
     return variables
 
 
-def _demux(rng: random.Random, variables: list[str], modules: int) -> Demux | None:
+def _demux(rng: random.Random, variables: dict[str, Variable], modules: int) -> Demux | None:
+    """Draw a DEMUX with two branches; in front of it is a variable, or an expression that does not hold unwired."""
     if modules < 3 or rng.random() < 0.5:
         return None
     branches = sorted(rng.sample(range(modules), 2))
-    return Demux("x0", rng.choice(variables), tuple(f"m{i}" for i in branches))
+    versions = _Versions(variables, variables)
+    needs: Expression | None = None
+    if rng.random() < 0.5:
+        needs = _expression(rng, versions, rng.choice((0, 1)))
+    if needs is None or holds(needs, frozenset()):
+        versions = _Versions(variables, variables)
+        needs = versions.take(rng, rng.choice(list(variables)), whole=True)
+    worthy = _with_worth(rng, needs, variables)
+    assert worthy is not None
+    tagged = with_leaves(worthy, lambda leaf: replace(leaf, demux="x0"))
+    variable = next(leaf.variable for _, leaf in leaves(tagged))
+    return Demux("x0", variable, tuple(f"m{i}" for i in branches), tagged)
 
 
 @dataclass(frozen=True)
@@ -363,7 +375,7 @@ class _Versions:
     def __init__(self, variables: dict[str, Variable], names: Iterable[str]) -> None:
         self.left = {(name, v) for name in names for v in range(1, variables[name].versions + 1)}
 
-    def take(self, rng: random.Random, name: str, *, whole: bool = False, demux: str | None = None) -> Leaf:
+    def take(self, rng: random.Random, name: str, *, whole: bool = False) -> Leaf:
         """Draw a leaf over versions that are free."""
         free = sorted(v for n, v in self.left if n == name)
         best = free[0] if whole else rng.choice(free)
@@ -371,7 +383,7 @@ class _Versions:
         while worst + 1 in free and (whole or rng.random() < 0.6):
             worst += 1
         self.left -= {(name, v) for v in range(best, worst + 1)}
-        return Leaf(name, best, worst, worth=(0,) * (worst - best + 1), demux=demux)
+        return Leaf(name, best, worst, worth=(0,) * (worst - best + 1))
 
     def names(self) -> list[str]:
         """Variables of which some version is free."""
@@ -384,16 +396,13 @@ def _needs(rng: random.Random, variables: dict[str, Variable], readable: list[st
 
 
 def _demuxed(rng: random.Random, variables: dict[str, Variable], demux: Demux) -> Expression:
-    versions = _Versions(variables, variables)
-    leaf: Expression = versions.take(rng, demux.variable, whole=True, demux=demux.name)
+    versions, needs = _Versions(variables, variables), demux.needs
+    for _, leaf in leaves(needs):
+        versions.left -= {(leaf.variable, version) for version in range(leaf.best, leaf.worst + 1)}
     if rng.random() < 0.4:
-        other = _expression(rng, versions, 1)
-        leaf = And((leaf, other)) if other is not None else And((leaf,))
-    if rng.random() < 0.2:
-        leaf = And((leaf,))
-    needs = _with_worth(rng, leaf, variables)
-    assert needs is not None
-    return needs
+        other = _with_worth(rng, _expression(rng, versions, 1), variables)
+        needs = And((needs, other)) if other is not None else And((needs,))
+    return And((needs,)) if rng.random() < 0.2 else needs
 
 
 def _expression(rng: random.Random, versions: _Versions, depth: int) -> Expression | None:
@@ -590,6 +599,7 @@ def features(case: Case) -> dict[str, bool]:
             for device in spec.devices.values()
             if device.kind == "actuator"
         ),
+        "demux of an expression": any(not isinstance(demux.needs, Leaf) for demux in spec.demuxes.values()),
         "demux with to": any(demux.to for demux in spec.demuxes.values()),
         "path of two": any(f"{b}p1" in d.to for d in spec.demuxes.values() for b in d.branches),
         "path of three": any(f"{b}p2" in d.to for d in spec.demuxes.values() for b in d.branches),

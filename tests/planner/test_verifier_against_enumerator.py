@@ -43,7 +43,7 @@ def test_they_agree_on_what_is_legal_and_on_its_worth(rng: random.Random) -> Non
 
 def test_every_kind_of_mutation_makes_something_illegal_that_the_verifier_rejects() -> None:
     tally = Tally(Counter(), Counter(), Counter(), Counter(), [])
-    for seed in range(120):
+    for seed in range(160):
         with suppress(TooManyError):
             mutants_of_verifier(random.Random(seed), tally, origins=1)
     assert tally.wrong == []

@@ -147,8 +147,8 @@ def _number_given(field: str) -> dict[str, Any]:
 def _complete(form: dict[str, Any]) -> None:
     """Complete the schema of a form, which pydantic has generated, in place.
 
-    - The field `needs` accepts a gate expression or null, the field `initial` an initial value, and any other optional
-      field also null.
+    - The field `needs` accepts a gate expression or null, `demux` a gate expression, `initial` an initial value, and
+      any other optional field also null.
     - The keys of a map must be names.
     - Titles, which only repeat a name, and defaults of None are removed.
     """
@@ -160,6 +160,8 @@ def _complete(form: dict[str, Any]) -> None:
             del field["default"]
         if name == "needs":
             field["anyOf"] = [{"$ref": "#/definitions/Expression"}, {"type": "null"}]
+        elif name == "demux":
+            field["anyOf"] = [{"$ref": "#/definitions/Expression"}]
         elif name == "initial":
             field.update(_INITIAL)
         elif name not in required:

@@ -159,8 +159,19 @@ class Demux:
     """A gate of which at most one branch runs; its branches are the modules whose `needs` name it."""
 
     name: str
-    variable: Annotated[str, Key("Variable that the running branch reads.", "elevator_demand", called="demux")]
+    variable: Annotated[str, Found("")]  # of the first input in front of it, which as a rule is the only one
     branches: Annotated[tuple[str, ...], Found(())]  # modules, in the spec's order: the first is the primary
+    needs: Annotated[  # its leaves name the DEMUX; each branch has it in its own `needs`, so the digest does cover it
+        Expression,
+        Unread,
+        Key(
+            "What the running branch reads: a variable, or any gate expression that names no DEMUX.",
+            "elevator_demand",
+            {"xor": ["elevator_demand@1", "elevator_demand@2"]},
+            called="demux",
+            analysis_only=True,
+        ),
+    ]
     to: Annotated[
         Names,
         Key(
@@ -177,6 +188,11 @@ class Demux:
         These are the modules of `to`; if `to` is empty, they are the branches.
         """
         return self.to or self.branches
+
+    @property
+    def demand(self) -> Expression:
+        """The gate in front of it as the spec has it, whose leaves do not name the DEMUX."""
+        return with_leaves(self.needs, lambda leaf: replace(leaf, demux=None))
 
     @property
     def exclusives(self) -> Mapping[str, tuple[str, ...]]:

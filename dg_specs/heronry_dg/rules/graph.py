@@ -38,14 +38,15 @@ def _voter(needs: str) -> str:
     return f"{_TWO_DRIVERS}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
-def _lamps(first: str, second: str) -> str:
+def _lamps(first: str, second: str, demux: str = "speed") -> str:
     """Write a spec with DEMUX `light` and two displays.
 
     first: fields of the module `display`, as YAML text.
     second: fields of the module `second_display`, as YAML text.
+    demux: what is in front of the DEMUX.
     """
     return (
-        f"{_LAMPS}  display: {{device: lamp, {first}, {RUNS}}}\n"
+        f"{_LAMPS.replace('demux: speed', f'demux: {demux}')}  display: {{device: lamp, {first}, {RUNS}}}\n"
         f"  second_display: {{device: second_lamp, {second}, {RUNS}}}\n"
     )
 
@@ -141,11 +142,20 @@ BRANCH_IN_PART = FAMILY.stop(
 DEMUX_MISPLACED = FAMILY.stop(
     "DG208",
     "demux-misplaced",
-    what="A DEMUX is named below an OR or a XOR, or twice in one mode, or is written without a name.",
+    what="A DEMUX is named below an OR or a XOR, in front of another DEMUX, or twice in one mode, or has no name.",
     why="The DEMUX decides whether a branch runs; an input that may be left out cannot decide that.",
     fix="Name it once per mode, at the root of `needs` or below ANDs alone.",
     bad=_lamps("needs: light", "needs: {or: {k: 1, of: [light]}}"),
     good=_lamps("needs: light", "needs: {and: [light]}"),
+)
+DEMUX_UNWIRED = FAMILY.stop(
+    "DG234",
+    "demux-holds-unwired",
+    what="The gate expression in front of a DEMUX holds with nothing wired below it.",
+    why="A branch that runs must be wired to something of what the DEMUX distributes.",
+    fix="Give the OR in the expression a `k` of 1 or more.",
+    bad=_lamps("needs: light", "needs: light", demux="{or: {k: 0, of: [speed]}}"),
+    good=_lamps("needs: light", "needs: light", demux="{or: {k: 1, of: [speed]}}"),
 )
 READ_TWICE = FAMILY.stop(
     "DG209",

@@ -198,7 +198,8 @@ def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[in
     """Yield, for each group of modules of which only one can run, the points of all its modules but the best one.
 
     No configuration can have these points, so the caller subtracts them from the sum of `most`. The branches of a
-    DEMUX are a group, and so are its ends and the drivers of one actuator. A module in several groups counts only in the first one.
+    DEMUX are a group, and so are its ends and the drivers of one actuator. A module in several groups counts only in
+    the first one.
 
     most: by name of a module, the most points that its inputs can have.
     """

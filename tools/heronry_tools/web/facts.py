@@ -5,10 +5,9 @@ These are names to choose from (phases, elements, functions), and details of wha
 
 from typing import Any
 
-from heronry_dg.gates import Expression, Gate, Leaf, fold, words
 from heronry_dg.model import Module, Spec
 from heronry_dg.situation import elements
-from heronry_tools.reports.render.build import accepted_versions
+from heronry_tools.analysis.diff.elements import expression_text
 from heronry_tools.web.picture import contributing, symbols
 
 
@@ -37,7 +36,7 @@ def facts(spec: Spec) -> dict[str, Any]:
             for variable in spec.variables.values()
         },
         "demuxes": {
-            demux.name: {"variable": demux.variable, "branches": list(demux.branches)}
+            demux.name: {"needs": expression_text(spec, demux.demand), "branches": list(demux.branches)}
             for demux in spec.demuxes.values()
         },
         "plants": {
@@ -70,21 +69,9 @@ def _module(spec: Spec, module: Module) -> dict[str, Any]:
         "modes": [
             {
                 "name": mode.name,
-                "needs": None if mode.needs is None else needs_text(spec, mode.needs),
+                "needs": None if mode.needs is None else expression_text(spec, mode.needs),
                 "gives": dict(mode.gives),
             }
             for mode in module.modes.values()
         ],
     }
-
-
-def needs_text(spec: Spec, needs: Expression) -> str:
-    """Write a gate expression for a reader: `2 of (a, b, c)`."""
-
-    def leaf(one: Leaf, _path: str) -> str:
-        return f"{one.demux or one.variable}{accepted_versions(spec, one)}"
-
-    def gate(one: Gate, inputs: list[str]) -> str:
-        return f"{words(one).written}({', '.join(inputs)})"
-
-    return fold(needs, leaf, gate)

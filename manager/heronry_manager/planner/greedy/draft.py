@@ -108,7 +108,7 @@ class Draft:
     def fits(self, module: int, mode: int, pe: int) -> bool:
         """Tell whether a module that is not running may run in a mode on `pe`, one of the `hosts` of the mode.
 
-        There must be room, no rival may run (another branch, or driver of the actuator), and no placement rule may forbid it.
+        There must be room, no placement rule may forbid it, and no rival of the module may run.
         """
         if (
             self._cpu_of[mode] > self.cpu[pe]

@@ -59,17 +59,16 @@ class Dependence:
                 self._lost_with.setdefault(lost, []).append(element)
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
-        """Give the elements whose loss stops all ends of a DEMUX, but not all modes that give the DEMUX's variable.
+        """Give the elements whose loss stops all ends of a DEMUX, but leaves all that the DEMUX needs.
 
         The set is empty if some end cannot run even with everything up.
         """
         ends = [self.spec.modules[name] for name in demux.ends]
         if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()
-        demanded = Leaf(demux.variable, 1, self.spec.variables[demux.variable].versions, ())
         suspects = self._losing((end.name, mode) for end in ends for mode in end.modes)
         unserved = self._where(suspects, lambda found: not any(found.can_run(end) for end in ends))
-        return unserved - self._where(unserved, lambda found: not found.can_hold(demanded, _NEVER_LOST))
+        return unserved - self._where(unserved, lambda found: not found.can_hold(demux.needs, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
         """Yield each XOR and each voter among the gates of a mode.

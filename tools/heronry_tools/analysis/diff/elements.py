@@ -14,7 +14,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Any, Literal
 
-from heronry_dg.gates import Expression, Leaf, leaves, words
+from heronry_dg.gates import Expression, Leaf, demux_at, leaves, words
 from heronry_dg.keys import DeclaredKey, Reading, is_element, keys_of
 from heronry_dg.model import Mode, Module, Spec
 from heronry_tools.reports.render.build import accepted_versions
@@ -89,10 +89,12 @@ def _elements(spec: Spec) -> Iterator[tuple[str, Fields]]:
         ("pe", spec.pes),
         ("device", spec.devices),
         ("variable", spec.variables),
-        ("demux", spec.demuxes),
     ):
         for name in elements:
             yield f"{kind}:{name}", _flat(elements[name])
+    for name, demux in spec.demuxes.items():
+        fields_of = {field: text for field, text in _flat(demux).items() if field != "variable"}
+        yield f"demux:{name}", {"demux": expression_text(spec, demux.demand), **fields_of}
     for name, module in spec.modules.items():
         yield f"module:{name}", _module(spec, module)
     for name, function in spec.functions.items():
@@ -173,7 +175,9 @@ def _bytes(count: int) -> str:
 
 def expression_text(spec: Spec, needs: Expression) -> str:
     """Write a gate expression in one line. An input that accepts only some versions is written with these versions."""
+    if (demux := demux_at(needs)) is not None:
+        return demux
     if isinstance(needs, Leaf):
-        return f"{needs.demux or needs.variable}{accepted_versions(spec, needs)}"
+        return f"{needs.variable}{accepted_versions(spec, needs)}"
     inputs = ", ".join(expression_text(spec, one) for one in needs.inputs)
     return f"{words(needs).written}({inputs})"

@@ -101,7 +101,9 @@ def relaxed(question: Question, without: Collection[Assumption]) -> Question:
             separate=_others(spec.separate, gone("separate")),
             together=_others(spec.together, gone("together")),
             devices={
-                name: replace(device, kind="sensor") if name in gone("actuator") else device  # a sensor has many readers
+                name: replace(device, kind="sensor")
+                if name in gone("actuator")
+                else device  # a sensor has many readers
                 for name, device in spec.devices.items()
             },
         ),

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from heronry_dg.findings import listed
-from heronry_dg.gates import Expression, Leaf, child_path, words
-from heronry_dg.model import Function, Mode, Module, Spec
+from heronry_dg.gates import Expression, Leaf, child_path, demux_at, leaves, words
+from heronry_dg.model import Demux, Function, Mode, Module, Spec
 from heronry_tools.reports.render.graph import Cell, Edge, Graph, Node
 from heronry_tools.reports.render.marks import Marks
 
@@ -79,8 +79,25 @@ class _Builder:
         notes = [self._serves(name), f"to {', '.join(demux.to)}" if demux.to else ""]
         note = "\n".join(note for note in notes if note)
         self._add(Node(f"demux:{name}", "demux", name, note, dead=dead, chosen=chosen))
-        source = f"variable:{demux.variable}"
-        self.edges.append(Edge(source, f"demux:{name}", dead=dead, chosen=chosen))
+        if isinstance(demux.needs, Leaf):
+            source, versions = f"variable:{demux.needs.variable}", accepted_versions(self.spec, demux.needs)
+            self.edges.append(Edge(source, f"demux:{name}", versions, dead=dead, chosen=chosen))
+        else:
+            self._add_demand(demux, demux.needs, "", target=f"demux:{name}")
+
+    def _add_demand(self, demux: Demux, needs: Expression, path: str, *, target: str) -> None:
+        """Add the gates in front of a DEMUX, and the wires into them."""
+        dead, chosen = self.marks.gate_dead(needs), self.marks.demanded(demux, path)
+        if isinstance(needs, Leaf):
+            source = f"variable:{needs.variable}"
+            self.edges.append(Edge(source, target, accepted_versions(self.spec, needs), dead=dead, chosen=chosen))
+            return
+        key = f"gate:{demux.name}/{path}"
+        symbol = words(needs)
+        self._add(Node(key, symbol.outline, symbol.drawn, dead=dead, chosen=chosen))
+        for index, one in enumerate(needs.inputs):
+            self._add_demand(demux, one, child_path(path, index), target=key)
+        self.edges.append(Edge(key, target, "", dead=dead, chosen=chosen))
 
     def _add_device(self, name: str) -> None:
         device = self.spec.devices[name]
@@ -143,9 +160,13 @@ class _Builder:
         self, module: Module, mode: Mode, needs: Expression, path: str, *, target: str, cell: int | None
     ) -> None:
         dead = self.marks.gate_dead(needs) or self.marks.mode_dead(module, mode)
+        demux = demux_at(needs)
+        if demux is not None:
+            chosen = any(self.marks.wired(module, mode, at) for at, _ in leaves(needs, path))
+            self.edges.append(Edge(f"demux:{demux}", target, "", None, cell, dead, chosen))
+            return
         if isinstance(needs, Leaf):
-            source = f"demux:{needs.demux}" if needs.demux else f"variable:{needs.variable}"
-            chosen = self.marks.wired(module, mode, path)
+            source, chosen = f"variable:{needs.variable}", self.marks.wired(module, mode, path)
             self.edges.append(Edge(source, target, accepted_versions(self.spec, needs), None, cell, dead, chosen))
             return
         key = f"gate:{module.name}/{mode.name}/{path}"

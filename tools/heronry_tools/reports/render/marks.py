@@ -48,10 +48,22 @@ class Marks:
     def demux_dead(self, demux: Demux) -> bool:
         """Tell whether a DEMUX cannot work in the situation.
 
-        This is so if no module can give the variable of the DEMUX, or no module at an end of the DEMUX can run.
+        This is so if what it needs cannot be given, or no module at an end of the DEMUX can run.
         """
         ends = (self.spec.modules[end] for end in demux.ends)
-        return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
+        return self.gate_dead(demux.needs) or all(self.module_dead(end) for end in ends)
+
+    def demanded(self, demux: Demux, path: str) -> bool:
+        """Tell whether the running branch is wired to an input at or below `path` of the gate in front of a DEMUX."""
+        order = [at for at, _ in leaves(demux.needs)]
+        for branch in demux.branches:
+            running = self.running(self.spec.modules[branch])
+            if running is not None:
+                mode = self.spec.modules[branch].modes[running.mode]
+                places = [at for at, leaf in mode.leaves() if leaf.demux == demux.name]
+                wired = {at for at, place in zip(order, places, strict=True) if place in running.inputs}
+                return any(at == path or at.startswith(f"{path}." if path else "") for at in wired)
+        return False
 
     def running(self, module: Module) -> Running | None:
         """Give PE, mode and wires of a module in the configuration; None if the module does not run."""
