@@ -38,7 +38,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Assessed:
-    """The findings about one file, and the text of the lines with a finding.
+    """The findings about one file, errors first, and the text of the lines with a finding.
 
     digest: that of the spec (`heronry_dg.meaning`); empty where no spec was loaded.
     """
@@ -83,8 +83,9 @@ def _assess(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[
     if loaded is not None:
         told += _unused(file, said, used, tuple(ran), choice)
     told = [_raised(finding, said, choice) for finding in told]
+    in_order = sorted(told, key=lambda finding: (finding.severity is not Severity.ERROR, finding))
     lines = lines_at({finding.place.line for finding in told}, data)
-    return Assessed(file, tuple(sorted(told)), lines, "" if loaded is None else loaded.spec.digest)
+    return Assessed(file, tuple(in_order), lines, "" if loaded is None else loaded.spec.digest)
 
 
 def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:

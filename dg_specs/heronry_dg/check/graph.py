@@ -19,6 +19,7 @@ from itertools import pairwise
 from typing import TypeVar
 
 from heronry_dg import yaml_source
+from heronry_dg.check.actuators import check_actuators
 from heronry_dg.check.plants import check_plants
 from heronry_dg.check.subject import Subject
 from heronry_dg.cycles import components, shortest_cycle
@@ -46,6 +47,8 @@ def check(subject: Subject, findings: Findings) -> None:
     _unused_devices(subject, findings)
     _unused_modules(subject, wiring, findings)
     _unfed_functions(subject, wiring, findings)
+    _priority_ranges(subject, findings)
+    check_actuators(subject, findings)
     check_plants(subject, findings)
 
 
@@ -160,6 +163,18 @@ def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None
             sentence, hint = cause
             place = subject.place("phases", phase.name, "when")
             findings.add(rules.NEVER_FIRES, place, f"the rule of phase '{phase.name}' never fires: {sentence}", hint)
+
+
+def _priority_ranges(subject: Subject, findings: Findings) -> None:
+    """Report each function that has a `priority_range`, and is wanted in no phase."""
+    for function in subject.spec.functions.values():
+        if function.priority_range is not None and not any(function.priority.values()):
+            sentence = f"function '{function.name}' has a 'priority_range', and no phase wants the function"
+            place = subject.place("functions", function.name, "priority_range")
+            hint = (
+                "a changed priority counts only where the spec's is above 0: raise it in a phase, or remove the range"
+            )
+            findings.add(rules.UNUSED_RANGE, place, sentence, hint)
 
 
 def _circles(subject: Subject, findings: Findings) -> None:

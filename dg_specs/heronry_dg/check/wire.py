@@ -154,6 +154,10 @@ def _type(subject: Subject, findings: Findings, name: str, standard: StandardIde
 
 def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIdentifier) -> None:
     unit = subject.spec.variables[name].unit
+    if unit is None and standard.unit:
+        sentence = f"variable '{name}' has no unit; {standard.can_id} ({standard.name}) is in '{standard.unit}'"
+        hint = f"write unit: {standard.unit} if that is what its producer gives"
+        findings.add(rules.NO_UNIT, subject.place("variables", name), sentence, hint)
     if unit is None or not standard.unit or unit in (standard.unit, *_SAME_UNIT.get(standard.unit, ())):
         return
     sentence = f"variable '{name}' is in {shown(unit)}; {standard.can_id} ({standard.name}) is in '{standard.unit}'"

@@ -51,6 +51,17 @@ def _lamps(first: str, second: str, demux: str = "speed") -> str:
     )
 
 
+def _shared_lamp(priority: str) -> str:
+    """Write a spec with two functions, each with a driver of its own for one lamp.
+
+    priority: the priority of the second function; that of the first is 1.
+    """
+    return (
+        f"modules:\n{DRIVER}{DISPLAY}  blinker: {{device: lamp, needs: speed, {RUNS}}}\n"
+        f"functions:\n  showing: {{output: display}}\n  blinking: {{output: blinker, priority: {priority}}}\n"
+    )
+
+
 def _paths(ends: str) -> str:
     """Write a spec with a DEMUX of two branches, each of which leads on to an actuator; `ends` is the field `to`."""
     return (
@@ -415,6 +426,25 @@ CIRCLE = FAMILY.error(
     "  cruise: {when: {variable: speed, above: 10, from: [climb]}}\n",
     good="phases:\n  climb: {when: {variable: speed, below: 5, from: [cruise]}}\n"
     "  cruise: {when: {variable: speed, above: 10, from: [climb]}}\n",
+)
+TWO_DRIVERS = FAMILY.warning(
+    "DG248",
+    "two-drivers",
+    what="Two functions that are wanted at once need different drivers of one actuator.",
+    why="Of the modules on one actuator only one runs, or they would command it in turn. So the best plan serves one of "
+    "the two functions alone.",
+    fix="Let one module drive the actuator for both functions, or want one of them at a time, by phases.",
+    bad=_shared_lamp("1"),
+    good=_shared_lamp("0"),
+)
+UNUSED_RANGE = FAMILY.warning(
+    "DG249",
+    "priority-range-unused",
+    what="A function has a `priority_range`, and its priority is 0 in every phase.",
+    why="A changed priority replaces the spec's only in phases that want the function, so the range has no effect.",
+    fix="Give the function a priority above 0 in some phase, or remove the range.",
+    bad="functions:\n  showing: {output: display}\n  blinking: {output: display, priority: 0, priority_range: [0, 9]}\n",
+    good="functions:\n  showing: {output: display}\n  blinking: {output: display, priority: 1, priority_range: [0, 9]}\n",
 )
 UNUSED_VARIABLE = FAMILY.echo(
     "DG240",

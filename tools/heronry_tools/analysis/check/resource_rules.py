@@ -54,6 +54,28 @@ def _slow_bus(rate_hz: str) -> str:
     )
 
 
+_TWO_BUSES: Final = "buses: {can0: {bitrate: 1000000}, can1: {bitrate: 1000000}}\n"
+
+
+def _pes_on(spare: str, second_spare: str) -> str:
+    """Write the PEs `nav` and `tail` on bus can0, and two more, which no function needs, on these buses."""
+    room = "cpu: 1, ram: 64KiB, flash: 64KiB"
+    return (
+        f"pes:\n  nav: {{node_id: 92, buses: [can0], {room}}}\n  tail: {{node_id: 93, buses: [can0], {room}}}\n"
+        f"  spare: {{node_id: 94, buses: [{spare}], {room}}}\n"
+        f"  second_spare: {{node_id: 95, buses: [{second_spare}], {room}}}\n"
+    )
+
+
+def _seen_in(phases: str, criticality: str = "D") -> str:
+    """Write a spec with two phases, in which the display reads the speed only in some phases."""
+    return (
+        f"phases: {{climb: , cruise: }}\nmodules:\n{DRIVER}"
+        f"  display: {{device: lamp, needs: {{var: speed, only_in: [{phases}]}}, {RUNS}}}\n"
+        f"functions: {{showing: {{output: display, criticality: {criticality}}}}}\n"
+    )
+
+
 MODULE_FITS_NOWHERE = FAMILY.error(
     "DG301",
     "module-fits-nowhere",
@@ -129,4 +151,40 @@ RESERVE_TOO_SMALL = FAMILY.error(
     fix="Raise `reserve` to the share in the message, or raise `heartbeat_ms`.",
     bad="buses: {can0: {bitrate: 1000000, reserve: 0.01}}\n",
     good="buses: {can0: {bitrate: 1000000, reserve: 0.1}}\n",
+)
+NO_GATEWAY = FAMILY.error(
+    "DG308",
+    "no-gateway",
+    what="No PE joins a bus with several PEs to the manager's bus.",
+    why="A PE without a route to the manager's bus cannot be commanded, and counts as down: nothing ever runs there.",
+    fix="Put one PE on both buses: it is the gateway.",
+    bad=_TWO_BUSES + _pes_on("can1", "can1"),
+    good=_TWO_BUSES + _pes_on("can0, can1", "can1"),
+)
+PE_UNREACHED = FAMILY.error(
+    "DG309",
+    "pe-unreached",
+    what="A PE has no route to the manager's bus.",
+    why="It cannot be commanded, and counts as down: nothing ever runs there.",
+    fix="Put it on a bus that leads to the manager's bus, or add a gateway.",
+    bad=_TWO_BUSES + _pes_on("can1", "can0"),
+    good=_TWO_BUSES + _pes_on("can0", "can0"),
+)
+NEVER_SERVED = FAMILY.error(
+    "DG310",
+    "never-served",
+    what="With everything up, the best plan of a phase does not serve a function of class A to D that is wanted there.",
+    why=f"The message has the reason, as `heronry why` gives it. {_CHECKED}",
+    fix="Remove the reason, or set the function's priority to 0 in that phase.",
+    bad=_seen_in("climb"),
+    good=_seen_in("climb, cruise"),
+)
+LESSER_NEVER_SERVED = FAMILY.echo(
+    "DG311",
+    "lesser-never-served",
+    what="With everything up, the best plan of a phase does not serve a function of class E that is wanted there.",
+    why="The message has the reason, as `heronry why` gives it.",
+    fix="Remove the reason, or set the function's priority to 0 in that phase.",
+    bad=_seen_in("climb", criticality="E"),
+    good=_seen_in("climb, cruise", criticality="E"),
 )

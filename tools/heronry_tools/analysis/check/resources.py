@@ -9,17 +9,19 @@ Each cause is reported only once:
 - If the modules of a function fit nowhere, or the data of this function alone overload a bus, the function is
   not checked again.
 - If deadlines are the only reason why a function is not served, the data that would be late are reported.
-- If a function could not be served even with unlimited resources, the rules of the graph report this.
+- What no plan serves for another cause is reported with the reason of the plan (unserved.py), unless a module of it
+  fits nowhere or lacks its data; the rules of the graph, and DG301, report this.
 
 Two kinds of specs are not planned: a spec with more sources than identifiers (DG505), since the priorities of its
 frames are unknown, and a spec with a bus that management fills (DG307), since no datum would ever arrive there.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Final
 
+from heronry_dg.check.actuators import driver_conflicts
 from heronry_dg.check.subject import Subject
 from heronry_dg.check.wire import lacks_identifiers
 from heronry_dg.findings import Findings, listed
@@ -29,11 +31,13 @@ from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, hops
 from heronry_tools.analysis.check import resource_rules as rules
 from heronry_tools.analysis.check.homes import fits
+from heronry_tools.analysis.check.reach import check_reach
 from heronry_tools.analysis.check.wanted import Phase, critical_functions, in_phases, phases, wanted_functions
 from heronry_wire.timing import WORST_BLOCKING_BITS
 
 if TYPE_CHECKING:
     from heronry_dg.configuration import Configuration
+    from heronry_tools.analysis.check.servable import Planning
 
 _NS_PER_S: Final = 1_000_000_000
 _MANAGER_FRAMES: Final = 2  # LEASE and ALIVE
@@ -46,6 +50,7 @@ def check(subject: Subject, findings: Findings) -> None:
         _fits(subject, findings, module)
     for bus in subject.spec.buses.values():
         _reserve(subject, findings, bus)
+    check_reach(subject, findings)
     swamped = any(_is_swamped(subject.spec, bus) for bus in subject.spec.buses.values())
     if not swamped and not lacks_identifiers(subject.spec):
         _Serving(subject, findings).check()
@@ -139,62 +144,91 @@ class _Serving:
     """Finds the functions that cannot be served with everything up, and reports the reason for each."""
 
     def __init__(self, subject: Subject, findings: Findings) -> None:
-        from heronry_tools.analysis.check import servable  # noqa: PLC0415 - loads the solver, which listing the rules does not need
+        from heronry_tools.analysis.check import servable, unserved  # noqa: PLC0415 - loads the solver, which listing the rules does not need
 
         self._subject, self._findings, self._spec = subject, findings, subject.spec
         self._phases = phases(self._spec)
-        self._wanted = {phase: wanted_functions(self._spec, phase) for phase in self._phases}
-        self._critical = {phase: critical_functions(self._spec, phase) for phase in self._phases}
         self._planning = servable.Planning(self._spec)
         self._undue = servable.Planning(servable.without_deadlines(self._spec))
         self._unlimited = servable.Planning(servable.without_limits(self._spec))
+        self._unserved = unserved
+        named = {phase: wanted_functions(self._spec, phase) for phase in self._phases}
+        reached = servable.Planning(unserved.with_reach(self._spec)).possible(_union(named.values()))
+        self._wanted = {phase: names & reached for phase, names in named.items()}  # others are reported otherwise
+        self._told: dict[Phase, set[str]] = {phase: set() for phase in self._phases}
+        for conflict in driver_conflicts(self._spec):  # reported as DG248, and for a critical function once more here
+            for phase in conflict.phases:
+                self._told[phase].update(set(conflict.functions) - critical_functions(self._spec, phase))
 
     def check(self) -> None:
         """Report the functions that cannot be served with everything up.
 
-        If all critical functions of all phases can be served together, only the other functions are checked, each
-        alone. If not, every function is checked alone, and then the critical functions of each phase together.
+        As a rule it is certain at once that each best plan serves everything. If it is not, all causes are searched
+        that have rules of their own: first of each function alone, and then of the critical functions of each phase
+        together. What is left, and what no way to a PE allows, gets its reason from the plans.
         """
-        possible = self._planning.possible(_union(self._wanted.values()))
-        critical = _union(self._critical.values()) & possible
-        fitting = critical if self._planning.all_at_once(critical).configuration is not None else frozenset[str]()
-        alone = [name for name in self._spec.functions if name in possible - fitting]
-        never = {name for name in alone if self._never_fits(name)}
-        if not fitting:
-            self._each_phase(critical - never)
+        if self._unserved.serves_everything(self._planning, self._wanted):
+            return
+        possible = {phase: self._at(phase).possible(names) for phase, names in self._wanted.items()}
+        critical = {phase: critical_functions(self._spec, phase) & names for phase, names in possible.items()}
+        fitting = {phase: names for phase, names in critical.items() if self._fit(phase, names)}
+        for name in self._spec.functions:
+            at = [phase for phase in self._phases if name in possible[phase] - fitting.get(phase, frozenset())]
+            if at and self._never_fits(name, at):
+                self._tell([name], at)
+        self._each_phase({phase: names for phase, names in critical.items() if phase not in fitting})
+        self._unserved.check_unserved(self._subject, self._findings, self._planning, self._wanted, self._told)
 
-    def _never_fits(self, name: str) -> bool:
-        """Tell whether a function cannot be served even if no other function is wanted.
+    def _at(self, phase: Phase) -> "Planning":
+        return self._planning.in_phase(phase)
+
+    def _fit(self, phase: Phase, names: frozenset[str]) -> bool:
+        return self._at(phase).all_at_once(names).configuration is not None
+
+    def _tell(self, names: Iterable[str], at: Iterable[Phase]) -> None:
+        """Note that findings are about functions in some phases."""
+        for phase in at:
+            self._told[phase].update(names)
+
+    def _never_fits(self, name: str, at: list[Phase]) -> bool:
+        """Tell whether a function cannot be served in some phases even if no other function is wanted.
 
         If so, add a finding with the cause: deadlines, overloaded buses or too little room. If the function could
-        not be served with unlimited resources either, nothing is added, since the rules of the graph report this.
+        not be served with unlimited resources either, nothing is added.
         """
-        if not self._planning.all_at_once([name]).impossible:
+        if not self._at(at[0]).all_at_once([name]).impossible:
             return False
-        wanted = [phase for phase in self._phases if name in self._wanted[phase]]
-        late = self._undue.all_at_once([name]).configuration
+        late = self._undue.in_phase(at[0]).all_at_once([name]).configuration
         if late is not None:
             self._tell_late(late, f"'{name}'")
-        elif not self._overloads([name], wanted) and not self._unlimited.all_at_once([name]).impossible:
+        elif not self._overloads([name], at):
+            if self._unlimited.in_phase(at[0]).all_at_once([name]).impossible:
+                return False
             sentence = f"function '{name}' cannot be served with everything up, even if nothing else were wanted"
+            short = self._unserved.short_of(self._planning, at[0], name)
             hint = "its modules fit alone, but not together: check the PEs, buses and placement rules that they need"
-            self._findings.add(rules.NEVER_FITS, self._subject.place("functions", name), sentence, hint)
+            self._findings.add(rules.NEVER_FITS, self._subject.place("functions", name), sentence + short, hint)
         return True
 
-    def _each_phase(self, possible: frozenset[str]) -> None:
+    def _each_phase(self, critical: Mapping[Phase, frozenset[str]]) -> None:
         """Report, for each phase, the critical functions that the best plan of the phase gives up.
 
-        possible: the critical functions to check, without those that were found to be impossible even alone.
+        critical: the critical functions that do not all fit. Those that were found to be impossible even alone are
+            left out.
         """
         crowded: dict[str, list[Phase]] = {}
-        for phase in self._phases:
-            wanted = self._critical[phase] & possible
-            if self._planning.all_at_once(wanted).configuration is not None or self._overloads(wanted, [phase]):
+        for phase, names in critical.items():
+            wanted = names - self._told[phase]
+            if self._fit(phase, wanted):
+                continue
+            if self._overloads(wanted, [phase]):
+                self._tell(wanted, [phase])
                 continue
             lost = self._planning.unserved(wanted, phase)
             late = lost - self._undue.unserved(wanted, phase)
             if late:
                 self._tell_late(self._undue.healthy(phase).configuration, listed(f"'{name}'" for name in sorted(late)))
+            self._tell(lost, [phase])
             for name in lost - late:
                 crowded.setdefault(name, []).append(phase)
         for name, at in crowded.items():
@@ -206,7 +240,7 @@ class _Serving:
         sentence = (
             f"function '{name}' (class {classes}) finds no room beside the other critical ones{when}, "
             "with everything up"
-        )
+        ) + self._unserved.short_of(self._planning, at[0], name)
         hint = "give the PEs more room, or let modules need less; `heronry plan` shows which modules take the room"
         self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
 
@@ -214,7 +248,7 @@ class _Serving:
         """Report the buses that cannot carry the data which these functions need; True if there is such a bus."""
         from heronry_tools.analysis.check.forced_traffic import forced_traffic  # noqa: PLC0415 - loads the planner's candidates
 
-        possible = self._planning.candidates_for(functions)
+        possible = self._at(at[0]).candidates_for(functions)
         forced = forced_traffic(possible)
         overloaded = list(forced.overloaded(possible.left.bus_mbit_per_s))
         for bus in overloaded:

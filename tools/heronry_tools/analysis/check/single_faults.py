@@ -1,8 +1,7 @@
 """The check of DG401 to DG404: critical functions that one fault loses, found with the planner.
 
 A function is *lost with an element* if the best plan with everything up serves the function, and the best plan without
-the element does not. A phase is checked only if all its critical functions can be served with everything up; the other
-phases are reported as DG303.
+the element does not. Functions that no plan serves with everything up are reported as DG3xx, and left out here.
 
 Three rules make most plans unnecessary:
 
@@ -11,6 +10,9 @@ Three rules make most plans unnecessary:
 - If no module could still give the output of a function, the function is lost. This needs no plan.
 - If the remaining functions of all phases can be served together, none of them is lost. Only if they cannot, a plan is
   made for each phase.
+
+A phase is *crowded* if its best plan gives up critical functions that could be served alone. Its plans choose among
+functions, so for such a phase each fault gets a plan.
 """
 
 from collections.abc import Iterator, Mapping
@@ -43,13 +45,13 @@ def losses(planning: Planning) -> Iterator[Loss]:
     A module is left out if the loss of its device loses the same functions in the same phases.
     """
     spec = planning.spec
-    critical = _fitting(planning)
+    critical, crowded = _served(planning)
     known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
     lost: dict[str, Lost] = {}
     for element in single_elements(spec):
         left = what_is_left(survivors(spec, Situation(frozenset({element}))))
         if left not in known:
-            known[left] = _lost(planning, critical, frozenset({element}))
+            known[left] = _lost(planning, critical, crowded, frozenset({element}))
         lost[element] = known[left]
         if lost[element] and lost.get(device_of(spec, element)) != lost[element]:
             yield Loss(element, lost[element])
@@ -66,24 +68,34 @@ def single_elements(spec: Spec) -> Iterator[str]:
             yield element
 
 
-def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
-    """Give the critical functions of each phase in which all of them can be served together, with everything up.
-
-    The other phases are left out.
-    """
+def _served(planning: Planning) -> tuple[dict[Phase, frozenset[str]], frozenset[Phase]]:
+    """Give the critical functions that the best plan of each phase serves with everything up, and the crowded phases."""
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
-    if _differs_by_phase(planning, by_phase):
-        fits = {phase: planning.in_phase(phase).all_at_once(names) for phase, names in by_phase.items()}
-        return {phase: names for phase, names in by_phase.items() if fits[phase].configuration is not None}
-    if planning.all_at_once(frozenset[str]().union(*by_phase.values())).configuration is not None:
-        return by_phase
-    return {phase: names for phase, names in by_phase.items() if planning.all_at_once(names).configuration is not None}
+    possible = {phase: planning.in_phase(phase).possible(names) for phase, names in by_phase.items()}
+    together = frozenset[str]().union(*possible.values())
+    if not _differs_by_phase(planning, by_phase) and planning.all_at_once(together).configuration is not None:
+        return possible, frozenset()
+    crowded = frozenset(
+        phase for phase, names in possible.items() if planning.in_phase(phase).all_at_once(names).configuration is None
+    )
+    served = {
+        phase: names - planning.unserved(names, phase) if phase in crowded else names
+        for phase, names in possible.items()
+    }
+    return served, crowded
 
 
-def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
+def _lost(
+    planning: Planning, critical: Mapping[Phase, frozenset[str]], crowded: frozenset[Phase], down: frozenset[str]
+) -> Lost:
     """Give the critical functions that a fault loses, in the spec's order; each with the phases in which it is lost."""
-    if _differs_by_phase(planning, critical):
-        each = {phase: _lost_in(planning.in_phase(phase), phase, wanted, down) for phase, wanted in critical.items()}
+    if crowded or _differs_by_phase(planning, critical):
+        each = {
+            phase: planning.unserved(wanted, phase, down)
+            if phase in crowded
+            else _lost_in(planning.in_phase(phase), phase, wanted, down)
+            for phase, wanted in critical.items()
+        }
         lost = {name: tuple(phase for phase in critical if name in each[phase]) for name in planning.spec.functions}
         return {name: at for name, at in lost.items() if at}
     possible = planning.possible(frozenset[str]().union(*critical.values()), down)

@@ -106,14 +106,8 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
     if now.priority_of(function) == 0 or (report.served and report.value >= best_value):
         return unknown
     question = _question(spec, found, function, best_value if report.served else 0)
-    every = assumptions(question, function.name)
-    if _is_possible(question):  # then the function is not served because it adds too little to the value of a plan
-        return unknown
-
-    def possible(without: Iterable[Assumption]) -> bool:
-        return _is_possible(relaxed(question, tuple(without)))
-
-    if not possible(every):
+    every, possible = assumptions(question, function.name), _possible(question)
+    if possible(()) or not possible(every):  # it adds too little to the value of a plan, or nothing can be relaxed
         return unknown
     return replace(
         unknown,
@@ -129,6 +123,22 @@ def _lost_by_logic(spec: Spec, now: Situation, function: Function) -> tuple[froz
         return tuple(Solution(found.formula, found.root).sets(_MOST_SETS))
     except TooLargeError:
         return ()
+
+
+def reasons(spec: Spec, found: Plan, function: Function) -> tuple[Assumption, ...]:
+    """Give the reasons why the best plan of a situation does not serve a function; there may be none.
+
+    Raises UserError if the planner does not decide in time what is possible.
+    """
+    question = _question(spec, found, function, 0)
+    every, possible = assumptions(question, function.name), _possible(question)
+    if possible(()) or not possible(every):
+        return ()
+    return tuple(_irreducible(every, possible))
+
+
+def _possible(question: Question) -> Possible:
+    return lambda without: _is_possible(relaxed(question, tuple(without)))
 
 
 def _question(spec: Spec, found: Plan, function: Function, least: int) -> Question:
