@@ -56,7 +56,9 @@ class _Wiring:
     """Tells which modules could give each variable, and which could read it, in any of their modes."""
 
     def __init__(self, spec: Spec) -> None:
-        self.demux_of = {name: things[0] for name, things in spec.exclusive_things().items()}
+        shared = spec.drivers_of_one_actuator().items()
+        self.demux_of = {name: f"actuator {actuator}" for actuator, drivers in shared for name in drivers}
+        self.demux_of |= {name: things[0] for name, things in spec.exclusive_things().items()}
         self.givers: dict[str, dict[int, list[str]]] = {}  # variable -> version -> modules
         self._reads: dict[str, list[_Accepted]] = {}
         self._gives: dict[str, list[_Datum]] = {}
@@ -79,7 +81,8 @@ class _Wiring:
     def groups(self, leaf: Leaf) -> frozenset[str]:
         """Give the names of the modules and DEMUXes that could be wired to a leaf.
 
-        The name of a DEMUX stands for its branches, or for its ends, since only one of these modules runs at a time.
+        The name of a DEMUX stands for its branches, or for its ends, since only one of these modules runs at a time. So
+        does the name of an actuator for its drivers, if there are several.
         """
         key = _accepted(leaf)
         if key not in self._groups:

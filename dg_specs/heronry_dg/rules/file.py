@@ -154,8 +154,8 @@ NOT_DECIMAL = FAMILY.stop(
     what="A number in octal, hexadecimal or binary.",
     why=_SURPRISE,
     fix="Write it in decimal.",
-    bad=f"variables:\n  speed: {{type: FLOAT, identifier: 0x13B}}\nmodules:\n{DRIVER}{DISPLAY}",
-    good=f"variables:\n  speed: {{type: FLOAT, identifier: 315}}\nmodules:\n{DRIVER}{DISPLAY}",
+    bad=f"variables:\n  speed: {{type: FLOAT, unit: m/s, identifier: 0x13B}}\nmodules:\n{DRIVER}{DISPLAY}",
+    good=f"variables:\n  speed: {{type: FLOAT, unit: m/s, identifier: 315}}\nmodules:\n{DRIVER}{DISPLAY}",
 )
 BASE_60 = FAMILY.stop(
     "DG022",

@@ -52,13 +52,23 @@ def _lamps(first: str, second: str, demux: str = "speed") -> str:
 
 
 def _shared_lamp(priority: str) -> str:
-    """Write a spec with two functions, each with a driver of its own for one lamp.
+    """Write a spec with two functions, each with a driver of its own for one lamp; the second is wanted in the cruise.
 
-    priority: the priority of the second function; that of the first is 1.
+    priority: the priority of the first function in the cruise.
     """
     return (
         f"modules:\n{DRIVER}{DISPLAY}  blinker: {{device: lamp, needs: speed, {RUNS}}}\n"
-        f"functions:\n  showing: {{output: display}}\n  blinking: {{output: blinker, priority: {priority}}}\n"
+        "phases: {climb: , cruise: }\n"
+        f"functions:\n  showing: {{output: display, priority: {{default: 1, cruise: {priority}}}}}\n"
+        "  blinking: {output: blinker, priority: {default: 0, cruise: 1}}\n"
+    )
+
+
+def _with_range(priority: str) -> str:
+    """Write a spec with a function that has a `priority_range` and this priority."""
+    return (
+        "functions:\n  showing: {output: display}\n"
+        f"  blinking: {{output: display, priority: {priority}, priority_range: [0, 9]}}\n"
     )
 
 
@@ -256,10 +266,12 @@ IDENTIFIER_TWICE = FAMILY.stop(
     what="Two variables have the same `identifier`.",
     why="The identifier of a frame tells its receivers which variable it carries.",
     fix="Leave `identifier` out where it need not be a standard one: then heronry allocates an identifier.",
-    bad="variables:\n  speed: {type: FLOAT, identifier: 315}\n  height: {type: FLOAT, identifier: 315}\n"
+    bad="variables:\n  speed: {type: FLOAT, unit: m/s, identifier: 315}\n"
+    "  height: {type: FLOAT, unit: m, identifier: 315}\n"
     f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {RUNS}}}\n"
     f"  display: {{device: lamp, needs: {{and: [speed, height]}}, {RUNS}}}\n",
-    good="variables:\n  speed: {type: FLOAT, identifier: 315}\n  height: {type: FLOAT, identifier: 322}\n"
+    good="variables:\n  speed: {type: FLOAT, unit: m/s, identifier: 315}\n"
+    "  height: {type: FLOAT, unit: m, identifier: 322}\n"
     f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {RUNS}}}\n"
     f"  display: {{device: lamp, needs: {{and: [speed, height]}}, {RUNS}}}\n",
 )
@@ -386,8 +398,8 @@ NEVER_HOLDS = FAMILY.error(
     "never-holds",
     what="The `needs` of a mode can never hold, although some module gives each variable that they name.",
     why="The inputs exclude each other. Either one module gives several of the versions, each in another mode, and "
-    "runs in one mode at a time; or they need several branches of one DEMUX (this module may be one of them), of which "
-    "only one runs.",
+    "runs in one mode at a time; or they need several branches of one DEMUX or several drivers of one actuator (this "
+    "module may be one of them), of which only one runs.",
     fix="Lower `k`, read one version, or let another module give what is missing.",
     bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
     f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
@@ -431,8 +443,8 @@ TWO_DRIVERS = FAMILY.warning(
     "DG248",
     "two-drivers",
     what="Two functions that are wanted at once need different drivers of one actuator.",
-    why="Of the modules on one actuator only one runs, or they would command it in turn. So the best plan serves one of "
-    "the two functions alone.",
+    why="Of the modules on one actuator only one runs, or they would command it in turn. So only one of the two "
+    "functions is served.",
     fix="Let one module drive the actuator for both functions, or want one of them at a time, by phases.",
     bad=_shared_lamp("1"),
     good=_shared_lamp("0"),
@@ -443,8 +455,8 @@ UNUSED_RANGE = FAMILY.warning(
     what="A function has a `priority_range`, and its priority is 0 in every phase.",
     why="A changed priority replaces the spec's only in phases that want the function, so the range has no effect.",
     fix="Give the function a priority above 0 in some phase, or remove the range.",
-    bad="functions:\n  showing: {output: display}\n  blinking: {output: display, priority: 0, priority_range: [0, 9]}\n",
-    good="functions:\n  showing: {output: display}\n  blinking: {output: display, priority: 1, priority_range: [0, 9]}\n",
+    bad=_with_range("0"),
+    good=_with_range("1"),
 )
 UNUSED_VARIABLE = FAMILY.echo(
     "DG240",

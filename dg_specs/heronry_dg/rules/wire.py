@@ -79,10 +79,12 @@ def _radios(count: int) -> str:
 def _displays(count: int) -> str:
     """Write a spec in which `count` displays on one PE read all the hundred variables of a driver."""
     names = [f"datum_{number}" for number in range(100)]
-    reads = f"device: lamp, needs: {{and: [{', '.join(names)}]}}, {_SMALL}"
-    displays = "".join(f"  display_{number}: {{{reads}}}\n" for number in range(count))
+    reads = f"needs: {{and: [{', '.join(names)}]}}, {_SMALL}"
+    displays = "".join(f"  display_{number}: {{device: lamp_{number}, {reads}}}\n" for number in range(count))
+    lamps = "".join(f"  lamp_{number}: {{kind: actuator, pe: tail}}\n" for number in range(count))
     functions = "".join(f"  showing_{number}: {{output: display_{number}}}\n" for number in range(count))
     return (
+        f"devices:\n  gps: {{kind: sensor, pe: nav}}\n{lamps}"
         f"variables: {{{', '.join(f'{name}: {{type: UCHAR}}' for name in names)}}}\n"
         f"modules:\n  driver: {{device: gps, gives: {{{', '.join(f'{name}: 1' for name in names)}}}, {_SMALL}}}\n"
         f"{displays}functions:\n{functions}"
@@ -95,8 +97,8 @@ STANDARD_TYPE = FAMILY.error(
     what="A variable with a standard identifier has another type than CANaerospace gives that identifier.",
     why=f"{_STANDARD}; they refuse the frame, or show what its bytes happen to mean in the type that they expect.",
     fix="Use one of the types that the message names, or leave `identifier` out: then heronry allocates an identifier.",
-    bad="variables:\n  speed: {type: LONG, identifier: 315}\n",
-    good="variables:\n  speed: {type: FLOAT, identifier: 315}\n",
+    bad="variables:\n  speed: {type: LONG, unit: m/s, identifier: 315}\n",
+    good="variables:\n  speed: {type: FLOAT, unit: m/s, identifier: 315}\n",
 )
 STANDARD_UNIT = FAMILY.error(
     "DG502",
@@ -125,7 +127,7 @@ BYTE_2_IS_AN_INDEX = FAMILY.warning(
     "1000 to 1035 and 1177 to 1184.",
     why="This project's frames carry version and validity in byte 2. Other receivers would read both as such a number.",
     fix="Leave `identifier` out: then no other reader takes version 1 for waypoint 1.",
-    bad="variables:\n  speed: {type: FLOAT, identifier: 1003}\n",
+    bad="variables:\n  speed: {type: FLOAT, unit: m, identifier: 1003}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
 TOO_MANY_SOURCES = FAMILY.error(
@@ -149,7 +151,11 @@ STARVED = FAMILY.warning(
     "The other half of the deadline is a reserve for frames that are destroyed and sent again, and for unknowns.",
     fix="Leave the `identifier` of less critical variables out, lower their rates, or give the datum a standard one.",
     bad=_beside_chatter(
-        ", identifier: 320", ", identifier: 321", ", identifier: 322", ", identifier: 323", ", identifier: 324"
+        ", unit: m, identifier: 320",
+        ", unit: deg, identifier: 321",
+        ", unit: m, identifier: 322",
+        ", unit: hPa, identifier: 326",
+        ", unit: K, identifier: 324",
     ),
     good=_beside_chatter("", "", "", "", ""),
 )

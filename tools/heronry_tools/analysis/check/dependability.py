@@ -22,6 +22,7 @@ from heronry_dg.model import Module, Spec
 from heronry_dg.situation import Situation
 from heronry_dg.why_not import feasible, why_not
 from heronry_tools.analysis.check import dependability_rules as rules
+from heronry_tools.analysis.check.beyond_radio import check_beyond_radio
 from heronry_tools.analysis.check.homes import homes
 from heronry_tools.analysis.check.redundancy import (
     INDEPENDENT_SOURCES,
@@ -50,6 +51,7 @@ def check(subject: Subject, findings: Findings) -> None:
     """Check a spec against every rule of dependability_rules.py, and add a finding for each mistake."""
     _placement_rules(subject, findings)
     _redundancy(subject, findings)
+    check_beyond_radio(subject, findings)
     if not lacks_identifiers(subject.spec):
         _single_faults(subject, findings)
 

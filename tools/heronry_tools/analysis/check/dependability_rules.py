@@ -14,8 +14,8 @@ from heronry_dg.rules.samples import DRIVER, ROOM, RUNS, doubled
 FAMILY: Final = Family("DG4", "dependability: single faults and redundancy", fast=False)
 
 _PLANNED: Final = (
-    "The planner makes the best plan without the element, in every phase whose critical functions can "
-    "all be served with everything up."
+    "The planner makes the best plan without the element, in every phase, for the functions that the best plan with "
+    "everything up serves."
 )
 _IMAGINED: Final = "Redundancy that one fault defeats costs weight and adds nothing."
 
@@ -27,6 +27,21 @@ def _smoothed(criticality: str, *names: str) -> str:
     """
     middle = "".join(f"  {name}: {{needs: speed, gives: {{level: 1}}, {RUNS}}}\n" for name in names)
     return doubled(criticality, middle=middle, reads="level")
+
+
+def _over_radio(where: str) -> str:
+    """Write a spec with a PE beyond a radio. Of two modules that compute `level`, each has the field `where`."""
+    middle = "".join(
+        f"  {name}: {{{where}needs: speed, gives: {{level: 1}}, {RUNS}}}\n" for name in ("filter", "other_filter")
+    )
+    room = "cpu: 1, ram: 64KiB, flash: 64KiB"
+    radio = "radio: {bitrate: 50000, kind: wireless, heartbeat_ms: 200}"
+    return (
+        doubled("A", middle=middle, reads="level").replace("channels: 2}", f"channels: 2}}, {radio}")
+        + f"pes:\n  nav: {{node_id: 92, buses: [can0, radio], {room}}}\n"
+        f"  tail: {{node_id: 93, buses: [can0], {room}}}\n"
+        f"  ground: {{node_id: 94, buses: [radio], {room}}}\n"
+    )
 
 
 def _two_lamps(second_lamp_pe: str) -> str:
@@ -185,4 +200,13 @@ TOGETHER_NOWHERE = FAMILY.warning(
     fix="Remove the module that cannot run on the PE of the others from the rule, or write one rule for each.",
     bad=_two_lamps("nav") + "together: [[display, second_display]]\n",
     good=_two_lamps("nav") + "together: [[driver, second_display]]\n",
+)
+BEYOND_RADIO = FAMILY.warning(
+    "DG406",
+    "may-run-beyond-radio",
+    what="A module that a function of class A or B uses may run on a PE beyond a wireless bus, and on others.",
+    why="After a fault the planner may put the module there, and then the function depends on the radio.",
+    fix="Name in `runs_on` the PEs on which it may run.",
+    bad=_over_radio(""),
+    good=_over_radio("runs_on: [nav, tail], "),
 )

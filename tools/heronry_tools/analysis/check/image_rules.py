@@ -23,9 +23,30 @@ IMAGE_NOT_LOADED = FAMILY.warning(
     what="An image `package.module:Class` is found on this computer, and cannot be loaded.",
     why=(
         "On a PE it would fail in the same way, when the PE loads its code. An image whose package is not on this "
-        "computer is not checked, since the code of a node need not be here."
+        "computer gets DG602 instead."
     ),
     fix="Mend the code, or the name; `heronry module try IMAGE` shows the traceback.",
     bad=_lamp("heronry_agent.module:Modul"),
+    good=_lamp("heronry_agent.module:Module"),
+)
+IMAGE_NOT_HERE = FAMILY.warning(
+    "DG602",
+    "image-not-here",
+    what="No catalogue has an image of the spec, and no import finds it.",
+    why=(
+        "A PE without the code of a module cannot run it. The code of a node need not be on this computer, so this is "
+        "a warning. A module without `image` is checked only if a catalogue here has another image of the spec."
+    ),
+    fix="Install the code, or correct the name: a name in a catalogue, or `package.module:Class`.",
+    bad=_lamp("no_such_package:Lamp"),
+    good=_lamp("heronry_agent.module:Module"),
+)
+WITHOUT_COLON = FAMILY.warning(
+    "DG603",
+    "image-without-colon",
+    what="An image is written `package.Class`; before the class there must be a colon.",
+    why="Without a colon it is a name to be looked up in the catalogues, and no catalogue has it.",
+    fix="Write `package.module:Class`.",
+    bad=_lamp("heronry_agent.module.Module"),
     good=_lamp("heronry_agent.module:Module"),
 )

@@ -1,4 +1,8 @@
-"""The check of DG6xx: images of the form `package.module:Class` are imported if their package is on this computer.
+"""The check of DG6xx: the code of a spec's modules is searched for on this computer, and loaded if it is here.
+
+An image `package.module:Class` is imported if its package is here; if not, DG602 says so. A bare name must be in an
+installed catalogue (DG602; with a full stop in it, DG603). An image that is not written, and so has the module's name,
+is expected here only if a catalogue has some other image of the spec.
 
 A package is searched for in the folder of the spec, in the present folder, and where Python finds packages. Code may do
 anything when it is imported, so a process of its own imports it:
@@ -18,20 +22,21 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Final
 
+from heronry_agent.shell.image_catalogues import why_not_here
 from heronry_agent.shell.module_runner import ModuleRunner
 from heronry_dg.check.subject import Subject
 from heronry_dg.findings import Findings
-from heronry_tools.analysis.check.image_rules import IMAGE_NOT_LOADED
+from heronry_tools.analysis.check.image_rules import IMAGE_NOT_HERE, IMAGE_NOT_LOADED, WITHOUT_COLON
 
 LIMIT_S: Final = 20.0  # an agent waits as long for its code to be loaded
 
 
 def check(subject: Subject, findings: Findings) -> None:
-    """Load every image `package.module:Class` of a spec whose package is on this computer.
+    """Search for the images of a spec, and load each image `package.module:Class` whose package is on this computer.
 
-    Add a finding for each module whose image cannot be loaded. An image whose package is not on this computer
-    gets no finding.
+    Add a finding for each module whose image cannot be loaded, or is not here.
     """
+    _absent(subject, findings)
     folder = Path(subject.file).resolve().parent
     images = {module.image for module in subject.spec.modules.values() if ":" in module.image}
     found = sorted(image for image in images if _is_here(image, folder))
@@ -45,6 +50,43 @@ def check(subject: Subject, findings: Findings) -> None:
                 f"module '{module.name}' cannot run: {problem}",
                 f"see: heronry module try {module.image}",
             )
+
+
+def _absent(subject: Subject, findings: Findings) -> None:
+    """Report the images that no catalogue has and no import finds."""
+    folder = Path(subject.file).resolve().parent
+    modules = subject.spec.modules.values()
+    reasons = {image: _why_absent(image, folder) for image in dict.fromkeys(module.image for module in modules)}
+    flown_here = any(reason is None and ":" not in image for image, reason in reasons.items())
+    for module in modules:
+        reason = reasons[module.image]
+        is_written = module.image != module.name
+        if reason is None or not (is_written or flown_here):
+            continue
+        meant = _with_colon(module.image, folder)
+        place = subject.place("modules", module.name, "image")
+        sentence = f"module '{module.name}' has no code on this computer: {reason}"
+        if meant is not None:
+            sentence = f"image '{module.image}' of module '{module.name}' has no colon before its class"
+            findings.add(WITHOUT_COLON, place, sentence, f"write {meant}")
+        else:
+            findings.add(IMAGE_NOT_HERE, place, sentence, "install the code, or correct the name")
+
+
+def _why_absent(image: str, folder: Path) -> str | None:
+    """Say why the code of an image is not on this computer; None if it is."""
+    if ":" not in image:
+        return why_not_here(image)
+    package = image.partition(":")[0].partition(".")[0]
+    return None if _is_here(image, folder) else f"image '{image}': there is no {package} here"
+
+
+def _with_colon(image: str, folder: Path) -> str | None:
+    """Give `package.module:Class` for `package.module.Class`, if the package is here or the class has a capital."""
+    module, _, name = image.rpartition(".")
+    if ":" in image or not module or not (name[:1].isupper() or _is_here(image, folder)):
+        return None
+    return f"{module}:{name}"
 
 
 def _is_here(image: str, folder: Path) -> bool:

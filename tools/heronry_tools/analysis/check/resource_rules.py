@@ -7,7 +7,7 @@ about faults. The head of heronry_dg/rules/rule.py shows how a rule is added.
 from typing import Final
 
 from heronry_dg.rules.rule import Family
-from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS
+from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS, doubled
 
 FAMILY: Final = Family("DG3", "resources: room, bandwidth, deadlines", fast=False)
 
@@ -68,12 +68,9 @@ def _pes_on(spare: str, second_spare: str) -> str:
 
 
 def _seen_in(phases: str, criticality: str = "D") -> str:
-    """Write a spec with two phases, in which the display reads the speed only in some phases."""
-    return (
-        f"phases: {{climb: , cruise: }}\nmodules:\n{DRIVER}"
-        f"  display: {{device: lamp, needs: {{var: speed, only_in: [{phases}]}}, {RUNS}}}\n"
-        f"functions: {{showing: {{output: display, criticality: {criticality}}}}}\n"
-    )
+    """Write a spec with two phases and two displays, which read the speed only in some phases."""
+    reads = f"{{demux: {{var: speed, only_in: [{phases}]}}}}"
+    return doubled(criticality).replace("{demux: speed}", reads) + "phases: {climb: , cruise: }\n"
 
 
 MODULE_FITS_NOWHERE = FAMILY.error(

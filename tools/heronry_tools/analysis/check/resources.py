@@ -27,6 +27,7 @@ from heronry_dg.check.wire import lacks_identifiers
 from heronry_dg.findings import Findings, listed
 from heronry_dg.model import Bus, Mode, Module, Pe, Spec
 from heronry_dg.response_times import Late, ResponseTimes
+from heronry_dg.rules.graph import NEVER_HOLDS
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, hops
 from heronry_tools.analysis.check import resource_rules as rules
@@ -194,7 +195,8 @@ class _Serving:
         """Tell whether a function cannot be served in some phases even if no other function is wanted.
 
         If so, add a finding with the cause: deadlines, overloaded buses or too little room. If the function could
-        not be served with unlimited resources either, nothing is added.
+        not be served with unlimited resources either, nothing is added: DG232 may tell why, or else the reason of the
+        plan follows.
         """
         if not self._at(at[0]).all_at_once([name]).impossible:
             return False
@@ -203,7 +205,7 @@ class _Serving:
             self._tell_late(late, f"'{name}'")
         elif not self._overloads([name], at):
             if self._unlimited.in_phase(at[0]).all_at_once([name]).impossible:
-                return False
+                return any(finding.code == NEVER_HOLDS.code for finding in self._findings)
             sentence = f"function '{name}' cannot be served with everything up, even if nothing else were wanted"
             short = self._unserved.short_of(self._planning, at[0], name)
             hint = "its modules fit alone, but not together: check the PEs, buses and placement rules that they need"

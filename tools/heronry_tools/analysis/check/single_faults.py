@@ -11,8 +11,9 @@ Three rules make most plans unnecessary:
 - If the remaining functions of all phases can be served together, none of them is lost. Only if they cannot, a plan is
   made for each phase.
 
-A phase is *crowded* if its best plan gives up critical functions that could be served alone. Its plans choose among
-functions, so for such a phase each fault gets a plan.
+A phase is *crowded* if its best plan gives up critical functions for lack of room (DG303 to DG306). In such a phase a
+fault counts only if no module could still give the output of a function that was served: what else is lost for lack of
+room says nothing until there is room.
 """
 
 from collections.abc import Iterator, Mapping
@@ -69,7 +70,7 @@ def single_elements(spec: Spec) -> Iterator[str]:
 
 
 def _served(planning: Planning) -> tuple[dict[Phase, frozenset[str]], frozenset[Phase]]:
-    """Give the critical functions that the best plan of each phase serves with everything up, and the crowded phases."""
+    """Give the critical functions that each phase's best plan serves with everything up, and the crowded phases."""
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
     possible = {phase: planning.in_phase(phase).possible(names) for phase, names in by_phase.items()}
     together = frozenset[str]().union(*possible.values())
@@ -91,7 +92,7 @@ def _lost(
     """Give the critical functions that a fault loses, in the spec's order; each with the phases in which it is lost."""
     if crowded or _differs_by_phase(planning, critical):
         each = {
-            phase: planning.unserved(wanted, phase, down)
+            phase: wanted - planning.in_phase(phase).possible(wanted, down)
             if phase in crowded
             else _lost_in(planning.in_phase(phase), phase, wanted, down)
             for phase, wanted in critical.items()
