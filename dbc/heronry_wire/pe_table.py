@@ -11,7 +11,8 @@ The *identity* of a table (`PeTable.identity`) is a digest of what the PE and th
 fields, with the major of the protocol, except
 
 - the contingencies, whose digests cover the identity,
-- periods of heartbeats, since a demo on a slow computer flies with longer ones than its spec has, and
+- periods of heartbeats, since a demo on a slow computer flies with longer ones than its spec has, and the rate of
+  echoes, which follows from them, and
 - what minors of the protocol added.
 
 Digests of slices cover the identity (`configuration_slice`). So a PE whose wiring differs from what its manager
@@ -183,6 +184,8 @@ class PeTable:
     adjustable: dict[str, int] = field(default_factory=dict)  # functions whose priority a module may change: indices
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
     contingencies: str = field(default="", metadata=OUTSIDE_IDENTITY)  # on board (`contingency_block`), in base64
+    # How often each output of this PE is echoed, at most (protocol rule 14).
+    echoes_per_s: int = field(default=10, metadata=OUTSIDE_IDENTITY)
     # Period of LEASE: the slowest heartbeat on its way to this PE; 0: that of the uplink.
     command_period_ns: int = field(default=0, metadata=OUTSIDE_IDENTITY)
 
@@ -281,6 +284,8 @@ def _faults(table: PeTable) -> Iterator[str]:
         yield f"uplink {table.uplink} names no port; there are {len(table.ports)}"
     if _SHA_256.fullmatch(table.spec_digest) is None:
         yield f"spec_digest {table.spec_digest:.70} is not a SHA-256 in hexadecimal"
+    if table.echoes_per_s < 1:
+        yield f"outputs are echoed {table.echoes_per_s} times a second, which must be positive"
     for port in table.ports:
         yield from _port_faults(port)
     for source in table.sources:

@@ -2,9 +2,10 @@
 
 The regular messages of a bus are, in the order of their priority:
 
-    management   LEASE and ALIVE of a manager, and the state of each PE on the bus
+    management   LEASE and ALIVE of a manager, and the state of each PE on the bus, or beyond a gateway that forwards it
     data         everything that modules publish on the bus
     heartbeat    the CANopen heartbeats, once a second
+    echo         the echoes of the outputs that run, as often as the tables of the PEs say (`echo_rates`)
 
 Response times of data are those of semantics rule 9 (`response_times`). This rule does not count heartbeats one by one:
 one 8-byte frame that has just started stands for all frames with a lower priority than data.
@@ -12,23 +13,31 @@ one 8-byte frame that has just started stands for all frames with a lower priori
 A response time counts from the moment at which a message is due at its source. So the response time of a datum on its
 second bus includes the response time on its first bus.
 
-Messages that are not regular are not listed: PREPARE, SLICE, ACTIVATE, PING, EMCY and CONTROL use the bandwidth of the
-reserve, and output echoes have a lower priority than everything else.
+Messages that are not regular are not listed: PREPARE, SLICE, ACTIVATE, PING, EMCY, CONTROL and SDO use the bandwidth of
+the reserve that the regular ones leave.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.echo_rates import EchoRates, outputs_of
 from heronry_dg.model import Bus, Spec
 from heronry_dg.response_times import Response, ResponseTimes
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, frame_bits, hops
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import MAX_DATA_BYTES
-from heronry_wire.identifiers import FIRST_MANAGER, Command, heartbeat_id, management_id, state_id
+from heronry_wire.identifiers import (
+    FIRST_MANAGER,
+    Command,
+    actuator_echo_id,
+    heartbeat_id,
+    management_id,
+    state_id,
+)
 from heronry_wire.protocol_times import CANOPEN_HEARTBEAT_NS
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse, worst_bits
 
@@ -40,7 +49,7 @@ class ScheduledMessage:
     """One message on one bus; times are in nanoseconds, and worst cases are rounded up."""
 
     identifier: int
-    kind: str  # management | data | heartbeat
+    kind: str  # management | data | heartbeat | echo
     name: str  # name of the variable, or of the management frame
     producer: str | None  # the module that gives the variable
     node: str  # the PE that sends it at its source, or "manager"
@@ -76,21 +85,30 @@ class BusSchedule:
         return Fraction(message.bits * _NS_PER_S, message.period_ns * self.bus.bitrate)
 
     @property
+    def management_fits(self) -> bool:
+        """Tell whether the regular management frames fit into the reserve and, with the data, into `max_load`."""
+        return self.management <= self.bus.reserve and self.data + self.management <= self.bus.max_load
+
+    @property
     def reserve_left_frames_per_s(self) -> int:
         """Number of 8-byte frames per second that still fit into the bus's reserve for management; 0 if none fits."""
         left = (self.bus.reserve - self.management) * self.bus.bitrate / WORST_BLOCKING_BITS
         return max(0, int(left))
 
 
-def bus_schedules(spec: Spec, now: Situation, configuration: Configuration) -> list[BusSchedule]:
+def bus_schedules(
+    spec: Spec, now: Situation, configuration: Configuration, *, every_echo: bool = False
+) -> list[BusSchedule]:
     """Compute the schedule of every bus of the spec under a configuration, whose names must exist in the spec.
+
+    every_echo: whether every command of an output is echoed, as simulated plants ask for it.
 
     Raises WireError where the spec has more sources than identifiers.
     """
     left = survivors(spec, now)
     published = hops(left, configuration)
     loads = bus_loads_mbit_per_s(spec, published)
-    times = ResponseTimes(spec)
+    times, rates = ResponseTimes(spec), EchoRates(spec)
     responses = {(r.hop.producer, r.hop.variable, r.hop.bus): r for r in times.responses(published)}
     schedules = []
     for bus in spec.buses.values():
@@ -100,7 +118,8 @@ def bus_schedules(spec: Spec, now: Situation, configuration: Configuration) -> l
         )
         data = [_datum(spec, configuration, hop, times, responses) for hop in there]
         jitters = [_arrives(hop, responses) for hop in there]
-        messages = _messages(spec, bus, data, jitters)
+        below = [*_heartbeats(spec, bus, rates), *_echoes(spec, bus, configuration, rates, every_echo=every_echo)]
+        messages = _messages(bus, _above(spec, bus, rates), data, jitters, below)
         room = left.bus_mbit_per_s.get(bus.name)
         schedules.append(
             BusSchedule(
@@ -149,16 +168,19 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 
 
 def _messages(
-    spec: Spec, bus: Bus, data: list[ScheduledMessage], jitters: list[int | None]
+    bus: Bus,
+    above: list[ScheduledMessage],
+    data: list[ScheduledMessage],
+    jitters: list[int | None],
+    below: list[ScheduledMessage],
 ) -> tuple[ScheduledMessage, ...]:
-    """Give all regular messages of a bus by priority: its management frames, and between them `data`, unchanged.
+    """Give all regular messages of a bus by priority: `above`, then `data` unchanged, then `below`.
 
     On a wired bus the management frames get their response times.
 
     jitters: jitter of each message of `data` in ns; None: the jitter of this message has no bound. If one has no
-        bound, management frames with a lower priority than data (CANopen heartbeats) get no response time.
+        bound, management frames with a lower priority than data get no response time.
     """
-    above, below = _above(spec, bus), _below(spec, bus)
     if bus.kind == "wired":
         bounded = [ns for ns in jitters if ns is not None]
         if len(bounded) == len(jitters):
@@ -168,27 +190,53 @@ def _messages(
     return (*above, *data, *below)
 
 
-def _above(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
-    """Give the management messages of a bus that precede data: LEASE, ALIVE, and the state of each PE on the bus."""
+def _above(spec: Spec, bus: Bus, rates: EchoRates) -> list[ScheduledMessage]:
+    """Give the management messages of a bus that precede data: LEASE, ALIVE, and the states that it carries."""
     lease, alive = (management_id(FIRST_MANAGER, command) for command in (Command.LEASE, Command.ALIVE))
-    nodes = sorted((pe.node_id, pe.name) for pe in spec.pes.values() if bus.name in pe.buses)
     period_ns = bus.heartbeat_ns
     return [
         _management("management", lease, "LEASE", "manager", period_ns),
         _management("management", alive, "ALIVE", "manager", period_ns),
-        *(_management("management", state_id(node), "state", name, period_ns) for node, name in nodes),
+        *(
+            _management("management", state_id(node), "state", name, _state_period_ns(spec, bus, name, rates))
+            for node, name in _nodes(spec, bus, rates)
+        ),
     ]
 
 
-def _below(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
-    """Give the messages with a lower priority than data: the CANopen heartbeats on the bus."""
-    nodes = sorted((pe.node_id, pe.name) for pe in spec.pes.values() if bus.name in pe.buses)
+def _nodes(spec: Spec, bus: Bus, rates: EchoRates) -> list[tuple[int, str]]:
+    """Give node-ID and name of each PE on a bus, and of each PE beyond whose frames gateways forward to it."""
+    return sorted((pe.node_id, pe.name) for pe in spec.pes.values() if rates.carries(bus.name, pe.name))
+
+
+def _state_period_ns(spec: Spec, bus: Bus, pe: str, rates: EchoRates) -> int:
+    """Give the period of the states of a PE on a bus: that of the bus, or of the PE's own bus if it is beyond."""
+    own = bus.name in spec.pes[pe].buses
+    return bus.heartbeat_ns if own else spec.buses[rates.way(pe)[0]].heartbeat_ns
+
+
+def _heartbeats(spec: Spec, bus: Bus, rates: EchoRates) -> list[ScheduledMessage]:
+    nodes = _nodes(spec, bus, rates)
     if bus.name == spec.manager.bus:
         nodes.append((FIRST_MANAGER, "manager"))
     return [
         _management("heartbeat", heartbeat_id(node), "CANopen heartbeat", name, CANOPEN_HEARTBEAT_NS, data_bytes=1)
         for node, name in nodes
     ]
+
+
+def _echoes(
+    spec: Spec, bus: Bus, configuration: Configuration, rates: EchoRates, *, every_echo: bool
+) -> Iterator[ScheduledMessage]:
+    """Yield the echoes that a bus carries: those of the running outputs whose way to the manager leads over it."""
+    outputs = outputs_of(spec)
+    for name, running in configuration.modules.items():
+        if name in outputs and bus.name in rates.way(running.pe):
+            period_ns = 1000 * _NS_PER_S // configuration.mode(spec, name).rate_mhz
+            if not every_echo:
+                period_ns = max(period_ns, _NS_PER_S // rates.of(running.pe))
+            identifier = actuator_echo_id(spec.pes[running.pe].node_id)
+            yield _management("echo", identifier, f"echo of {name}", running.pe, period_ns)
 
 
 def _management(

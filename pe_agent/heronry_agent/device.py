@@ -62,7 +62,12 @@ class Device(Protocol):
 
 
 class DeviceDriver(Protocol):
-    """A device driver, which opens the devices of one PE; the agent finds it by the entry point `heronry.devices`."""
+    """A device driver, which opens the devices of one PE; the agent finds it by the entry point `heronry.devices`.
+
+    A driver that simulates devices may have an attribute `every_echo`, which is True: then the agent echoes every
+    command to an actuator, for the simulated plants of other PEs. Other drivers leave it out; the table of the PE says
+    how often their outputs are echoed.
+    """
 
     def open(self, name: str) -> Device:
         """Return the device that has this name in the spec; called once per device.

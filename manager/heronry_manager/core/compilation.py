@@ -11,6 +11,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.echo_rates import EchoRates
 from heronry_dg.expendable import expendable
 from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.model import Module, Phase, Spec, Variable
@@ -72,6 +73,10 @@ class Compiler:
         return identifiers(self._spec)
 
     @cached_property
+    def _echo_rates(self) -> EchoRates:
+        return EchoRates(self._spec)
+
+    @cached_property
     def _ranks(self) -> Mapping[str, int]:
         return criticality_ranks(self._spec)
 
@@ -121,6 +126,7 @@ class Compiler:
             phases=tuple(_phase_entry(phase, list(spec.phases)) for phase in spec.phases.values()),
             adjustable=_adjustable(spec),
             flight_critical=tuple(_flight_critical(spec)),
+            echoes_per_s=self._echo_rates.of(pe),
             command_period_ns=command_period_ns(spec, pe),
         )
 

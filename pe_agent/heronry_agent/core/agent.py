@@ -86,6 +86,7 @@ class AgentCore:
         missing_images: Mapping[str, str] = MappingProxyType({}),
         secret: Secret | None = None,
         followed: Collection[str] | None = None,
+        every_echo: bool = False,
     ) -> None:
         """Start without a configuration; the first deadline is `now_ns`.
 
@@ -95,6 +96,8 @@ class AgentCore:
         secret: the key of the fleet; with a key the PE executes only commands that are tagged with it.
         followed: names of actuators on other PEs; the output echoes of these actuators go to the plant of this PE.
             None: those of all actuators.
+        every_echo: whether the simulated plants of other PEs need an echo of every command; if not, outputs are echoed
+            as often as the table says.
         Raises TableError where the table contradicts itself.
         """
         index = TableIndex(table)
@@ -109,7 +112,9 @@ class AgentCore:
         )
         reconfiguration = self.reconfiguration = Reconfiguration(index)
         staging = self.staging = Staging(SliceReader(index, missing_images), uplink.heartbeat_ns // 2)
-        modules = self.modules = RunningModules(turn, index, reconfiguration, output_authorization)
+        modules = self.modules = RunningModules(
+            turn, index, reconfiguration, output_authorization, every_echo=every_echo
+        )
         without_manager = WithoutManager(turn, mastership, reconfiguration, modules)
         condition = Condition(turn, index, mastership, output_authorization, staging, reconfiguration, modules)
         facts, pending = condition.facts, modules.faults.messages

@@ -30,6 +30,7 @@ not follow its command, although its servo is healthy. The reporting module is s
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
+from heronry_agent.core.echo_pace import EchoPace
 from heronry_agent.core.failure_texts import FailureTexts
 from heronry_agent.core.faults import Faults
 from heronry_agent.core.mailboxes import Mailboxes
@@ -92,7 +93,13 @@ class RunningModules:
     """Starts, steps and stops the modules of one PE."""
 
     def __init__(
-        self, turn: Turn, index: TableIndex, reconfiguration: Reconfiguration, output_authorization: OutputAuthorization
+        self,
+        turn: Turn,
+        index: TableIndex,
+        reconfiguration: Reconfiguration,
+        output_authorization: OutputAuthorization,
+        *,
+        every_echo: bool = False,
     ) -> None:
         self._turn = turn
         self._index = index
@@ -101,6 +108,7 @@ class RunningModules:
         self._running: dict[int, _Running] = {}
         self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
         self._publisher = Publisher(index)
+        self._echoes = EchoPace(index.table, every_echo=every_echo)
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
         self.restarts = Restarts()
@@ -172,7 +180,7 @@ class RunningModules:
             return
         running = self._running[event.module]
         self._drive(running, event.writes)
-        if running.entry.silent_output:
+        if running.entry.silent_output and self._echoes.is_due(event.module, self._turn.now_ns):
             self._echo(self._publisher.output_echo(event.module, running.mode))
         for element, detail in event.reports:
             self._report(running, element, detail)
@@ -191,9 +199,9 @@ class RunningModules:
                 self._give_up(event.module, Failure("it takes longer than its period"), FaultCode.MODULE_OVERRUN)
 
     def driven(self, event: Driven) -> None:
-        """Send the output echo of a device that has executed a command."""
+        """Send the output echo of a device that has executed a command, if it is due."""
         running = self._running.get(event.module)
-        if running is None:
+        if running is None or not self._echoes.is_due(event.module, self._turn.now_ns):
             return
         echo = self._publisher.echo(running.entry.device or "", event.value)
         self._echo(echo or self._publisher.output_echo(event.module, running.mode))

@@ -144,7 +144,9 @@ def _run(arguments: argparse.Namespace) -> int:
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     devices = Devices(table, open_drivers(table, origin_ns, arguments.devices))
-    followed = devices.followed()
+    followed, every_echo = devices.followed(), devices.every_echo()
+    if every_echo:
+        tell(Note("echo", "every command is echoed: the simulated plants of other PEs follow it"))
     reasons = {module.image: why_not_here(module.image) for module in table.modules}
     missing = {image: reason for image, reason in reasons.items() if reason is not None}
     with ExitStack() as undo:
@@ -160,7 +162,15 @@ def _run(arguments: argparse.Namespace) -> int:
 
         def new_core() -> AgentCore:
             now_ns, secret = time.monotonic_ns(), _secret(key)
-            return AgentCore(table, boots.next(), now_ns, missing_images=missing, secret=secret, followed=followed)
+            return AgentCore(
+                table,
+                boots.next(),
+                now_ns,
+                missing_images=missing,
+                secret=secret,
+                followed=followed,
+                every_echo=every_echo,
+            )
 
         host = PartitionHost(table, devices, open_groups(tell))
         undo.callback(host.close)

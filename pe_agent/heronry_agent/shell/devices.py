@@ -116,6 +116,10 @@ class Devices:
                 ) from error
         return followed
 
+    def every_echo(self) -> bool:
+        """Tell whether a driver simulates devices, so that plants of other PEs need an echo of every command."""
+        return any(getattr(driver, "every_echo", False) for driver in self._every_driver)
+
     def read(self, module: int, now_ns: int) -> Value | None:
         """Read the device of a module; None if the module has no device, or there is no valid reading."""
         device = self._bolted_to[module]

@@ -1,7 +1,7 @@
 """`heronry bus`: every message of a plan on every bus, with its worst-case response time.
 
-Exit codes: 0 every deadline is met and every budget kept; 1 a deadline is missed or a budget exceeded; 2 the input
-cannot be used.
+Exit codes: 0 every deadline is met and every budget kept; 1 a deadline is missed or a budget exceeded (TOO MUCH); 2 the
+input cannot be used.
 """
 
 import argparse
@@ -44,6 +44,9 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--plan", metavar="PLAN.json", help="the plan to show (- for standard input)")
     add_situation(parser)
     parser.add_argument("--bus", metavar="NAME", help="show this bus alone")
+    parser.add_argument(
+        "--every-echo", action="store_true", help="count an echo of every command, as simulated plants ask for it"
+    )
     add_output(parser, "write the messages as JSON")
     parser.set_defaults(run=run)
 
@@ -57,7 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
     spec = load_spec(arguments.spec)
     _check_bus(spec, arguments.bus)
     now, configuration = _planned(spec, arguments)
-    schedules = [s for s in bus_schedules(spec, now, configuration) if arguments.bus in (None, s.bus.name)]
+    found = bus_schedules(spec, now, configuration, every_echo=arguments.every_echo)
+    schedules = [s for s in found if arguments.bus in (None, s.bus.name)]
     if arguments.json:
         print(json.dumps(document(spec, now, schedules), indent=2))
     else:
@@ -66,12 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _is_kept(schedule: "BusSchedule") -> bool:
-    """Tell whether the data on a bus fit its budget, and all messages meet their deadlines.
+    """Tell whether data and management fit their budgets on a bus, and all messages meet their deadlines.
 
-    Deadlines count only on a wired bus that is up.
+    A bus that is down has no budget for management; deadlines count only on a wired bus that is up.
     """
     late = schedule.bus.kind == "wired" and any(m.slack_ns is None or m.slack_ns < 0 for m in schedule.messages)
-    return schedule.data <= schedule.data_limit and not (late and schedule.is_up)
+    if not schedule.is_up:
+        return schedule.data <= schedule.data_limit
+    return schedule.data <= schedule.data_limit and schedule.management_fits and not late
 
 
 def _check_bus(spec: "Spec", bus: str | None) -> None:

@@ -8,14 +8,17 @@ outputs are heard:
     an output without an actuator   the output frame of its module
 
 A function is no longer served if none of these is heard for longer than three periods of the slowest mode of
-all its output modules, plus a tenth of a second. The witness also detects when two branches of one DEMUX are
+all its output modules, plus a tenth of a second. If a bus has too little room for ten echoes a second, the period
+of the echoes counts if it is longer. The witness also detects when two branches of one DEMUX are
 driven in turn within this time (`rivals`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from heronry_dg.echo_rates import MOST_ECHOES_PER_S, EchoRates
 from heronry_dg.model import Function, Module, Spec
+from heronry_dg.situation import hosts_when_all_is_up
 from heronry_wire.canaerospace import DataType, decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
@@ -74,8 +77,9 @@ class Witness:
         self._modules = list(spec.modules.values())
         positions = {device: (spec.pes[d.pe].node_id, i) for i, (device, d) in enumerate(spec.devices.items())}
         self._drivers = {positions[m.device]: m.name for m in spec.modules.values() if m.device is not None}
+        rates = EchoRates(spec)
         self._watched = {
-            name: _Watched(function, _patience_ns(spec.modules[module] for module in function.outputs))
+            name: _Watched(function, _patience_ns(rates, [spec.modules[module] for module in function.outputs]))
             for name, function in spec.functions.items()
         }
         self._functions_of: dict[str, list[_Watched]] = {}
@@ -152,6 +156,10 @@ class Witness:
         watched.last = output
 
 
-def _patience_ns(modules: Iterable[Module]) -> int:
+def _patience_ns(rates: EchoRates, modules: Sequence[Module]) -> int:
     slowest_ns = max(10**12 // mode.rate_mhz for module in modules for mode in module.modes.values())
+    pes = {pe for module in modules for pe in hosts_when_all_is_up(rates.spec, module)}
+    seldom = min((rates.of(pe) for pe in pes), default=MOST_ECHOES_PER_S)
+    if seldom < MOST_ECHOES_PER_S:
+        slowest_ns = max(slowest_ns, 10**9 // seldom)
     return PATIENCE_PERIODS * slowest_ns + PATIENCE_NS

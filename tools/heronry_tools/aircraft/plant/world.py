@@ -45,6 +45,8 @@ class _Fault:
 class Plant:
     """The world as the devices of one process read and move it; take-off is at `origin_ns` of the monotonic clock."""
 
+    every_echo = True  # the plants of other processes follow each command to an actuator of this one
+
     def __init__(self, origin_ns: int) -> None:
         self._origin_ns = origin_ns
         self._faults: dict[str, _Fault] = {}

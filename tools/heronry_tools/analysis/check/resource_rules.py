@@ -67,6 +67,17 @@ def _pes_on(spare: str, second_spare: str) -> str:
     )
 
 
+def _beyond(reserve: str) -> str:
+    """Write a spec with a radio that has this share of `reserve`, and a lamp beyond the radio."""
+    room = "cpu: 1, ram: 64KiB, flash: 64KiB"
+    return (
+        "buses:\n  can0: {bitrate: 1000000}\n"
+        f"  radio: {{kind: wireless, bitrate: 25000, reserve: {reserve}, heartbeat_ms: 200}}\n"
+        f"pes:\n  nav: {{node_id: 92, buses: [can0, radio], {room}}}\n"
+        f"  tail: {{node_id: 93, buses: [radio], {room}}}\n"
+    )
+
+
 def _seen_in(phases: str, criticality: str = "D") -> str:
     """Write a spec with two phases and two displays, which read the speed only in some phases."""
     reads = f"{{demux: {{var: speed, only_in: [{phases}]}}}}"
@@ -143,8 +154,9 @@ RESERVE_TOO_SMALL = FAMILY.error(
     "DG307",
     "reserve-too-small",
     what="The `reserve` of a bus is less than what management sends there all the time.",
-    why="In each heartbeat period every PE on the bus sends its state and the manager its LEASE and ALIVE, frames of "
-    "up to 135 bits. Without room for them healthy PEs fall silent, and are declared down.",
+    why="In each heartbeat period every PE on the bus sends its state and the manager its LEASE and ALIVE. Each output "
+    "is echoed once a second or more, and each node sends a CANopen heartbeat every second. Without room for these "
+    "frames of up to 135 bits healthy PEs fall silent, and are declared down.",
     fix="Raise `reserve` to the share in the message, or raise `heartbeat_ms`.",
     bad="buses: {can0: {bitrate: 1000000, reserve: 0.01}}\n",
     good="buses: {can0: {bitrate: 1000000, reserve: 0.1}}\n",
@@ -184,4 +196,13 @@ LESSER_NEVER_SERVED = FAMILY.echo(
     fix="Remove the reason, or set the function's priority to 0 in that phase.",
     bad=_seen_in("climb", criticality="E"),
     good=_seen_in("climb, cruise", criticality="E"),
+)
+RADIO_RESERVE_TOO_SMALL = FAMILY.warning(
+    "DG312",
+    "radio-reserve-too-small",
+    what="The `reserve` of a wireless bus is less than what management sends there all the time.",
+    why="As for DG307. A gateway drops what is too old, so PEs beyond the radio may be declared down when it is full.",
+    fix="Raise `reserve` to the share in the message, or raise `heartbeat_ms`.",
+    bad=_beyond("0.05"),
+    good=_beyond("0.2"),
 )

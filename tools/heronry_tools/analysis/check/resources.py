@@ -17,13 +17,13 @@ frames are unknown, and a spec with a bus that management fills (DG307), since n
 """
 
 from collections.abc import Collection, Iterable, Mapping
-from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Final
 
 from heronry_dg.check.actuators import driver_conflicts
 from heronry_dg.check.subject import Subject
 from heronry_dg.check.wire import lacks_identifiers
+from heronry_dg.echo_rates import EchoRates, ReserveUse
 from heronry_dg.findings import Findings, listed
 from heronry_dg.model import Bus, Mode, Module, Pe, Spec
 from heronry_dg.response_times import Late, ResponseTimes
@@ -34,14 +34,11 @@ from heronry_tools.analysis.check import resource_rules as rules
 from heronry_tools.analysis.check.homes import fits
 from heronry_tools.analysis.check.reach import check_reach
 from heronry_tools.analysis.check.wanted import Phase, critical_functions, in_phases, phases, wanted_functions
-from heronry_wire.timing import WORST_BLOCKING_BITS
 
 if TYPE_CHECKING:
     from heronry_dg.configuration import Configuration
     from heronry_tools.analysis.check.servable import Planning
 
-_NS_PER_S: Final = 1_000_000_000
-_MANAGER_FRAMES: Final = 2  # LEASE and ALIVE
 _SHOWN: Final = 4
 
 
@@ -49,10 +46,12 @@ def check(subject: Subject, findings: Findings) -> None:
     """Check a spec against every rule of resource_rules.py, and add a finding for each mistake."""
     for module in subject.spec.modules.values():
         _fits(subject, findings, module)
-    for bus in subject.spec.buses.values():
-        _reserve(subject, findings, bus)
+    buses = subject.spec.buses.values()
+    uses = EchoRates(subject.spec).by_bus
+    for bus in buses:
+        _reserve(subject, findings, bus, uses[bus.name])
     check_reach(subject, findings)
-    swamped = any(_is_swamped(subject.spec, bus) for bus in subject.spec.buses.values())
+    swamped = [bus for bus in buses if bus.kind == "wired" and uses[bus.name].rest >= bus.bitrate]  # no datum arrives
     if not swamped and not lacks_identifiers(subject.spec):
         _Serving(subject, findings).check()
 
@@ -100,45 +99,23 @@ def _lacking(pe: Pe, module: Module, mode: Mode) -> str:
     return listed(short)
 
 
-def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
+def _reserve(subject: Subject, findings: Findings, bus: Bus, use: ReserveUse) -> None:
     """Report a bus if its reserve is smaller than the load of the management frames that it always carries."""
-    reserved, (own, passing) = bus.bitrate * bus.reserve, _management_bits_per_s(subject.spec, bus)
-    if own + passing <= reserved:
+    reserved = bus.bitrate * bus.reserve
+    if use.total <= reserved:
         return
     sentence = (
-        f"bus '{bus.name}' reserves {float(reserved):.0f} bit/s, but the states of its PEs, LEASE and ALIVE take "
-        f"{float(own + passing):.0f} bit/s"
+        f"bus '{bus.name}' reserves {float(reserved):.0f} bit/s, but states, LEASE and ALIVE, CANopen heartbeats and "
+        f"the echoes of {use.outputs} outputs take {float(use.total):.0f} bit/s"
     )
-    remedies = []
-    if (own + passing) < bus.bitrate * bus.max_load:
-        remedies.append(f"reserve: {ceil((own + passing) * 1000 / bus.bitrate) / 1000:g}")
-    if passing < reserved:
-        remedies.append(f"heartbeat_ms: {ceil(bus.heartbeat_ns * own / (reserved - passing) / 1_000_000)}")
+    remedies, others = [], use.total - use.periodic
+    if use.total < bus.bitrate * bus.max_load:
+        remedies.append(f"reserve: {ceil(use.total * 1000 / bus.bitrate) / 1000:g}")
+    if others < reserved:
+        remedies.append(f"heartbeat_ms: {ceil(bus.heartbeat_ns * use.periodic / (reserved - others) / 1_000_000)}")
     hint = f"write {listed(remedies, last='or')}, or more" if remedies else "raise the bit rate"
-    findings.add(rules.RESERVE_TOO_SMALL, subject.place("buses", bus.name, "reserve"), sentence, hint)
-
-
-def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
-    """Give the largest management traffic of a bus as two numbers in bit/s.
-
-    The first number is for LEASE, ALIVE and the states of the PEs on this bus. The second is for states that gateways
-    forward to this bus.
-    """
-    left = survivors(spec, Situation())
-    hub = next((pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
-    own, passing = Fraction(_MANAGER_FRAMES, bus.heartbeat_ns), Fraction(0)
-    for pe in spec.pes.values():
-        way = left.route(pe.name, hub) if hub is not None else None
-        if bus.name in pe.buses:
-            own += Fraction(1, bus.heartbeat_ns)
-        elif way and bus.name in (*way, spec.manager.bus):
-            passing += Fraction(1, spec.buses[way[0]].heartbeat_ns)
-    return own * WORST_BLOCKING_BITS * _NS_PER_S, passing * WORST_BLOCKING_BITS * _NS_PER_S
-
-
-def _is_swamped(spec: Spec, bus: Bus) -> bool:
-    """Tell whether management alone takes all of a bus, so that no data ever arrive."""
-    return bus.kind == "wired" and sum(_management_bits_per_s(spec, bus)) >= bus.bitrate
+    rule = rules.RADIO_RESERVE_TOO_SMALL if bus.kind == "wireless" else rules.RESERVE_TOO_SMALL
+    findings.add(rule, subject.place("buses", bus.name, "reserve"), sentence, hint)
 
 
 class _Serving:

@@ -27,6 +27,7 @@ from heronry_agent.core.vocabulary import (
 )
 from heronry_agent.module import Module
 from heronry_agent.shell.devices import Devices
+from heronry_dg.echo_rates import MOST_ECHOES_PER_S
 from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.world.bus import SimulatedBus
 from heronry_tools.sim.world.clock import Clock
@@ -88,7 +89,10 @@ class SimulatedPe(Node):
         self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
         self._images = {module.name: module.image for module in table.modules}
         missing = dict(self._host.missing_images) | {self._images[module]: _TAKEN_AWAY for module in lacks}
-        self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
+        has_room = table.echoes_per_s >= MOST_ECHOES_PER_S  # then the simulated plant asks for an echo of every command
+        self.core = AgentCore(
+            table, incarnation, time.now_ns(), missing_images=missing, secret=secret, every_echo=has_room
+        )
         self.steps = ModuleSteps(
             clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
         )
