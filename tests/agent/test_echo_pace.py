@@ -49,7 +49,7 @@ def test_a_simulated_plant_gets_every_command() -> None:
 def test_a_pe_echoes_its_servo_as_often(echoes_per_s: int, every_echo: bool, expected: int) -> None:
     pe = OnePe(table(echoes_per_s))
     pe.core = AgentCore(table(echoes_per_s), 5, pe.now_ns, every_echo=every_echo)
-    pe._core = pe.core
+
     pe.configure(FLYING, 1)
     assert abs(len(sent(pe.fly(SECOND, epoch=1, digest=1001), actuator_echo_id(NODE))) - expected) <= 1
 
