@@ -56,6 +56,12 @@ def test_the_fused_altitude_lives_through_a_missing_fix_but_not_through_a_missin
     assert rig.step(gps_altitude=1050.0) == {}
 
 
+def test_the_estimator_of_figure_3_works_with_pressure_alone() -> None:
+    rig = Rig("high_quality_altitude", mode="pressure_only", rate_hz=10)
+    assert rig.step(absolute_pressure=atmosphere.pressure_hpa(1000.0))["altitude"] == pytest.approx(1000.0, abs=0.1)
+    assert rig.step() == {}
+
+
 @given(st.floats(-1000, 40_000))
 def test_pressure_altitude_is_the_standard_atmosphere(altitude_m: float) -> None:
     outputs = Rig("low_quality_altitude", rate_hz=10).step(absolute_pressure=atmosphere.pressure_hpa(altitude_m))

@@ -28,7 +28,7 @@ from heronry_wire.canaerospace import DataType, Datum, encode_data
 
 FOLDER = Path("dg_specs/examples")
 EXAMPLES = sorted(FOLDER.glob(f"*{SUFFIX}"))
-MOST_LINES = 55  # one screen
+MOST_LINES = 64  # one screen
 CLAIM = re.compile(r"^#   \$ (heronry plan .*)\n((?:#   .*\n)+?)(?=#   \$|[^#]|#\n)", re.MULTILINE)
 
 

@@ -25,7 +25,7 @@ _ALPHA, _BETA = 0.4, 0.1  # weight of a new fix in height and in rate: criticall
 
 
 class FusedAltitude(Module):
-    """Altitude in m from GPS height and static pressure (mode `fused`), or from GPS height alone (`gps_only`)."""
+    """Altitude in m from GPS height and static pressure (`fused`, `both`), or from one of them (see `step`)."""
 
     pressure: ClassVar[str] = "absolute_pressure"
 
@@ -39,9 +39,9 @@ class FusedAltitude(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish an altitude.
 
-        Without a GPS height, mode `fused` uses the last offset and `gps_only` publishes nothing. `fused` publishes
-        nothing without a pressure, and nothing before the first step in which both a GPS height and a pressure
-        are present.
+        Mode `gps_only` uses the GPS height alone. Every other mode needs a pressure, and corrects the altitude by the
+        last offset between the two heights. Before the first step with both, `pressure_only` takes the offset as 0, and
+        the other modes publish nothing.
         """
         gps_m = number(inputs, "gps_altitude")
         if self.ctx.mode == "gps_only":
@@ -52,6 +52,8 @@ class FusedAltitude(Module):
         barometric_m = atmosphere.altitude_m(static_hpa)
         if gps_m is not None:
             self._learn_offset(gps_m - barometric_m)
+        if self._offset_m is None and self.ctx.mode == "pressure_only":
+            return {"altitude": barometric_m}
         return {} if self._offset_m is None else {"altitude": barometric_m + self._offset_m}
 
     def _learn_offset(self, seen_m: float) -> None:
