@@ -5,8 +5,8 @@ makes the list:
 
     1. the management frames: in each heartbeat period one 8-byte frame for each PE of the bus and two frames of the
        manager. A PE that is down counts, too, since it may come back
-    2. the data, by identifier
-    3. one 8-byte frame of lower priority that has just started
+    2. the data and the foreign frames, by identifier
+    3. one 8-byte frame of lower priority that has just started; it has 29 bits of identifier if any foreign frame has
 
 The delay of a datum on one bus is its jitter on the next bus, so a response time counts from the source. A wireless bus
 is not analysed and adds no delay. Some data may cross two buses in one direction, and other data in the opposite
@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil
 
-from heronry_dg.model import Bus, Spec
+from heronry_dg.model import Bus, Foreign, Spec
 from heronry_dg.traffic import Hop, frame_bits, identifiers
-from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
+from heronry_wire.frame import MAX_DATA_BYTES
+from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse, worst_bits
 
 _NS_PER_S = 1_000_000_000
 _NONE = Fraction(0)
@@ -59,6 +60,10 @@ class ResponseTimes:
         self.spec = spec
         self.identifiers = identifiers(spec)
         self.management = {bus.name: _management(spec, bus) for bus in spec.buses.values()}
+        self.blocking_bits = {bus.name: blocking_bits(bus) for bus in spec.buses.values()}
+        self._foreign = {
+            bus.name: [(one, _foreign_message(bus, one)) for one in bus.foreign] for bus in spec.buses.values()
+        }
         self._punctual: dict[Hop, Message] = {}  # messages without jitter, computed so far
 
     def responses(self, published: Iterable[Hop]) -> list[Response]:
@@ -125,15 +130,23 @@ class ResponseTimes:
         jitters: the delay in ns with which each datum comes to the bus; None: the delay is unbounded.
         """
         bounded = jitters.index(None) if None in jitters else len(jitters)
-        data = [
-            self.message(hop, jitter)
-            for hop, jitter in zip(hops_there[:bounded], jitters[:bounded], strict=True)
-            if jitter is not None
-        ]
-        management = self.management[bus.name]
-        responses = analyse([*management, *data], blocking_bits=WORST_BLOCKING_BITS)[len(management) :]
-        delays = [None if r.bits is None else r.bits * _NS_PER_S / bus.bitrate for r in responses]
+        queued, places, left = list(self.management[bus.name]), [], self._foreign[bus.name]
+        for hop, jitter in zip(hops_there[:bounded], jitters[:bounded], strict=True):
+            identifier = self.identifiers[hop.producer, hop.variable]
+            queued += [message for foreign, message in left if foreign.outranks(identifier)]
+            left = [one for one in left if not one[0].outranks(identifier)]
+            places.append(len(queued))
+            queued.append(self.message(hop, jitter or _NONE))
+        responses = analyse(queued, blocking_bits=self.blocking_bits[bus.name])
+        bits = [responses[place].bits for place in places]
+        delays = [None if one is None else one * _NS_PER_S / bus.bitrate for one in bits]
         return delays + [None] * (len(jitters) - bounded)
+
+    def always_above(self, hop: Hop) -> list[Message]:
+        """Give the messages that are more urgent than a hop whatever the plan: management, and foreign frames."""
+        identifier = self.identifiers[hop.producer, hop.variable]
+        foreign = [message for one, message in self._foreign[hop.bus] if one.outranks(identifier)]
+        return [*self.management[hop.bus], *foreign]
 
     def bits_per_ns(self, bus: str) -> Fraction:
         """Number of bit times of a bus in one nanosecond."""
@@ -197,6 +210,17 @@ def _management(spec: Spec, bus: Bus) -> list[Message]:
     period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
     senders = sum(bus.name in pe.buses for pe in spec.pes.values()) + MANAGER_FRAMES
     return [Message("management", WORST_BLOCKING_BITS, period, 0, period)] * senders
+
+
+def blocking_bits(bus: Bus) -> int:
+    """Give the length in bits of the longest frame of lower priority that may have just started on a bus."""
+    extended = any(one.extended for one in bus.foreign)
+    return worst_bits(MAX_DATA_BYTES, extended=True) if extended else WORST_BLOCKING_BITS
+
+
+def _foreign_message(bus: Bus, foreign: Foreign) -> Message:
+    period = Fraction(foreign.period_ns * bus.bitrate, _NS_PER_S)
+    return Message("foreign", foreign.bits, period, 0, period)
 
 
 def _period_ns(spec: Spec, hop: Hop) -> Fraction:

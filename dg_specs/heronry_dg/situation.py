@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from heronry_dg.model import Function, Module, Spec
+from heronry_dg.model import Bus, Function, Module, Spec
 from heronry_wire.errors import HeronryError
 from heronry_wire.management import MOST_PRIORITY
 from heronry_wire.spelling import close, kind_word, meant
@@ -201,7 +201,9 @@ class Survivors:
     """
 
     pe_cpu_millis: Mapping[str, int]  # of each PE that is up, reduced where limited
-    bus_mbit_per_s: Mapping[str, int]  # of each bus that is up, for published data, in thousandths of a bit/s
+    bus_mbit_per_s: Mapping[
+        str, int
+    ]  # what foreign frames leave to data, of each bus that is up; thousandths of a bit/s
     devices: frozenset[str]
     failed_modules: frozenset[str]
     failed_places: frozenset[tuple[str, str]]  # module, PE on which it cannot run
@@ -249,10 +251,7 @@ def survivors(spec: Spec, now: Situation) -> Survivors:
     commanded = [p for p in alive if p in reached]
     return Survivors(
         pe_cpu_millis={p: int(spec.pes[p].cpu_millis * now.limits.get(f"pe:{p}", Fraction(1))) for p in commanded},
-        bus_mbit_per_s={
-            b.name: int(b.bitrate * 1000 * (b.max_load - b.reserve) * now.limits.get(f"bus:{b.name}", Fraction(1)))
-            for b in buses
-        },
+        bus_mbit_per_s={b.name: room_mbit_per_s(b, now.limits.get(f"bus:{b.name}", Fraction(1))) for b in buses},
         devices=frozenset(
             d.name for d in spec.devices.values() if d.pe in commanded and f"device:{d.name}" not in now.down
         ),
@@ -265,6 +264,19 @@ def survivors(spec: Spec, now: Situation) -> Survivors:
         },
         spec=spec,
     )
+
+
+def room_mbit_per_s(bus: Bus, share: Fraction = Fraction(1)) -> int:
+    """Give what a bus has for published data, in thousandths of a bit/s: at least 0, so that it may carry nothing.
+
+    share: of its capacity, as a limit leaves it.
+    """
+    return max(0, int(bus.bitrate * 1000 * (bus.max_load - bus.reserve) * share - foreign_bits_per_s(bus) * 1000))
+
+
+def foreign_bits_per_s(bus: Bus) -> Fraction:
+    """Give what foreign frames take of a bus, in bit/s."""
+    return sum((Fraction(one.bits * 10**9, one.period_ns) for one in bus.foreign), Fraction(0))
 
 
 def _place(element: str) -> tuple[str, str]:

@@ -50,7 +50,7 @@ def test_an_ignore_wants_a_reason() -> None:
     ],
 )
 def test_a_comment_that_means_nothing_is_reported(comment: str, code: str) -> None:
-    assert told(spec(f"  spare: {{type: FLOAT}}  {comment}")) == ["11 DG240 warning", f"11 {code} error"]
+    assert told(spec(f"  spare: {{type: FLOAT}}  {comment}")) == [f"11 {code} error", "11 DG240 warning"]
 
 
 def test_the_head_of_a_spec_raises_a_warning_to_an_error() -> None:

@@ -42,6 +42,7 @@ MUST_APPEAR = (
     "second branch",
     "demux of an expression",
     "rival drivers",
+    "foreign frames",
     "first end",
     "other end",
     "path of one",
@@ -81,6 +82,7 @@ def crossing_case(rng: random.Random, *, modules: int = 6) -> Case:
             bitrate=rng.choice((5_000, 10_000, 20_000, 50_000)),
             kind="wireless" if name == "b2" and rng.random() < 0.5 else "wired",
             heartbeat_ns=200_000_000,
+            foreign=drawn.spec.buses["b0"].foreign if name == "b0" else (),
         )
         for name in [f"b{i}" for i in range(length)]
     }
@@ -137,6 +139,8 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
             if branch in configuration.modules:
                 yield word
         yield from _paths(demux, configuration.modules)
+    if any(case.spec.buses[hop.bus].foreign for hop in hops(survivors(case.spec, case.now), configuration)):
+        yield "foreign frames"
     if any(configuration.modules.keys() & set(group) for group in case.spec.drivers_of_one_actuator().values()):
         yield "rival drivers"
     feeds = {(consumer, wire.producer) for consumer, _, wire in configuration.wires()}

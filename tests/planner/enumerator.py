@@ -21,7 +21,7 @@ from functools import cached_property
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor
-from heronry_dg.model import Function, Mode, Module, Spec
+from heronry_dg.model import Foreign, Function, Mode, Module, Spec
 from heronry_dg.situation import Situation
 from heronry_wire.timing import Message, analyse
 
@@ -271,7 +271,8 @@ class Enumerator:
         for bus, load in self._loads(structure, ways).items():
             element = self.spec.buses[bus]
             share = self.now.limits.get(f"bus:{bus}", Fraction(1))
-            if Fraction(load, 1000) > element.bitrate * (element.max_load - element.reserve) * share:
+            foreign = sum(Fraction(10**9 * self._foreign_bits(one), one.period_ns) for one in element.foreign)
+            if load and Fraction(load, 1000) + foreign > element.bitrate * (element.max_load - element.reserve) * share:
                 return "bus"
         return "" if self._in_time(structure, ways) else "deadline"
 
@@ -289,6 +290,7 @@ class Enumerator:
     def _in_time(self, structure: Structure, ways: Mapping[tuple[str, str], set[tuple[str, ...]]]) -> bool:
         """Response times source by source, most urgent first: its rivals' jitters are then known on every bus."""
         above = {bus.name: [self._overhead(bus.name)] * self._overheads(bus.name) for bus in self.spec.buses.values()}
+        blocking = {b.name: 160 if any(f.extended for f in b.foreign) else 135 for b in self.spec.buses.values()}
         for source in sorted(ways, key=self.urgency.index):
             arrived: dict[tuple[str, ...], Fraction] = {(): Fraction(0)}  # seconds after it was due
             for way in sorted(ways[source], key=len):
@@ -301,12 +303,36 @@ class Enumerator:
                 deadline = period if given is None else Fraction(given, 10**9)
                 times = (period * bus.bitrate, arrived[way[:-1]] * bus.bitrate, deadline * bus.bitrate)
                 message = Message("/".join(source), self._bits(source[1]), *times)
-                response = analyse([*above[bus.name], message], blocking_bits=135)[-1]
+                others = [self._foreign_message(bus.name, f) for f in bus.foreign if self._goes_first(f, source)]
+                response = analyse([*above[bus.name], *others, message], blocking_bits=blocking[bus.name])[-1]
                 if response.bits is None or response.bits > deadline * bus.bitrate:
                     return False
                 above[bus.name] = [*above[bus.name], message]
                 arrived[way] = response.bits / bus.bitrate
         return True
+
+    def _foreign_bits(self, foreign: Foreign) -> int:
+        return (80 if foreign.extended else 55) + 10 * foreign.data_bytes
+
+    def _foreign_message(self, bus: str, foreign: Foreign) -> Message:
+        period = Fraction(foreign.period_ns, 10**9) * self.spec.buses[bus].bitrate
+        return Message("foreign", self._foreign_bits(foreign), period, 0, period)
+
+    def _goes_first(self, foreign: Foreign, source: tuple[str, str]) -> bool:
+        """Compare the bits on the wire: after the first 11 bits a 29-bit frame goes on with a recessive one."""
+        number = self.numbers[source]
+        mine = f"{number:011b}0"
+        if foreign.extended:
+            whole = f"{foreign.first:029b}"
+            return f"{whole[:11]}1" < mine
+        return f"{foreign.first:011b}0" <= mine
+
+    @cached_property
+    def numbers(self) -> dict[tuple[str, str], int]:
+        """The identifier of every source: the standard ones, and the allocated ones in their order."""
+        free = [*range(1536, 1628), *range(1664, 1793)]
+        rest = [source for source in self.urgency if source not in self.standard]
+        return {**self.standard, **dict(zip(rest, free, strict=False))}
 
     def _overhead(self, bus: str) -> Message:
         period = Fraction(self.spec.buses[bus].heartbeat_ns, 10**9) * self.spec.buses[bus].bitrate
@@ -316,19 +342,30 @@ class Enumerator:
         return 2 + sum(bus in pe.buses for pe in self.spec.pes.values())
 
     @cached_property
-    def urgency(self) -> list[tuple[str, str]]:
-        """Every source by its identifier (the design's rule for identifiers), smallest first."""
-        firsts = {}  # source -> the first listed mode that gives the variable
+    def firsts(self) -> dict[tuple[str, str], Mode]:
+        """For every source the first listed mode that gives the variable."""
+        firsts = {}
         for module in self._modules:
             for mode in reversed(list(module.modes.values())):
                 firsts.update({(module.name, variable): mode for variable in mode.gives})
-        order = {module.name: i for i, module in enumerate(self._modules)}
+        return firsts
+
+    @cached_property
+    def standard(self) -> dict[tuple[str, str], int]:
+        """The sources that have the standard identifier of their variable."""
+        firsts, order = self.firsts, {module.name: i for i, module in enumerate(self._modules)}
         standard: dict[tuple[str, str], int] = {}
         for variable in self.spec.variables.values():
             givers = [source for source in firsts if source[1] == variable.name]
             if variable.identifier is not None and givers:
                 best = min(givers, key=lambda s: (firsts[s].gives[s[1]], order[s[0]]))
                 standard[best] = variable.identifier
+        return standard
+
+    @cached_property
+    def urgency(self) -> list[tuple[str, str]]:
+        """Every source by its identifier (the design's rule for identifiers), smallest first."""
+        firsts, standard, order = self.firsts, self.standard, {module.name: i for i, module in enumerate(self._modules)}
 
         def rank(source: tuple[str, str]) -> tuple[int, int, int, int]:
             rates = [m.rate_mhz for m in self.spec.modules[source[0]].modes.values() if source[1] in m.gives]

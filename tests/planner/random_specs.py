@@ -18,6 +18,7 @@ from heronry_dg.model import (
     Bus,
     Demux,
     Device,
+    Foreign,
     Function,
     Manager,
     Mode,
@@ -49,7 +50,7 @@ def random_case(rng: random.Random, *, modules: int = 7) -> Case:
 
 def plain_case(rng: random.Random, *, modules: int = 7) -> Case:
     """Draw a case in which every input is open in every phase, and no priority is changed."""
-    spec = with_shared_actuator(rng, random_spec(rng, modules=modules))
+    spec = with_foreign_frames(rng, with_shared_actuator(rng, random_spec(rng, modules=modules)))
     return Case(spec, random_situation(rng, spec), random_running(rng, spec))
 
 
@@ -258,6 +259,26 @@ def _buses(rng: random.Random) -> dict[str, Bus]:
             heartbeat_ns=rng.choice((50, 100, 200)) * 1_000_000,
         )
     return buses
+
+
+def with_foreign_frames(rng: random.Random, spec: Spec) -> Spec:
+    """Let other equipment send on some buses, above and below the data."""
+    if rng.random() < 0.7:
+        return spec
+    buses = {
+        name: replace(bus, foreign=tuple(_foreign(rng) for _ in range(rng.randint(1, 3))))
+        if rng.random() < 0.7
+        else bus
+        for name, bus in spec.buses.items()
+    }
+    return replace(spec, buses=buses)
+
+
+def _foreign(rng: random.Random) -> Foreign:
+    extended = rng.random() < 0.6
+    first = rng.choice((100, 305, 320, 1540, 1900)) << (18 if extended else 0)
+    period_ns = rng.choice((2, 5, 10, 20, 100)) * 1_000_000
+    return Foreign(first, first + rng.choice((0, 5)), extended, rng.randint(0, 8), period_ns)
 
 
 def _pes(rng: random.Random, buses: list[str]) -> dict[str, Pe]:
@@ -599,6 +620,7 @@ def features(case: Case) -> dict[str, bool]:
             for device in spec.devices.values()
             if device.kind == "actuator"
         ),
+        "foreign frames": any(bus.foreign for bus in spec.buses.values()),
         "demux of an expression": any(not isinstance(demux.needs, Leaf) for demux in spec.demuxes.values()),
         "demux with to": any(demux.to for demux in spec.demuxes.values()),
         "path of two": any(f"{b}p1" in d.to for d in spec.demuxes.values() for b in d.branches),

@@ -9,6 +9,35 @@ from heronry_dg.keys import Bounds, Key
 from heronry_dg.model.fallible import Fallible
 from heronry_wire.identifiers import FIRST_PE, LAST_PE
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
+from heronry_wire.timing import worst_bits
+
+_LOWER_BITS = 18  # of a 29-bit identifier
+
+
+@dataclass(frozen=True, slots=True)
+class Foreign:
+    """Frames of other equipment on a bus: one frame in each period, under any identifier of a range.
+
+    Its priority is that of the smallest identifier.
+    """
+
+    first: int  # the smallest identifier
+    last: int
+    extended: bool  # 29-bit identifiers
+    data_bytes: int  # of the longest frame
+    period_ns: int
+
+    @property
+    def bits(self) -> int:
+        """Length of the longest frame in bits, with its intermission."""
+        return worst_bits(self.data_bytes, extended=self.extended)
+
+    def outranks(self, identifier: int) -> bool:
+        """Tell whether a frame may win the bus against a data frame with this 11-bit identifier.
+
+        A 29-bit frame sends the upper 11 bits of its identifier first. If they are equal, the 11-bit frame wins.
+        """
+        return self.first >> _LOWER_BITS < identifier if self.extended else self.first <= identifier
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +69,7 @@ class Bus(Fallible):
         Bounds(ge=1, le=255),
         Key("Number of heartbeat periods without a state after which a PE counts as down.", 3),
     ] = USUAL_MISSES
+    foreign: tuple[Foreign, ...] = ()  # frames of other equipment; no key declares them yet
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ from heronry_dg.traffic import Hop
 from heronry_manager.planner.cp_sat import CpModel, IntVar
 from heronry_manager.planner.placing import Terms, weighted
 from heronry_manager.planner.publishing import MessageKey, Publishing
-from heronry_wire.timing import WORST_BLOCKING_BITS, Message
+from heronry_wire.timing import Message
 
 MOST_MOMENTS = 200  # a message of 1 Hz beside others of up to 100 Hz has about as many
 
@@ -189,7 +189,7 @@ class Deadlines:
         """
         own = self._times.message(hop)
         window = own.deadline - own.bits - jitter
-        above = self._times.management[hop.bus]
+        above = self._times.always_above(hop)
         rivals = {
             key: self._times.message(one) for key, one in self._publishing.more_urgent(hop, self._times.identifiers)
         }
@@ -199,7 +199,7 @@ class Deadlines:
         ends = {end for period in periods for end in _jumps(period, window)}
         moments = []
         for end in sorted(ends | {window} if window > 0 else ends):
-            always = WORST_BLOCKING_BITS + sum(_demand(message, end) for message in above)
+            always = self._times.blocking_bits[hop.bus] + sum(_demand(message, end) for message in above)
             if always <= floor(end):
                 demand = {key: _demand(message, end) for key, message in rivals.items()}
                 moments.append(_Moment(floor(end), always, demand))

@@ -33,7 +33,8 @@ both directions of rounding give the same value.
 from math import ceil
 from typing import Final
 
-from heronry_dg.response_times import MANAGER_FRAMES, ResponseTimes
+from heronry_dg.model import Foreign
+from heronry_dg.response_times import MANAGER_FRAMES, ResponseTimes, blocking_bits
 from heronry_dg.traffic import Hop
 from heronry_manager.planner.greedy.draft import Draft, Publication
 from heronry_manager.planner.greedy.tables import Tables
@@ -130,6 +131,7 @@ class Punctuality:
         self._steps = [_steps(routes) for routes in tables.routes.route]
         self._wired = [bus.kind == "wired" for bus in tables.numbers.buses]
         self._bit_ns = [_NS_PER_S / bus.bitrate for bus in tables.numbers.buses]
+        self._foreign = [(number, one) for number, bus in enumerate(tables.numbers.buses) for one in bus.foreign]
         self._management = [self._above_data(number) for number in range(len(tables.numbers.buses))]
         self._period_ns = [_MILLIHERTZ_NS / mode.rate_mhz for _, mode in tables.numbers.modes]
         self._deadline_ns = [tables.numbers.spec.variables[name].deadline_ns for name in tables.numbers.variables]
@@ -150,7 +152,7 @@ class Punctuality:
 
     def _above_data(self, bus: int) -> _Level:
         element, bit_ns = self._tables.numbers.buses[bus], self._bit_ns[bus]
-        level = _Level(WORST_BLOCKING_BITS * bit_ns)
+        level = _Level(blocking_bits(element) * bit_ns)
         for _ in range(sum(element.name in pe.buses for pe in self._tables.numbers.pes) + MANAGER_FRAMES):
             level.add(WORST_BLOCKING_BITS * bit_ns, element.heartbeat_ns, bit_ns)
         return level
@@ -166,8 +168,11 @@ class Punctuality:
         for module, variable, bus in messages:
             buses.setdefault((module, variable), []).append(bus)
         above = [level.copy() for level in self._management]
+        foreign = self._foreign
         for source in sorted(buses, key=self._urgency.__getitem__):
             on = buses[source]
+            if foreign:
+                foreign = self._joined(foreign, self._urgency[source], above)
             if self._urgency[source] < since and len(on) == 1:
                 self._add(draft, source, on[0], 0.0, above)
                 continue
@@ -175,6 +180,19 @@ class Punctuality:
             if not verdict:
                 return verdict
         return True
+
+    def _joined(
+        self, foreign: list[tuple[int, Foreign]], identifier: int, above: list[_Level]
+    ) -> list[tuple[int, Foreign]]:
+        """Add the foreign frames that outrank an identifier to the loads of their buses; give those that are left.
+
+        foreign: the number of the bus, and the frames.
+        """
+        for bus, one in foreign:
+            if one.outranks(identifier):
+                bit_ns = self._bit_ns[bus]
+                above[bus].add(one.bits * bit_ns, one.period_ns, bit_ns)
+        return [(bus, one) for bus, one in foreign if not one.outranks(identifier)]
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
         """Tell whether a source meets its deadline on each bus of its route.

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, room_mbit_per_s
 from heronry_manager.planner.greedy.leaves import LEAF, Node
 from heronry_manager.planner.greedy.numbering import element_numbers
 from heronry_manager.planner.greedy.orders import Orders
@@ -42,8 +42,8 @@ class Scenery:
         self._tables = tables
         self._elements = element_numbers(tables.numbers)
         self._cpu = tables.sizes.pe_cpu
-        self._bus_share = [bus.bitrate * 1000 * (bus.max_load - bus.reserve) for bus in tables.numbers.buses]
-        self._bus_room = [int(share) for share in self._bus_share]
+        self._buses = tables.numbers.buses
+        self._bus_room = [room_mbit_per_s(bus) for bus in self._buses]
         self._modules_of_device = [
             sum(1 << tables.numbers.module_number[m.name] for m in tables.numbers.modules if m.device == device)
             for device in tables.numbers.spec.devices
@@ -117,7 +117,7 @@ class Scenery:
             if kind == "pe":
                 cpu[number] = int(cpu[number] * share)
             else:
-                bus_room[number] = int(self._bus_share[number] * share)
+                bus_room[number] = room_mbit_per_s(self._buses[number], share)
         return cpu, bus_room
 
     def _homeless(self, hosts: list[int], pes: int, cpu: list[int], *, limited: bool) -> int:
