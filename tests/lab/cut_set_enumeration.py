@@ -21,8 +21,8 @@ from heronry_dg.shipped import example_specs, shipped_spec_names
 from heronry_dg.situation import elements
 from heronry_manager.planner.sweep import FaultSet, Scope
 from heronry_tools.analysis.campaign.crew import crew
-from heronry_tools.analysis.check.servable import Planning, without_limits
 from heronry_tools.analysis.reliability.cut_sets import cut_sets
+from heronry_tools.analysis.servable import Planning, without_limits
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.processes import in_order
 from heronry_tools.console.progress import Progress

@@ -13,12 +13,12 @@ from heronry_dg.loader import load
 from heronry_dg.model import Bus, Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import elements
-from heronry_tools.analysis.check.servable import Planning
 from heronry_tools.analysis.reliability.bounds import loss_bounds
 from heronry_tools.analysis.reliability.chances import CommonCause, Hazards
 from heronry_tools.analysis.reliability.diagrams import Solution
 from heronry_tools.analysis.reliability.mission import Reliability
 from heronry_tools.analysis.reliability.resource_sets import resource_sets
+from heronry_tools.analysis.servable import Planning
 from planner.random_specs import random_spec
 from reliability.brute_force import Losing, subsets
 from thoroughness import part_of

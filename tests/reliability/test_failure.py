@@ -9,9 +9,9 @@ from heronry_dg.loader import load
 from heronry_dg.model import Device, Mode, Module, Spec
 from heronry_dg.shipped import example_specs
 from heronry_dg.situation import elements
-from heronry_tools.analysis.check.servable import Planning, without_limits
 from heronry_tools.analysis.reliability.diagrams import Solution
 from heronry_tools.analysis.reliability.failure import failure
+from heronry_tools.analysis.servable import Planning, without_limits
 from planner.random_specs import random_spec
 from reliability.brute_force import Losing, disagreement, drawn_case, subsets
 from thoroughness import part_of

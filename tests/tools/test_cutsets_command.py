@@ -17,12 +17,12 @@ from heronry_manager.planner.sweep import Scope
 from heronry_tools.analysis.campaign.crew import crew
 from heronry_tools.analysis.campaign.given_up import given_up
 from heronry_tools.analysis.campaign.sweeping import partial_of, sweep
-from heronry_tools.analysis.check.servable import Answer, Planning, without_deadlines
 from heronry_tools.analysis.reliability import cut_sets as cut_sets_module
 from heronry_tools.analysis.reliability.cut_sets import CutSets, cut_sets
 from heronry_tools.analysis.reliability.formula import TooLargeError
 from heronry_tools.analysis.reliability.mission import Reliability
 from heronry_tools.analysis.reliability.resource_sets import Servable
+from heronry_tools.analysis.servable import Answer, Planning, without_deadlines
 from heronry_tools.cli import main
 from lab.cut_set_enumeration import main as compare_with_enumeration
 from lab.cut_set_enumeration import shipped

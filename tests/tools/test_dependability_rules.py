@@ -19,9 +19,9 @@ from heronry_tools.analysis.check.dependability import check
 from heronry_tools.analysis.check.dependability_rules import FAMILY
 from heronry_tools.analysis.check.redundancy import independent
 from heronry_tools.analysis.check.registry import RULES
-from heronry_tools.analysis.check.servable import Planning
 from heronry_tools.analysis.check.single_faults import losses
 from heronry_tools.analysis.check.wanted import Phase, critical_functions, phases
+from heronry_tools.analysis.servable import Planning
 from planner.comparison import crossing_case
 from planner.random_specs import random_case
 from thoroughness import sample

@@ -20,8 +20,8 @@ from heronry_tools.analysis.check.forced_traffic import forced_traffic
 from heronry_tools.analysis.check.registry import RULES
 from heronry_tools.analysis.check.resource_rules import FAMILY, RESERVE_TOO_SMALL
 from heronry_tools.analysis.check.resources import check
-from heronry_tools.analysis.check.servable import Planning, without_deadlines
 from heronry_tools.analysis.check.wanted import critical_functions, phases
+from heronry_tools.analysis.servable import Planning, without_deadlines
 from planner.comparison import crossing_case
 from planner.random_specs import random_case
 

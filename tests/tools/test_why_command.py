@@ -17,7 +17,7 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements, situation
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.explain import explained as with_reasons
-from heronry_tools.analysis.check.servable import Answer, Planning
+from heronry_tools.analysis.servable import Answer, Planning
 from heronry_tools.analysis.why.assumptions import (
     Assumption,
     Question,

@@ -58,8 +58,8 @@ def check(subject: Subject, findings: Findings) -> None:
 
 def _single_faults(subject: Subject, findings: Findings) -> None:
     from heronry_tools.analysis.check.lost_plants import lost_plants  # noqa: PLC0415 - as below
-    from heronry_tools.analysis.check.servable import Planning  # noqa: PLC0415 - loads the solver, which listing the rules does not need
     from heronry_tools.analysis.check.single_faults import losses  # noqa: PLC0415
+    from heronry_tools.analysis.servable import Planning  # noqa: PLC0415 - loads the solver, which listing the rules does not need
 
     planning = Planning(subject.spec)
     for loss in lost_plants(planning):

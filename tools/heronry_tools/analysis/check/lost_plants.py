@@ -16,9 +16,9 @@ from heronry_dg.situation import Situation, survivors
 from heronry_manager.planner.sweep import what_is_left
 from heronry_pcs.loops import loops
 from heronry_pcs.plan_graph import plan_graph
-from heronry_tools.analysis.check.servable import Planning
 from heronry_tools.analysis.check.single_faults import Loss, Lost, device_of, single_elements
 from heronry_tools.analysis.check.wanted import phases
+from heronry_tools.analysis.servable import Planning
 
 _CLASSES: Final = ("A", "B")
 

@@ -37,7 +37,7 @@ from heronry_tools.analysis.check.wanted import Phase, critical_functions, in_ph
 
 if TYPE_CHECKING:
     from heronry_dg.configuration import Configuration
-    from heronry_tools.analysis.check.servable import Planning
+    from heronry_tools.analysis.servable import Planning
 
 _SHOWN: Final = 4
 
@@ -122,7 +122,8 @@ class _Serving:
     """Finds the functions that cannot be served with everything up, and reports the reason for each."""
 
     def __init__(self, subject: Subject, findings: Findings) -> None:
-        from heronry_tools.analysis.check import servable, unserved  # noqa: PLC0415 - loads the solver, which listing the rules does not need
+        from heronry_tools.analysis import servable  # noqa: PLC0415 - loads the solver, which listing the rules does not need
+        from heronry_tools.analysis.check import unserved  # noqa: PLC0415
 
         self._subject, self._findings, self._spec = subject, findings, subject.spec
         self._phases = phases(self._spec)

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, elements, survivors
 from heronry_manager.planner.sweep import what_is_left
-from heronry_tools.analysis.check.servable import Planning
 from heronry_tools.analysis.check.wanted import Phase, critical_functions, phases
+from heronry_tools.analysis.servable import Planning
 
 Lost = Mapping[str, tuple[Phase, ...]]
 """Functions, each with the phases in which it is lost."""

@@ -15,13 +15,14 @@ from dataclasses import replace
 from typing import Final
 
 from heronry_dg.check.subject import Subject
+from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.findings import Findings, listed
-from heronry_dg.model import CRITICALITIES, Function, Spec
+from heronry_dg.model import Function, Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_manager.planner.explain import explained
 from heronry_tools.analysis.check import resource_rules as rules
-from heronry_tools.analysis.check.servable import Planning
 from heronry_tools.analysis.check.wanted import Phase, in_phases
+from heronry_tools.analysis.servable import Planning
 from heronry_tools.console.errors import UserError
 
 Wanted = Mapping[Phase, frozenset[str]]

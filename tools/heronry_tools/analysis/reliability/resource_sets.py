@@ -25,7 +25,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_manager.checked_lines import DAMAGED, checked_line, line_content
 from heronry_manager.planner.sweep import FaultSet, what_is_left
-from heronry_tools.analysis.check.servable import Planning
+from heronry_tools.analysis.servable import Planning
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.processes import held_back
 

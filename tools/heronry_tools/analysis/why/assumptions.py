@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 from heronry_dg.model import Bus, Pe, Spec
 from heronry_dg.situation import checked_element
-from heronry_tools.analysis.check.servable import PLENTY, without_deadlines
+from heronry_tools.analysis.servable import PLENTY, without_deadlines
 
 Kind = Literal["down", "cpu", "ram", "flash", "bandwidth", "deadlines", "separate", "together", "actuator", "function"]
 CAPACITIES: Final[tuple[Kind, ...]] = ("cpu", "ram", "flash", "bandwidth")

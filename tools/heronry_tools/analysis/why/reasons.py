@@ -38,10 +38,10 @@ from heronry_dg.plan_report import FunctionReport
 from heronry_dg.situation import Situation
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.explain import explained
-from heronry_tools.analysis.check.servable import PLENTY, Planning
 from heronry_tools.analysis.reliability.diagrams import Solution
 from heronry_tools.analysis.reliability.failure import failure
 from heronry_tools.analysis.reliability.formula import TooLargeError
+from heronry_tools.analysis.servable import PLENTY, Planning
 from heronry_tools.analysis.why.assumptions import (
     CAPACITIES,
     MENDABLE,

@@ -23,8 +23,8 @@ from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation
 from heronry_manager.planner.candidates import Candidates, candidates
 from heronry_manager.planner.exact import Search, plan
-from heronry_tools.analysis.check.wanted import Phase
 
+Phase = str | None
 _EFFORT: Final = (
     5.0  # deterministic seconds for one question; a question about a shipped spec takes a hundredth of this
 )
