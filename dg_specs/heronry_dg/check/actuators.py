@@ -12,7 +12,7 @@ from heronry_dg.check.subject import Subject
 from heronry_dg.demux_paths import DemuxPaths
 from heronry_dg.findings import Findings, listed
 from heronry_dg.model import Function, Spec
-from heronry_dg.rules import graph as rules
+from heronry_dg.rules import functions as rules
 
 
 @dataclass(frozen=True, slots=True)

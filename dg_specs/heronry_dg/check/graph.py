@@ -27,6 +27,7 @@ from heronry_dg.findings import Findings, listed
 from heronry_dg.gates import And, Expression, Leaf, bounds
 from heronry_dg.model import Function, Module, Spec, When
 from heronry_dg.rules import graph as rules
+from heronry_dg.rules.functions import UNUSED_RANGE
 from heronry_wire.canaerospace import DataType, value_range
 
 _Datum = tuple[str, int]  # variable, version
@@ -177,7 +178,7 @@ def _priority_ranges(subject: Subject, findings: Findings) -> None:
             hint = (
                 "a changed priority counts only where the spec's is above 0: raise it in a phase, or remove the range"
             )
-            findings.add(rules.UNUSED_RANGE, place, sentence, hint)
+            findings.add(UNUSED_RANGE, place, sentence, hint)
 
 
 def _circles(subject: Subject, findings: Findings) -> None:

@@ -196,7 +196,7 @@ NO_UNIT = FAMILY.warning(
     "DG510",
     "unit-missing",
     what="A variable with a standard identifier has no unit, and CANaerospace gives that identifier one.",
-    why=f"{_STANDARD}: whoever reads the spec cannot tell whether its producer keeps to that unit.",
+    why=f"{_STANDARD}: a reader of the spec cannot tell whether its producer keeps to that unit.",
     fix="Write the unit of the list, or leave `identifier` out.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 315}\n",
     good="variables:\n  speed: {type: FLOAT, unit: m/s, identifier: 315}\n",

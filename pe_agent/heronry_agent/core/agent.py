@@ -112,9 +112,8 @@ class AgentCore:
         )
         reconfiguration = self.reconfiguration = Reconfiguration(index)
         staging = self.staging = Staging(SliceReader(index, missing_images), uplink.heartbeat_ns // 2)
-        modules = self.modules = RunningModules(
-            turn, index, reconfiguration, output_authorization, every_echo=every_echo
-        )
+        modules = self.modules = RunningModules(turn, index, reconfiguration, output_authorization)
+        modules.echoes.every = every_echo
         without_manager = WithoutManager(turn, mastership, reconfiguration, modules)
         condition = Condition(turn, index, mastership, output_authorization, staging, reconfiguration, modules)
         facts, pending = condition.facts, modules.faults.messages

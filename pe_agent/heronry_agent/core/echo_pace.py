@@ -15,15 +15,16 @@ _NS_PER_S = 1_000_000_000
 class EchoPace:
     """Tells for each step or command whether its echo is due."""
 
-    def __init__(self, table: PeTable, *, every_echo: bool) -> None:
+    def __init__(self, table: PeTable, *, every_echo: bool = False) -> None:
         """Begin with no output echoed; every_echo: every echo is due."""
-        self._period_ns = 0 if every_echo else _NS_PER_S // table.echoes_per_s
+        self.every = every_echo
+        self._period_ns = _NS_PER_S // table.echoes_per_s
         self._due_ns: dict[int, int] = {}  # by module
 
     def is_due(self, module: int, now_ns: int) -> bool:
         """Tell whether the output of a module is to be echoed now; the answer True counts as an echo."""
         due_ns = self._due_ns.get(module, now_ns)
-        if now_ns < due_ns:
+        if now_ns < due_ns and not self.every:
             return False
         follows = now_ns < due_ns + self._period_ns
         self._due_ns[module] = (due_ns if follows else now_ns) + self._period_ns

@@ -93,13 +93,7 @@ class RunningModules:
     """Starts, steps and stops the modules of one PE."""
 
     def __init__(
-        self,
-        turn: Turn,
-        index: TableIndex,
-        reconfiguration: Reconfiguration,
-        output_authorization: OutputAuthorization,
-        *,
-        every_echo: bool = False,
+        self, turn: Turn, index: TableIndex, reconfiguration: Reconfiguration, output_authorization: OutputAuthorization
     ) -> None:
         self._turn = turn
         self._index = index
@@ -108,7 +102,7 @@ class RunningModules:
         self._running: dict[int, _Running] = {}
         self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
         self._publisher = Publisher(index)
-        self._echoes = EchoPace(index.table, every_echo=every_echo)
+        self.echoes = EchoPace(index.table)
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
         self.restarts = Restarts()
@@ -180,8 +174,8 @@ class RunningModules:
             return
         running = self._running[event.module]
         self._drive(running, event.writes)
-        if running.entry.silent_output and self._echoes.is_due(event.module, self._turn.now_ns):
-            self._echo(self._publisher.output_echo(event.module, running.mode))
+        if running.entry.silent_output and self.echoes.is_due(event.module, self._turn.now_ns):
+            self._turn.out.append(Send(self._index.uplink, self._publisher.output_echo(event.module, running.mode)))
         for element, detail in event.reports:
             self._report(running, element, detail)
         for phase in event.phases:
@@ -201,10 +195,11 @@ class RunningModules:
     def driven(self, event: Driven) -> None:
         """Send the output echo of a device that has executed a command, if it is due."""
         running = self._running.get(event.module)
-        if running is None or not self._echoes.is_due(event.module, self._turn.now_ns):
+        if running is None or not self.echoes.is_due(event.module, self._turn.now_ns):
             return
         echo = self._publisher.echo(running.entry.device or "", event.value)
-        self._echo(echo or self._publisher.output_echo(event.module, running.mode))
+        frame = echo or self._publisher.output_echo(event.module, running.mode)
+        self._turn.out.append(Send(self._index.uplink, frame))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
         """Restart or give up each module that has failed; if its module was stopped, a failed step is only counted."""
@@ -438,9 +433,6 @@ class RunningModules:
                 return
         self._publisher.sent(frame)
         self._turn.out += [Send(port, frame, until_ns) for port in ports]
-
-    def _echo(self, frame: Frame) -> None:
-        self._turn.out.append(Send(self._index.uplink, frame))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
         """Send an EMCY about a module, for an event that is not a fault; returns whether the EMCY was sent.
