@@ -54,8 +54,8 @@ THIRD_SERVO = (
     (
         "  angle_driver: {",
         (
-            "  servo_driver_3: {needs: elevator_out, device: elevator_servo_3, cpu: 0.03, ram: 1KiB, flash: 2KiB,"
-            " rate_hz: 40}\n  angle_driver: {"
+            "  servo_driver_3: {image: servo_driver_1, needs: elevator_out, device: elevator_servo_3, cpu: 0.03,"
+            " ram: 1KiB, flash: 2KiB, rate_hz: 40}\n  angle_driver: {"
         ),
     ),
 )
@@ -73,8 +73,8 @@ def test_a_servo_on_another_pe_ends_a_single_point_of_failure(
         "    branches: [servo_driver_1, servo_driver_2] -> [servo_driver_1, servo_driver_2, servo_driver_3]",
         "+ device:elevator_servo_3  kind actuator; pe control_pe",
         (
-            "+ module:servo_driver_3  device elevator_servo_3; flash 2KiB; restarts 2; needs elevator_out; cpu 0.03; "
-            "ram 1KiB; rate_hz 40"
+            "+ module:servo_driver_3  image servo_driver_1; device elevator_servo_3; flash 2KiB; restarts 2; "
+            "needs elevator_out; cpu 0.03; ram 1KiB; rate_hz 40"
         ),
         "",
         "consequences:",
