@@ -133,8 +133,9 @@ class ResponseTimes:
         queued, places, left = list(self.management[bus.name]), [], self._foreign[bus.name]
         for hop, jitter in zip(hops_there[:bounded], jitters[:bounded], strict=True):
             identifier = self.identifiers[hop.producer, hop.variable]
-            queued += [message for foreign, message in left if foreign.outranks(identifier)]
-            left = [one for one in left if not one[0].outranks(identifier)]
+            if left:
+                queued += [message for foreign, message in left if foreign.outranks(identifier)]
+                left = [one for one in left if not one[0].outranks(identifier)]
             places.append(len(queued))
             queued.append(self.message(hop, jitter or _NONE))
         responses = analyse(queued, blocking_bits=self.blocking_bits[bus.name])
