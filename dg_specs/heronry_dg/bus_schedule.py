@@ -51,7 +51,7 @@ class ScheduledMessage:
     identifier: int
     kind: str  # management | data | heartbeat | echo
     name: str  # name of the variable, or of the management frame
-    producer: str | None  # the module that gives the variable
+    producer: str | None  # the module that gives the variable, or whose output is echoed
     node: str  # the PE that sends it at its source, or "manager"
     data_bytes: int
     bits: int  # of its longest frame
@@ -118,7 +118,8 @@ def bus_schedules(
         )
         data = [_datum(spec, configuration, hop, times, responses) for hop in there]
         jitters = [_arrives(hop, responses) for hop in there]
-        below = [*_heartbeats(spec, bus, rates), *_echoes(spec, bus, configuration, rates, every_echo=every_echo)]
+        echoes = _echoes(spec, bus, configuration, rates, every_echo=every_echo)
+        below = [*_heartbeats(spec, bus, rates), *sorted(echoes, key=lambda echo: echo.identifier)]
         messages = _messages(bus, _above(spec, bus, rates), data, jitters, below)
         room = left.bus_mbit_per_s.get(bus.name)
         schedules.append(
@@ -128,7 +129,7 @@ def bus_schedules(
                 messages=messages,
                 data=Fraction(loads[bus.name], 1000 * bus.bitrate),
                 data_limit=Fraction(room or 0, 1000 * bus.bitrate),
-                management=_load(bus, (message for message in messages if message.producer is None)),
+                management=_load(bus, (message for message in messages if message.kind != "data")),
                 blocking_ns=ceil(Fraction(WORST_BLOCKING_BITS * _NS_PER_S, bus.bitrate)),
             )
         )
@@ -236,7 +237,7 @@ def _echoes(
             if not every_echo:
                 period_ns = max(period_ns, _NS_PER_S // rates.of(running.pe))
             identifier = actuator_echo_id(spec.pes[running.pe].node_id)
-            yield _management("echo", identifier, f"echo of {name}", running.pe, period_ns)
+            yield replace(_management("echo", identifier, "echo", running.pe, period_ns), producer=name)
 
 
 def _management(

@@ -70,9 +70,12 @@ def test_data_have_the_response_times_and_the_load_of_the_verifier() -> None:
 
 def test_everything_stands_in_order_of_priority_under_its_own_identifier() -> None:
     uses = {"management": {Use.MANAGEMENT, Use.STATE}, "data": {Use.STANDARD_DATA, Use.ALLOCATED_DATA}}
+    uses["echo"] = {Use.ACTUATOR_ECHO}
     for schedule in schedules_of("big_blue")[0]:
         identifiers = [message.identifier for message in schedule.messages]
-        assert identifiers == sorted(set(identifiers))
+        assert identifiers == sorted(identifiers)
+        alone = [message.identifier for message in schedule.messages if message.kind != "echo"]
+        assert len(alone) == len(set(alone))  # the echoes of one PE share an identifier
         for message in schedule.messages:
             assert classify(message.identifier).use in uses.get(message.kind, {Use.HEARTBEAT})
 
@@ -81,8 +84,9 @@ def test_what_manages_comes_before_all_data_and_takes_the_reserve() -> None:
     (schedule,), _ = schedules_of("elevator_and_chute")
     first, second = schedule.messages[:2]
     assert (first.name, first.response_ns, second.name, second.response_ns) == ("LEASE", 270_000, "ALIVE", 405_000)
-    assert schedule.management == Fraction(5 * 135 * 50 + 4 * 65, 1_000_000)
-    assert schedule.reserve_left_frames_per_s == (100_000 - 5 * 135 * 50 - 4 * 65) // 135
+    echoes = 3 * 10 * 135  # of the three functions
+    assert schedule.management == Fraction(5 * 135 * 50 + 4 * 65 + echoes, 1_000_000)
+    assert schedule.reserve_left_frames_per_s == (100_000 - 5 * 135 * 50 - 4 * 65 - echoes) // 135
     assert schedule.share(first) == Fraction(135 * 50, 1_000_000)
 
 
@@ -96,7 +100,7 @@ def test_a_second_bus_holds_the_time_of_the_first_and_without_a_bound_there_is_n
     assert all(message.slack_ns is not None for message in far.messages)
     flooded = loads(SLOW.replace("RATE", "200"), "slow.dg.yaml")
     near, far = bus_schedules(flooded, situation(flooded), RUNNING)
-    assert [m.response_ns for s in (near, far) for m in s.messages if m.kind != "management"] == [None] * 7
+    assert [m.response_ns for s in (near, far) for m in s.messages if m.kind != "management"] == [None] * 10
     assert near.data > near.data_limit
 
 
@@ -106,7 +110,7 @@ def test_the_report_shows_each_message_and_the_totals(capsys: pytest.CaptureFixt
     assert out.startswith("big_blue, phase glide, nothing down; times in ms\n")
     assert re.search(r"^257 +state +flight +20 +0\.540 +0\.68%$", out, re.MULTILINE)
     assert re.search(r"^1884 +CANopen heartbeat +flight +1000 ", out, re.MULTILINE)
-    assert "the reserve has room for 236 frames/s more" in out
+    assert "the reserve has room for 115 frames/s more" in out
     assert "response times are computed for wired buses only" in out
     radio = run(capsys, "bus", "big_blue", "--bus", "radio")[1]
     assert "bus can0" not in radio
