@@ -27,7 +27,7 @@ from planner.enumerator import Enumerator
 from planner.random_specs import Case, random_case
 from thoroughness import part_of
 
-SEEDS = range(part_of(400, 2))
+SEEDS = range(part_of(600, 2))
 SEEN, MOST = 300, 6  # configurations of one random spec: found at most, and taken from these
 MUST_APPEAR = ("wires", "remote", "forwarded", "published on two ports", "nothing to do")
 SITUATIONS = [
