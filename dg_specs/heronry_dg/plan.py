@@ -22,11 +22,11 @@ from typing import TypeVar
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, Objective, Placement, score
-from heronry_dg.plan_report import BusReport, FunctionReport, PeReport, Report
+from heronry_dg.plan_document import Json, ObjectiveDocument, PlanDocument, in_order_of_inputs, plain_object
+from heronry_dg.plan_report import BusReport, FunctionReport, LevelReport, PeReport, Report
 from heronry_dg.situation import Situation, UnknownElementError, situation
 from heronry_wire.errors import HeronryError
 
-Json = dict[str, object]
 Bounds = Sequence[int | None]
 """For each of the ten integers of `Objective.key` an upper bound (None: not known).
 
@@ -48,20 +48,6 @@ _T = TypeVar("_T")
 
 class PlanError(HeronryError, ValueError):
     """A plan file cannot be used; the message is one sentence that names the place and the mistake."""
-
-
-@dataclass(frozen=True, slots=True)
-class LevelReport:
-    """A level of the objective: its value in a plan, and a bound on what is possible.
-
-    Consider all legal configurations that have the plan's values at every more important level. None of them has a
-    better value than `bound` at this level.
-    """
-
-    level: str
-    value: int
-    bound: int | None  # None: not known
-    proven: bool  # value and bound are equal; compared before bits per second are rounded for this report
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,30 +77,26 @@ class Plan:
         """Bandwidth used on each bus."""
         return self.report.buses
 
+    def told(self) -> PlanDocument:
+        """Give the plan as others read it; the report is computed now."""
+        return PlanDocument(
+            spec=self.spec,
+            phase=self.now.phase,
+            down=tuple(sorted(self.now.down)),
+            limits={element: _percent(share) for element, share in sorted(self.now.limits.items())},
+            priorities=dict(sorted(self.now.priorities.items())),
+            objective=_objective_document(self.objective),
+            optimal=self.optimal,
+            levels=tuple(self.levels),
+            modules=in_order_of_inputs(self.configuration),
+            functions=self.functions,
+            pes=self.pes,
+            buses=self.buses,
+        )
+
     def document(self) -> Json:
         """Give the plan as plain data: what `to_json` writes."""
-        return {
-            "spec": self.spec,
-            "phase": self.now.phase,
-            "down": sorted(self.now.down),
-            "limits": {element: _percent(share) for element, share in sorted(self.now.limits.items())},
-            "priorities": dict(sorted(self.now.priorities.items())),
-            "objective": _objective_json(self.objective),
-            "optimal": self.optimal,
-            "levels": [
-                {"level": one.level, "value": one.value, "bound": one.bound, "proven": one.proven}
-                for one in self.levels
-            ],
-            "modules": modules_json(self.configuration),
-            "functions": {
-                name: {"served": f.served, "mode": f.mode, "value": f.value, "why_not": f.why_not}
-                for name, f in self.functions.items()
-            },
-            "pes": {
-                name: {"cpu_millis": pe.cpu_millis, "ram": pe.ram, "flash": pe.flash} for name, pe in self.pes.items()
-            },
-            "buses": {name: {"bits_per_s": b.bits_per_s, "load": b.load} for name, b in self.buses.items()},
-        }
+        return plain_object(self.told())
 
     def to_json(self) -> str:
         """Write the plan; the same plan gives the same bytes."""
@@ -184,29 +166,21 @@ def _reported(level: str, key: int) -> int:
     return quantity // 1000 if level == "bus_bits_per_s" else quantity
 
 
-def _objective_json(objective: Objective) -> Json:
-    return {
-        "critical": dict(zip(CRITICAL_CLASSES, objective.critical, strict=True)),
-        "utility": objective.utility,
-        "inputs": objective.inputs,
-        "changes": objective.changes,
-        "branches": objective.branches,
-        "bus_bits_per_s": objective.bus_bits_per_s,
-        "cpu_millis": objective.cpu_millis,
-    }
+def _objective_document(objective: Objective) -> ObjectiveDocument:
+    return ObjectiveDocument(
+        critical=dict(zip(CRITICAL_CLASSES, objective.critical, strict=True)),
+        utility=objective.utility,
+        inputs=objective.inputs,
+        changes=objective.changes,
+        branches=objective.branches,
+        bus_bits_per_s=objective.bus_bits_per_s,
+        cpu_millis=objective.cpu_millis,
+    )
 
 
 def modules_json(configuration: Configuration) -> Json:
     """Give a configuration as the object `modules` of a plan file."""
-    return {name: _running_json(running) for name, running in configuration.modules.items()}
-
-
-def _running_json(running: Running) -> Json:
-    inputs = {
-        leaf: {"producer": wire.producer, "variable": wire.variable, "version": wire.version}
-        for leaf, wire in sorted(running.inputs.items())
-    }
-    return {"pe": running.pe, "mode": running.mode, "inputs": inputs}
+    return {name: plain_object(running) for name, running in in_order_of_inputs(configuration).items()}
 
 
 def _percent(share: Fraction) -> str:
@@ -233,7 +207,7 @@ def read_plan(text: str, spec: Spec) -> Plan:
     claimed = _object(document, "objective", "the plan")
     changed = _field(claimed, "changes", int, "objective")
     objective = replace(score(spec, now, configuration, running=None), changes=changed)
-    if claimed != _objective_json(objective):
+    if claimed != plain_object(_objective_document(objective)):
         raise PlanError("the plan's objective does not fit its configuration: make a new plan")
     optimal = _field(document, "optimal", bool, "the plan")
     made = make_plan(spec, now, configuration, objective, optimal=optimal, reasons=_reasons(document))

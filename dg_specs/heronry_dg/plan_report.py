@@ -43,6 +43,20 @@ class BusReport:
     load: float
 
 
+@dataclass(frozen=True, slots=True)
+class LevelReport:
+    """A level of the objective: its value in a plan, and a bound on what is possible.
+
+    Consider all legal configurations that have the plan's values at every more important level. None of them has a
+    better value than `bound` at this level.
+    """
+
+    level: str
+    value: int
+    bound: int | None  # None: not known
+    proven: bool  # value and bound are equal; compared before bits per second are rounded for this report
+
+
 class Report:
     """The report of one configuration in one situation; each part is computed when it is first read."""
 

@@ -16,7 +16,6 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import (
-    LevelReport,
     Plan,
     PlanError,
     make_plan,
@@ -25,6 +24,7 @@ from heronry_dg.plan import (
     read_running,
     read_situation,
 )
+from heronry_dg.plan_report import LevelReport
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, Survivors, situation, survivors
 from planner.enumerator import Enumerator

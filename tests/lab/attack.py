@@ -34,6 +34,7 @@ from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Action, Event
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.compilation import Compiler
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
@@ -255,7 +256,7 @@ def management_load(spec: Spec, key: Key | None) -> dict[str, float]:
         if not sent.frame.extended and classify(sent.frame.can_id).use is Use.MANAGEMENT:
             bits[sent.bus] += exact_bits(sent.frame)
 
-    while not simulation.events_of("reconfigured"):
+    while not simulation.events_of(events.Reconfigured):
         simulation.run_for(_NS_PER_S)
     simulation.run_for(_SETTLED_NS)
     for bus in simulation.wiring.buses.values():
@@ -269,7 +270,7 @@ def denied(spec: Spec, seed: int, seconds: float, kind: str | None, percent: int
     flight = Simulation(spec, seed, key=Key(bytes(KEY_BYTES)))
     silences, renewed = Silences(spec), [0]
     flight.wiring.tap(spec.manager.bus, lambda sent: silences.see(sent.end_ns, sent.frame))
-    while not flight.events_of("reconfigured"):
+    while not flight.events_of(events.Reconfigured):
         flight.run_for(_NS_PER_S)
     flight.run_for(_SETTLED_NS)
     silences.begin()

@@ -29,6 +29,7 @@ from random import Random
 from tempfile import TemporaryDirectory
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call
 from heronry_tools.console.errors import UserError, exit_code
@@ -107,7 +108,7 @@ class _Attack:
         self._forgery = Forgery(Random(seed), spec=flown.spec, kind=kind)
         self._events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
-        self._events.wait("reconfigured")
+        self._events.wait(events.Reconfigured)
         self._lost: set[str] = set()
         self._renewed = self._bits = 0
         self._listen(QUIET_S)
@@ -153,7 +154,7 @@ class _Attack:
             select.select(self._intruder.readers, [], [], min(_LOOK_S, max(0.0, wait_s)))
             for arrival in self._intruder.hear():
                 self._hear(arrival)
-            self._lost |= {told["pe"] for told in self._events.take() if told["event"] == "pe_lost"}
+            self._lost |= {told.pe for told in self._events.take() if isinstance(told, events.PeLost)}
 
     def _hear(self, arrival: Arrival) -> None:
         at_ns, frame = arrival

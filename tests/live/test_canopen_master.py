@@ -14,6 +14,7 @@ from canopen.sdo.client import SdoClient
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager import events
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.pe_table import PeTable
@@ -143,7 +144,7 @@ def test_the_documented_session_runs(desk: Desk, capsys: pytest.CaptureFixture[s
 def test_in_flight_it_reads_and_cannot_stop_anything(tmp_path: Path) -> None:
     with Aircraft(tmp_path, SPEC) as aircraft, canopen.Network() as network:
         aircraft.start_agents()
-        epoch = aircraft.start_manager().event("reconfigured")["epoch"]
+        epoch = aircraft.start_manager().event(events.Reconfigured).epoch
         network.connect(interface="softbus", channel=str(aircraft.folder / "can0.sock"))
         remote: Any = network.add_node(aircraft.spec.pes[PE].node_id, EDS)  # type: ignore[no-untyped-call]
         state = remote.sdo["State of this PE"]

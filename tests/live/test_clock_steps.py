@@ -4,7 +4,6 @@ Setting it needs root, and a Linux of its own: a user-mode Linux, as tools/with-
 (`test_demo_vcan`), and so are the heartbeats here.
 """
 
-import json
 import subprocess
 import sys
 import time
@@ -15,6 +14,8 @@ from threading import Event, Thread
 
 import pytest
 
+from heronry_manager.events import PeLost, Summary
+from heronry_manager.events.reading import events_in
 from heronry_tools.runtime.softbus.starter import start_hub
 from lab.slow_spec import slow_spec
 
@@ -67,6 +68,7 @@ def test_processes_fly_on_while_the_clock_of_the_day_is_set(interface: str, tmp_
         done = subprocess.run([*command, *bus], capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 0, done.stderr
     assert len(made) >= len(STEPS_S)
-    events = [json.loads(line) for line in done.stdout.splitlines()]
-    assert events[-1]["unserved"] == []
-    assert {one["pe"] for one in events if one["event"] == "pe_lost"} <= {"control_pe"}
+    events = list(events_in(done.stdout.splitlines()))
+    (summary,) = (one for one in events if isinstance(one, Summary))
+    assert summary.unserved == ()
+    assert {one.pe for one in events if isinstance(one, PeLost)} <= {"control_pe"}

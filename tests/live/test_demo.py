@@ -1,6 +1,5 @@
 """The demo with real processes on a software bus: what is killed, what is heard on the bus, and what is left behind."""
 
-import json
 import os
 import re
 import signal
@@ -10,17 +9,29 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.situation import situation
+from heronry_manager.events import (
+    EpochPrepared,
+    Event,
+    PeJoined,
+    PeLost,
+    PlannedAhead,
+    PlanReady,
+    PlanRequested,
+    PlanUnchanged,
+    Reconfigured,
+)
+from heronry_manager.events.reading import events_in
 from heronry_manager.planner.exact import plan
 from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
 from heronry_tools.cli import main
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Malformed, parse_log_line
+from live.told_events import next_event
 from thoroughness import IS_WHOLE, mostly_soak
 
 pytestmark = pytest.mark.live
@@ -35,8 +46,8 @@ def demo(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*HERONRY, "demo", *arguments], capture_output=True, text=True, timeout=90, check=False)
 
 
-def events_of(text: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in text.splitlines()]
+def events_of(text: str) -> list[Event]:
+    return list(events_in(text.splitlines()))
 
 
 def processes_named(folder: str) -> list[str]:
@@ -100,19 +111,19 @@ def test_after_the_kill_of_any_pe_what_a_plan_can_serve_is_heard_on_the_bus(
     assert called_for(events_of(ran.stdout), f"pe:{pe}"), "what is foreseen is called by its number"
 
 
-def called_for(events: list[dict[str, Any]], element: str) -> bool:
+def called_for(events: list[Event], element: str) -> bool:
     """Tell whether the first epoch without this element, if one was needed, was called by a number.
 
     Where the computer is busy with other things, something else may seem to be lost or limited before: two faults are
     not foreseen.
     """
-    asked = [one for one in events if one["event"] == "plan_requested"]
-    first = next(one for one in asked if one["down"] or one["limits"])
-    if (first["down"], first["limits"]) != ([element], {}):
+    asked = [one for one in events if isinstance(one, PlanRequested)]
+    first = next(one for one in asked if one.down or one.limits)
+    if (first.down, first.limits) != ((element,), {}):
         return True
     since = events.index(first)
-    epochs = [one for one in events[since:] if one["event"] in ("plan_unchanged", "epoch_prepared")]
-    return not epochs or epochs[0]["event"] == "plan_unchanged" or epochs[0]["contingency"] > 0
+    epochs = [one for one in events[since:] if isinstance(one, PlanUnchanged | EpochPrepared)]
+    return not epochs or isinstance(epochs[0], PlanUnchanged) or epochs[0].contingency > 0
 
 
 def heard_at_the_end(log: Path) -> set[str]:
@@ -123,7 +134,7 @@ def heard_at_the_end(log: Path) -> set[str]:
         if logged.channel == "can0":
             witness.see(logged.time_ns, logged.frame)
             last_ns = max(last_ns, logged.time_ns)
-    assert witness.rivals == []
+    assert witness.rivals == ()
     return {name for name in spec.functions if witness.served(name, last_ns)}
 
 
@@ -133,11 +144,11 @@ def test_two_kills_within_one_heartbeat_and_a_return(nothing_left: None) -> None
     ran = demo(TRIPLEX, *kills, "--for", "5", "--json")
     assert ran.returncode == 0, ran.stderr
     events = events_of(ran.stdout)
-    assert {"nav", "air"} <= {one["pe"] for one in events if one["event"] == "pe_lost"}
-    joined = [one["pe"] for one in events if one["event"] == "pe_joined"]
+    assert {"nav", "air"} <= {one.pe for one in events if isinstance(one, PeLost)}
+    joined = [one.pe for one in events if isinstance(one, PeJoined)]
     assert joined.count("nav") > 1
-    last = [one for one in events if one["event"] == "plan_ready"][-1]["plan"]
-    assert last["down"] == ["pe:air"]
+    last = [one for one in events if isinstance(one, PlanReady)][-1].plan
+    assert last.down == ("pe:air",)
 
 
 @pytest.mark.soak  # in every run the simulator kills a PE at each message of a reconfiguration (test_two_faults.py)
@@ -146,8 +157,8 @@ def test_a_kill_during_a_reconfiguration(nothing_left: None) -> None:
     """The second PE dies about when the first one has been declared: its epoch is abandoned or replaced."""
     ran = demo(TRIPLEX, "--kill", "pe:nav@1", "--kill", "pe:air@1.09", "--for", "4", "--json")
     assert ran.returncode == 0, ran.stderr
-    last = [one for one in events_of(ran.stdout) if one["event"] == "plan_ready"][-1]["plan"]
-    assert last["down"] == ["pe:air", "pe:nav"]
+    last = [one for one in events_of(ran.stdout) if isinstance(one, PlanReady)][-1].plan
+    assert last.down == ("pe:air", "pe:nav")
 
 
 def test_on_a_fresh_home_the_first_demo_flies_at_once(
@@ -176,7 +187,7 @@ def plans_told(seconds: str, *more: str) -> list[str]:
     ran = demo("elevator_and_chute", "--for", seconds, "--json", *more)
     assert ran.returncode == 0, ran.stderr
     assert "planning" not in ran.stderr
-    return [one["sentence"] for one in events_of(ran.stdout) if one["event"] == "planned_ahead"]
+    return [one.sentence for one in events_of(ran.stdout) if isinstance(one, PlannedAhead)]
 
 
 def test_a_failing_module_is_told_with_exception_file_and_line_and_the_logs_are_kept(
@@ -206,7 +217,7 @@ def test_a_failing_module_is_told_with_exception_file_and_line_and_the_logs_are_
 @pytest.mark.parametrize("number", mostly_soak([signal.SIGINT, signal.SIGTERM], [signal.SIGINT]))
 def test_an_interrupted_demo_leaves_nothing(number: signal.Signals, nothing_left: None) -> None:
     with started_demo() as process:
-        wait_for(process, "reconfigured")
+        wait_for(process, Reconfigured)
         process.send_signal(number)
         assert process.wait(timeout=20) == 128 + number
         assert process.stderr is not None
@@ -215,7 +226,7 @@ def test_an_interrupted_demo_leaves_nothing(number: signal.Signals, nothing_left
 
 def test_a_demo_that_is_killed_takes_its_processes_along(home: Path) -> None:
     with started_demo() as process:
-        wait_for(process, "reconfigured")
+        wait_for(process, Reconfigured)
         (folder,) = home.glob(f"heronry-demo-{process.pid}-*")
         assert processes_named(folder.name)
         os.kill(process.pid, signal.SIGKILL)
@@ -237,12 +248,9 @@ class started_demo:  # noqa: N801 - reads as a verb
         self.process.communicate()
 
 
-def wait_for(process: "subprocess.Popen[bytes]", kind: str) -> None:
+def wait_for(process: "subprocess.Popen[bytes]", kind: type[Event]) -> None:
     assert process.stdout is not None
-    for line in process.stdout:
-        if json.loads(line)["event"] == kind:
-            return
-    raise AssertionError(f"the demo ended before '{kind}'")
+    next_event(process.stdout, kind)
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,15 @@ import json
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 from urllib.error import HTTPError
 
 import pytest
+
+from heronry_manager import events
+from heronry_manager.events.reading import events_in
+from live.told_events import E, next_event
 
 pytestmark = pytest.mark.live
 
@@ -26,16 +30,17 @@ class Demo:
         )
         self.address, self.token = "", ""
 
-    def until(self, kind: str, **fields: Any) -> dict[str, Any]:
+    def until(self, kind: type[E], **fields: Any) -> E:
         """Wait for an event; notes the address of the page on the way."""
         assert self.process.stdout is not None
-        for line in self.process.stdout:
-            told: dict[str, Any] = json.loads(line)
-            if told["event"] == "page":
-                self.address, _, self.token = told["address"].partition("#token=")
-            if told["event"] == kind and fields.items() <= told.items():
-                return told
-        raise AssertionError(f"no {kind}: {self.process.stderr.read() if self.process.stderr else ''}")
+        return next_event(self._noted(self.process.stdout), kind, **fields)
+
+    def _noted(self, lines: Iterable[bytes]) -> Iterator[bytes]:
+        for line in lines:
+            for told in events_in([line]):
+                if isinstance(told, events.Page):
+                    self.address, _, self.token = told.address.partition("#token=")
+            yield line
 
     def order(self, token: str, **order: str) -> dict[str, Any]:
         head = {
@@ -66,18 +71,18 @@ def demo() -> Iterator[Demo]:
 
 
 def test_a_demo_shows_itself_and_executes_what_its_page_orders(demo: Demo) -> None:
-    epoch = demo.until("reconfigured")["epoch"]
+    epoch = demo.until(events.Reconfigured).epoch
     if not demo.address:
-        demo.until("page")
+        demo.until(events.Page)
     assert demo.order("another", do="kill", what="pe:tail_pe") == {"code": 401}
     killed = demo.order(demo.token, do="kill", what="pe:tail_pe")
     assert killed["done"], killed
-    demo.until("process", pe="tail_pe", what="killed")
+    demo.until(events.Process, pe="tail_pe", what="killed")
     assert "does not run" in demo.order(demo.token, do="kill", what="pe:tail_pe")["sentence"]
-    assert demo.until("reconfigured")["epoch"] > epoch
+    assert demo.until(events.Reconfigured).epoch > epoch
     assert not demo.order(demo.token, do="restore", what="pe:sensor_pe")["done"]
     assert demo.order(demo.token, do="restore", what="pe:tail_pe")["done"]
-    demo.until("pe_joined", pe="tail_pe")
+    demo.until(events.PeJoined, pe="tail_pe")
     phase = demo.order(demo.token, do="phase", what="war")
     assert not phase["done"]
     shown = demo.snapshot()

@@ -8,7 +8,6 @@ would be seconds apart. No PE comes back: a start takes too long there. The radi
 Both shows are for long runs: in every run a scenario (`test_scenario_vcan`) flies with processes on a vcan.
 """
 
-import json
 import os
 import re
 import signal
@@ -32,6 +31,8 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import situation, survivors
 from heronry_dg.traffic import hops, identifiers
+from heronry_manager.events import Event, FaultReported, Process, Reconfigured, Summary
+from heronry_manager.events.reading import events_in
 from heronry_manager.planner.exact import plan
 from heronry_tools.cli import main
 from heronry_tools.runtime.witness import Witness
@@ -73,7 +74,7 @@ class Flight:
     database: Database
     exit_code: int
     said: str
-    events: list[dict[str, Any]]
+    events: list[Event]
     dumped: list[LoggedFrame]  # by candump, on can0
     recorded: list[LoggedFrame]  # by the demo, on can0 and on the radio
     left_behind: list[str]
@@ -81,8 +82,8 @@ class Flight:
     @cached_property
     def epochs(self) -> tuple[int, int, int]:
         """Epochs that ran before the kill, after it, and at the end."""
-        killed_ns = next(e["t_ns"] for e in self.events if e["event"] == "process" and e["what"] == "killed")
-        runs = [(e["t_ns"] > killed_ns, e["epoch"]) for e in self.events if e["event"] == "reconfigured"]
+        killed_ns = next(e.t_ns for e in self.events if isinstance(e, Process) and e.what == "killed")
+        runs = [(e.t_ns > killed_ns, e.epoch) for e in self.events if isinstance(e, Reconfigured)]
         after = [epoch for is_after, epoch in runs if is_after]
         return [epoch for is_after, epoch in runs if not is_after][-1], after[0], after[-1]
 
@@ -118,7 +119,7 @@ class Flight:
                 witness.see(logged.time_ns, logged.frame)
             if from_ns <= logged.time_ns <= until_ns:
                 heard |= {name for name in self.spec.functions if witness.served(name, logged.time_ns)}
-        assert witness.rivals == []
+        assert witness.rivals == ()
         return heard
 
     @cached_property
@@ -178,7 +179,7 @@ def fly(show: Show, folder: Path, patience: int) -> Flight:
         database=read_dbc(folder / "bus.dbc"),
         exit_code=done.returncode,
         said=done.stderr,
-        events=[json.loads(line) for line in done.stdout.splitlines()],
+        events=list(events_in(done.stdout.splitlines())),
         dumped=[logged for logged in log_lines(folder / "can0.log") if not logged.frame.extended],
         recorded=log_lines(folder / "flight.log"),
         left_behind=[*map(str, (*home.iterdir(), *sockets.rglob("*.sock"))), *processes_that_mention(str(folder))],
@@ -236,8 +237,9 @@ def processes_that_mention(text: str) -> list[str]:
 def test_the_demo_ends_well_and_leaves_nothing(flight: Flight) -> None:
     assert flight.said == ""
     summary = flight.events[-1]
-    assert (summary["event"], summary["unserved"], summary["rivals"]) == ("summary", [], [])
-    assert [event for event in flight.events if event["event"] == "fault_reported"] == []
+    assert isinstance(summary, Summary)
+    assert (summary.unserved, summary.rivals) == ((), ())
+    assert [event for event in flight.events if isinstance(event, FaultReported)] == []
     assert flight.exit_code == 0
     assert flight.left_behind == []
 

@@ -1,7 +1,6 @@
 """Real PEs on a software bus: a module that lacks its code or crashes on one PE runs elsewhere; suspicions are told."""
 
 import contextlib
-import json
 import os
 import subprocess
 import sys
@@ -11,6 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from heronry_manager.events import FaultReported, PeLost, PlanReady, Reconfigured, Suspicion, UnknownElement
+from heronry_manager.events.reading import events_in
+from live.told_events import E
 
 pytestmark = pytest.mark.live
 PYTHON = [sys.executable, "-m"]
@@ -84,17 +87,14 @@ class Desk:
         self._begun.callback(process.wait, 30)
         self._begun.callback(process.terminate)
 
-    def told(self, kind: str) -> list[dict[str, Any]]:
+    def told(self, kind: type[E]) -> list[E]:
         lines = self._events.read_text().splitlines() if self._events.exists() else []
-        events = [json.loads(line) for line in lines if line.endswith("}")]
-        return [event for event in events if event["event"] == kind]
+        return [event for event in events_in(lines) if isinstance(event, kind)]
 
     def runs(self, module: str, pe: str) -> bool:
         """Whether the last configuration that became active everywhere has the module on this PE."""
-        done = self.told("reconfigured")
-        plans = [
-            told["plan"]["modules"] for told in self.told("plan_ready") if done and told["t_ns"] <= done[-1]["t_ns"]
-        ]
+        done = self.told(Reconfigured)
+        plans = [told.plan.modules for told in self.told(PlanReady) if done and told.t_ns <= done[-1].t_ns]
         return bool(plans) and plans[-1].get(module, {}).get("pe") == pe
 
     def end(self) -> None:
@@ -117,20 +117,20 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
 
 def test_a_pe_without_the_code_tells_so_and_flies_everything_else(desk: Desk) -> None:
     desk.begin(left=GOOD, right=None, tail=None)
-    until(lambda: desk.told("fault_reported"))
+    until(lambda: desk.told(FaultReported))
     until(lambda: desk.runs("chute_logic", "left"))
-    assert {fault["element"] for fault in desk.told("fault_reported")} == {"module:chute_logic@right"}
-    assert "pe:right" not in desk.told("plan_ready")[-1]["plan"]["down"]
-    assert desk.told("pe_lost") == []
+    assert {fault.element for fault in desk.told(FaultReported)} == {"module:chute_logic@right"}
+    assert "pe:right" not in desk.told(PlanReady)[-1].plan.down
+    assert desk.told(PeLost) == []
 
 
 def test_a_module_that_crashes_on_one_pe_runs_on_the_other(desk: Desk, tmp_path: Path) -> None:
     desk.begin(left=CRASHES_ON_THE_FIRST_PE, right=CRASHES_ON_THE_FIRST_PE, tail=None)
-    until(lambda: desk.told("fault_reported"))
+    until(lambda: desk.told(FaultReported))
     there = (tmp_path / "crashed_on").read_text()
     until(lambda: desk.runs("chute_logic", "left" if there == "right" else "right"))
-    assert {fault["element"] for fault in desk.told("fault_reported")} == {f"module:chute_logic@{there}"}
-    assert desk.told("plan_ready")[-1]["plan"]["down"] == [f"module:chute_logic@{there}"]
+    assert {fault.element for fault in desk.told(FaultReported)} == {f"module:chute_logic@{there}"}
+    assert desk.told(PlanReady)[-1].plan.down == (f"module:chute_logic@{there}",)
 
 
 def test_reports_of_pes_and_buses_are_assessed_and_fail_none() -> None:
@@ -149,8 +149,8 @@ def test_reports_of_pes_and_buses_are_assessed_and_fail_none() -> None:
     ran = subprocess.run(
         [*PYTHON, "heronry_tools", *words], env=environment, capture_output=True, text=True, timeout=90, check=True
     )
-    told = [json.loads(line) for line in ran.stdout.splitlines()]
-    suspected = {event["element"] for event in told if event["event"] == "suspicion"}
+    told = list(events_in(ran.stdout.splitlines()))
+    suspected = {event.element for event in told if isinstance(event, Suspicion)}
     assert {"pe:right", "bus:can0", "bus:link"} <= suspected
-    assert "suspecting" in [event["module"] for event in told if event["event"] == "unknown_element"]
-    assert [event for event in told if event["event"] == "fault_reported"] == []
+    assert "suspecting" in [event.module for event in told if isinstance(event, UnknownElement)]
+    assert [event for event in told if isinstance(event, FaultReported)] == []

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from heronry_dg.loader import load
+from heronry_manager import events
 from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
@@ -31,12 +32,12 @@ def test_a_standby_whose_planner_hangs_takes_over_and_configures(tmp_path: Path)
     with Fleet(spec, file, run_folder()) as fleet:
         fleet.start_buses(choose(spec, fleet.folder, {}, None, prefer_vcan=False))
         first = AwaitedEvents(fleet, fleet.start_manager(FIRST_MANAGER, standby=True))
-        first.wait("manager_started")
+        first.wait(events.ManagerStarted)
         standby = AwaitedEvents(fleet, fleet.start_manager(LAST_MANAGER, standby=True))
-        standby.wait("standing_by")
+        standby.wait(events.StandingBy)
         manager = child_of(os.getpid(), b"manager", b"--node", str(LAST_MANAGER).encode())
         os.kill(child_of(manager, b"heronry_manager.planner.service"), signal.SIGSTOP)
         fleet.kill_manager(FIRST_MANAGER)
         for pe in spec.pes:
             fleet.start_pe(pe)
-        standby.wait("reconfigured")
+        standby.wait(events.Reconfigured)

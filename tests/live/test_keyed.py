@@ -1,6 +1,5 @@
 """A fleet with a key, each node a process of its own: it is started, unlocked, given a table, and loses a PE."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -11,9 +10,12 @@ from typing import Any
 import pytest
 
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.events import Adopted, ManagerStarted, PeJoined, PeLost, Reconfigured, Summary, TakenOver
+from heronry_manager.events.reading import events_in
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.key_file import make_key
+from live.told_events import E, next_event
 
 pytestmark = pytest.mark.live
 PATIENCE_S = 120
@@ -49,15 +51,16 @@ def test_the_demo_flies_with_a_key_loses_its_manager_and_takes_a_killed_pe_back(
         check=False,
     )
     assert done.returncode == 0, done.stderr.decode()
-    events = [json.loads(line) for line in done.stdout.splitlines()]
-    (started,) = (one for one in events if one["event"] == "manager_started")
-    assert started["key"] == make_fingerprint(key)
-    (taken,) = (one for one in events if one["event"] == "taken_over")
-    assert (taken["before"], taken["term"]) == (1, 2)
-    assert [one["event"] for one in events if one["event"] == "adopted"] == ["adopted"]
-    assert [one["pe"] for one in events if one["event"] == "pe_lost"] == ["sensor_pe"]
-    assert "sensor_pe" in [one["pe"] for one in events if one["event"] == "pe_joined"][len(PES) :]
-    assert events[-1]["unserved"] == []
+    events = list(events_in(done.stdout.splitlines()))
+    (started,) = (one for one in events if isinstance(one, ManagerStarted))
+    assert started.key == make_fingerprint(key)
+    (taken,) = (one for one in events if isinstance(one, TakenOver))
+    assert (taken.before, taken.term) == (1, 2)
+    assert [one.kind for one in events if isinstance(one, Adopted)] == ["adopted"]
+    assert [one.pe for one in events if isinstance(one, PeLost)] == ["sensor_pe"]
+    assert "sensor_pe" in [one.pe for one in events if isinstance(one, PeJoined)][len(PES) :]
+    (summary,) = (one for one in events if isinstance(one, Summary))
+    assert summary.unserved == ()
 
 
 def make_fingerprint(key: Path) -> str:
@@ -102,14 +105,10 @@ def fleet(tmp_path: Path, spec: Path, key: Path) -> Iterator[Fleet]:
             fleet.end()
 
 
-def until(process: "subprocess.Popen[str]", kind: str, **fields: Any) -> dict[str, Any]:
+def until(process: "subprocess.Popen[str]", kind: type[E], **fields: Any) -> E:
     """Wait for an event of a manager."""
     assert process.stdout is not None
-    for line in process.stdout:
-        told: dict[str, Any] = json.loads(line)
-        if told["event"] == kind and fields.items() <= told.items():
-            return told
-    raise AssertionError(f"it ended before '{kind}'")
+    return next_event(process.stdout, kind, **fields)
 
 
 def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
@@ -123,7 +122,7 @@ def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
         assert main(["table", str(fleet.spec), pe, "-o", str(fleet.folder / f"{pe}.table")]) == 0
         fleet.start("heronry_agent", "--table", str(fleet.folder / f"{pe}.table"))
     fleet.start("heronry_agent", "--node", str(TAIL_NODE))
-    until(manager, "pe_joined", pe="control_pe")
+    until(manager, PeJoined, pe="control_pe")
     capsys.readouterr()
     assert fleet.send_table() == 2
     assert "did not take the table (Code 0x08000022" in capsys.readouterr().err
@@ -131,6 +130,6 @@ def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
     assert "no manager listens on" in capsys.readouterr().err
     assert fleet.send_table("--key", str(fleet.key), "--socket", str(fleet.socket)) == 0
     assert capsys.readouterr().out.startswith(f"tail_pe, node {TAIL_NODE}, has its table: ")
-    until(manager, "pe_joined", pe="tail_pe")
-    until(manager, "reconfigured")
+    until(manager, PeJoined, pe="tail_pe")
+    until(manager, Reconfigured)
     assert main(["unlock", "pe:tail_pe", "--socket", str(fleet.socket)]) == 0

@@ -10,6 +10,7 @@ from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import situation
 from heronry_manager.core.vocabulary import AskStatus
+from heronry_manager.events import ControlPaths, PeLost, Reconfigured, ScriptEnded, ScriptRefused, ScriptTaken
 from heronry_manager.planner.exact import plan
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_protocol import FlyScript
@@ -50,28 +51,28 @@ def test_a_script_moves_a_running_system_and_back_and_a_bad_one_changes_nothing(
     bad.write_text("G.DeleteComponent ( nothing );\n")
     demo = Demo(spec_file)
     try:
-        demo.until("reconfigured")
-        assert demo.until("control_paths")["plants"] == {"elevator": "open"}
+        demo.until(Reconfigured)
+        assert demo.until(ControlPaths).plants == {"elevator": "open"}
 
         refused = demo.fly(bad, spec_file)
         assert refused.returncode == 1
         assert "the script is refused, and nothing has changed: line 1: PCS201" in refused.stderr
-        demo.until("script_refused")
+        demo.until(ScriptRefused)
 
         flown = demo.fly(there, spec_file)
         assert flown.returncode == 0, flown.stderr
         assert "is held until 'heronry pcs release'" in flown.stdout
-        demo.until("script_taken")
-        assert demo.until("reconfigured")["moved"] == [name]
+        demo.until(ScriptTaken)
+        assert demo.until(Reconfigured).moved == (name,)
         status = demo.say("status").stdout
         assert "a script of the operator is held: no better plan is sought" in status
         assert "the loop through elevator: OPEN, because nothing leads from elevator_angle_sensor" in status
 
         assert demo.fly(back, spec_file).returncode == 0
-        assert demo.until("reconfigured")["moved"] == [name]
+        assert demo.until(Reconfigured).moved == (name,)
         released = demo.say("pcs", "release", "--json")
         assert json.loads(released.stdout)["done"] is True
-        assert "the operator released it" in demo.until("script_ended", reason="the operator released it")["reason"]
+        assert "the operator released it" in demo.until(ScriptEnded, reason="the operator released it").reason
         again = demo.say("pcs", "release")
         assert (again.returncode, again.stderr) == (1, "heronry: no script is held: see 'heronry status'\n")
     finally:
@@ -89,7 +90,7 @@ def test_big_blue_is_moved_and_back_a_bad_script_changes_nothing_and_a_kill_in_t
         spec, socket = flown.spec, flown.fleet.control_socket()
         events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
-        events.wait("reconfigured")
+        events.wait(Reconfigured)
         running = calm_plan(flown, CALM_S)
         name, there = moved(spec, running.now, running.configuration)
         graphs = module_graph(spec, running.configuration), module_graph(spec, there)
@@ -99,25 +100,25 @@ def test_big_blue_is_moved_and_back_a_bad_script_changes_nothing_and_a_kill_in_t
         refused = fly(bad, file, socket)
         assert refused.returncode == 1
         assert "the script is refused, and nothing has changed: line 1: PCS201" in refused.stderr
-        events.wait("script_refused")
+        events.wait(ScriptRefused)
         assert calm_plan(flown, CALM_S).configuration == running.configuration
-        assert "epoch_prepared" not in [told["event"] for told in events.take()]
+        assert "epoch_prepared" not in [told.kind for told in events.take()]
 
         for number, script in enumerate(there_and_back):
             one = tmp_path / f"{number}.pcs.script"
             one.write_text(script)
             flown_script = fly(one, file, socket)
             assert flown_script.returncode == 0, flown_script.stderr
-            assert events.wait("reconfigured")["moved"] == [name]
+            assert events.wait(Reconfigured).moved == (name,)
         assert calm_plan(flown, CALM_S).configuration == running.configuration
 
         victim = there.modules[name].pe
         assert call(socket, FlyScript(there_and_back[0])).done
-        events.wait("script_taken")
+        events.wait(ScriptTaken)
         flown.fleet.kill_pe(victim)
-        assert events.wait("pe_lost")["pe"] == victim
-        assert "it is no longer legal" in events.wait("script_ended")["reason"]
-        while not any(f"pe:{victim}: silent" in cause for cause in events.wait("reconfigured")["causes"]):
+        assert events.wait(PeLost).pe == victim
+        assert "it is no longer legal" in events.wait(ScriptEnded).reason
+        while not any(f"pe:{victim}: silent" in cause for cause in events.wait(Reconfigured).causes):
             pass  # the script's epoch was active already when the PE was killed
         status = call(socket, AskStatus()).status
         assert status is not None

@@ -3,7 +3,6 @@
 Also mistakes of the user who starts them: each gives one sentence on standard error and an exit code, and no traceback.
 """
 
-import json
 import os
 import re
 import select
@@ -22,6 +21,8 @@ import pytest
 
 from heronry_agent.shell.cli import main as pe_agent
 from heronry_dg.loader import load
+from heronry_manager import events
+from heronry_manager.events.reading import events_in
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
@@ -39,6 +40,7 @@ from heronry_wire.node_services import (
     service_id,
 )
 from heronry_wire.state_frames import PeState, StatePage0, decode_state
+from live.told_events import E
 
 pytestmark = pytest.mark.live
 
@@ -64,14 +66,16 @@ class Process:
         )
         self._unread = b""
 
-    def event(self, *kinds: str) -> dict[str, Any]:
+    def event(self, *kinds: type[E]) -> E:
         """Give a manager's next event of one of these kinds."""
-        return self.events_until(*kinds)[-1]
+        last = self.events_until(*kinds)[-1]
+        assert isinstance(last, kinds)
+        return last
 
-    def events_until(self, *kinds: str) -> list[dict[str, Any]]:
+    def events_until(self, *kinds: type[events.Event]) -> list[events.Event]:
         """Give a manager's events up to the next one of these kinds."""
         assert self.process.stdout is not None
-        events = []
+        come: list[events.Event] = []
         while True:
             line, newline, rest = self._unread.partition(b"\n")
             if not newline:
@@ -81,9 +85,9 @@ class Process:
                 self._unread += chunk
                 continue
             self._unread = rest
-            events.append(json.loads(line))
-            if events[-1]["event"] in kinds:
-                return events
+            come += events_in([line])
+            if come and isinstance(come[-1], kinds):
+                return come
 
     def kill(self) -> None:
         """End it as a crash would."""
@@ -196,7 +200,7 @@ def test_a_canopen_master_hears_boot_up_and_heartbeats_and_every_node_identifies
         aircraft.start_agents()
         master.wait_until(lambda: all(PRE_OPERATIONAL in states for states in heard.values()))
         assert {tuple(states[:2]) for states in heard.values()} == {(BOOT_UP, PRE_OPERATIONAL)}
-        aircraft.start_manager().event("reconfigured")
+        aircraft.start_manager().event(events.Reconfigured)
         master.wait_until(lambda: {node.nmt.state for node in master.network.values()} == {"OPERATIONAL"})
         assert not any(master.emergencies.values())
     nodes = [126, *(pe.node_id for pe in aircraft.spec.pes.values())]
@@ -218,9 +222,9 @@ def test_a_canopen_master_hears_the_emcy_of_a_module_that_fails(tmp_path: Path) 
         master.wait_until(lambda: FaultCode.MODULE_EXCEPTION in {e.code for e in master.emergencies[node]})
         assert master.emergencies[node][0].code == FaultCode.MODULE_RESTARTED
         assert master.emergencies[node][0].register & 1
-        assert manager.event("fault_reported")["element"] == "module:pressure_driver"
-        assert "pressure_driver" not in manager.event("plan_ready")["plan"]["modules"]
-        manager.event("reconfigured")
+        assert manager.event(events.FaultReported).element == "module:pressure_driver"
+        assert "pressure_driver" not in manager.event(events.PlanReady).plan.modules
+        manager.event(events.Reconfigured)
         assert [n for n, emergencies in master.emergencies.items() if emergencies] == [node]
 
 
@@ -243,16 +247,18 @@ def answers(aircraft: Aircraft, asked: ServiceMessage, count: int) -> dict[int, 
 def test_a_manager_that_was_killed_comes_back_with_a_higher_term_and_no_pe_reboots(aircraft: Aircraft) -> None:
     aircraft.start_agents()
     first = aircraft.start_manager()
-    assert first.event("manager_started")["term"] == 1
-    before = first.event("reconfigured")["epoch"]
+    assert first.event(events.ManagerStarted).term == 1
+    before = first.event(events.Reconfigured).epoch
     incarnations = {pe: running_state(aircraft, pe, PeState.ACTIVE).incarnation for pe in aircraft.spec.pes}
     first.kill()
 
     second = aircraft.start_manager()
-    assert second.event("manager_started")["term"] == 3  # the next one that is its own
-    settled = second.event("reconfigured", "adopted")  # what runs is adopted where it is what would be planned now
-    after = settled["epoch"]
-    assert after > before or (settled["event"], after) == ("adopted", before)
+    assert second.event(events.ManagerStarted).term == 3  # the next one that is its own
+    match second.event(events.Reconfigured, events.Adopted):
+        case events.Adopted(epoch=after):  # what runs is adopted where it is what would be planned now
+            assert after >= before
+        case events.Reconfigured(epoch=after):
+            assert after > before
     for pe, incarnation in incarnations.items():
         state = running_state(aircraft, pe, PeState.ACTIVE, after)
         assert state.incarnation == incarnation
@@ -272,11 +278,11 @@ def running_state(aircraft: Aircraft, pe: str, wanted: PeState, epoch: int = 0) 
 def test_a_loss_that_was_pre_planned_is_reported_in_order(aircraft: Aircraft) -> None:
     agents = aircraft.start_agents()
     manager = aircraft.start_manager()
-    manager.event("reconfigured")
+    manager.event(events.Reconfigured)
     for _ in range(100):  # time for pre-planning
         aircraft.hear(lambda frame: frame.can_id == management_id(126, Command.LEASE))
     agents[-1].kill()
-    kinds = [event["event"] for event in manager.events_until("reconfigured")]
+    kinds = [event.kind for event in manager.events_until(events.Reconfigured)]
     steps = ["pe_lost", "plan_requested", "plan_ready", "epoch_prepared", "epoch_step", "reconfigured"]
     assert [kind for kind in kinds if kind in steps] == steps
 
@@ -285,17 +291,17 @@ def test_a_hub_that_is_killed_ends_no_node_and_with_the_next_one_all_fly_again(a
     """The PEs come back as new incarnations; the manager, which stood still meanwhile, in the same mastership."""
     aircraft.start_agents()
     manager = aircraft.start_manager()
-    assert manager.event("manager_started")["term"] == 1
-    before = manager.event("reconfigured")["epoch"]
+    assert manager.event(events.ManagerStarted).term == 1
+    before = manager.event(events.Reconfigured).epoch
     incarnations = {pe: running_state(aircraft, pe, PeState.ACTIVE).incarnation for pe in aircraft.spec.pes}
     aircraft.hub.kill()
-    assert f"softbus {aircraft.folder}/can0.sock is lost: " in manager.event("bus_trouble")["sentence"]
+    assert f"softbus {aircraft.folder}/can0.sock is lost: " in manager.event(events.BusTrouble).sentence
     aircraft.bus.shutdown()
     aircraft.hub = start_hub(aircraft.folder / "can0.sock", 1_000_000)
     aircraft.bus = can.Bus(interface="softbus", channel=str(aircraft.folder / "can0.sock"))
-    while "is back after" not in manager.event("bus_trouble")["sentence"]:
+    while "is back after" not in manager.event(events.BusTrouble).sentence:
         pass  # it may say another reason first, while there is no hub at all
-    after = manager.event("reconfigured")["epoch"]
+    after = manager.event(events.Reconfigured).epoch
     assert after > before
     for pe, incarnation in incarnations.items():
         assert running_state(aircraft, pe, PeState.ACTIVE).incarnation != incarnation
@@ -325,13 +331,13 @@ def test_a_second_manager_leaves_the_bus_to_the_first(aircraft: Aircraft) -> Non
     first = aircraft.start_manager()
     aircraft.hear(lambda frame: frame.can_id == management_id(126, Command.LEASE))
     second = aircraft.start_manager("--node", "127", "--state-dir", str(aircraft.folder / "other"))
-    assert second.event("second_manager")["node"] == 126
+    assert second.event(events.SecondManager).node == 126
     code, said = second.end()
     assert code == 1
     assert said == [
         "heronry: manager 126 is already active on can0 (term 1); stop that manager first, or do not start this one"
     ]
-    first.event("plan_ready")
+    first.event(events.PlanReady)
 
 
 @pytest.fixture
@@ -426,7 +432,7 @@ def test_a_manager_with_plans_made_ahead_does_not_wait_for_its_planner(aircraft:
     assert aircraft.start_manager(program=program).end() == (1, ["it waits for its planner"])
     made = str(aircraft.folder / "made")
     assert main(["contingencies", str(SPEC_FILE), "--faults", "0", "-o", made, "--jobs", "1"]) == 0
-    aircraft.start_manager("--contingencies", made, program=program).event("manager_started")
+    aircraft.start_manager("--contingencies", made, program=program).event(events.ManagerStarted)
 
 
 def test_a_manager_that_cannot_keep_its_term(aircraft: Aircraft) -> None:

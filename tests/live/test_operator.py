@@ -17,7 +17,9 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager import events
 from heronry_tools.cli import main
+from live.told_events import E, next_event
 
 pytestmark = pytest.mark.live
 HERONRY = [sys.executable, "-m", "heronry_tools"]
@@ -68,16 +70,12 @@ class Demo:
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self._latest = Timer(PATIENCE_S, self.process.kill)
         self._latest.start()
-        self.flags = self.until("orders")["flags"].split()
+        self.flags = self.until(events.Orders).flags.split()
 
-    def until(self, kind: str, **fields: Any) -> dict[str, Any]:
-        """Wait for an event."""
+    def until(self, kind: type[E], **fields: Any) -> E:
+        """Wait for an event; the demo may end, or be killed after PATIENCE_S, before that."""
         assert self.process.stdout is not None
-        for line in self.process.stdout:
-            told: dict[str, Any] = json.loads(line)
-            if told["event"] == kind and fields.items() <= told.items():
-                return told
-        raise AssertionError(f"it ended, or was killed after {PATIENCE_S} s, before it told {kind} with {fields}")
+        return next_event(self.process.stdout, kind, **fields)
 
     def say(self, *order: str) -> subprocess.CompletedProcess[str]:
         return heronry(order[0], *order[1:], *self.flags)
@@ -100,17 +98,17 @@ class Demo:
 def test_an_operator_at_work(spec: Path) -> None:
     demo = Demo(spec)
     try:
-        demo.until("reconfigured")
+        demo.until(events.Reconfigured)
         assert demo.status()["phase"] == "climb"
         assert "land from now on" in demo.say("phase", "land").stdout
-        demo.until("reconfigured", causes=["phase land, requested by the operator"])
+        demo.until(events.Reconfigured, causes=["phase land, requested by the operator"])
         assert "counts as failed" in demo.say("fail", "device:gps").stdout
-        demo.until("reconfigured")
+        demo.until(events.Reconfigured)
         status = demo.status()
         assert (status["phase"], [fault["element"] for fault in status["latched"]]) == ("land", ["device:gps"])
         assert "device:gps counts as failed, reported by the operator" in demo.say("status").stdout
         assert "no longer counts as failed" in demo.say("clear", "device:gps").stdout
-        demo.until("fault_cleared", element="device:gps")
+        demo.until(events.FaultCleared, element="device:gps")
         refused = demo.say("clear", "device:gps")
         assert (refused.returncode, refused.stdout) == (1, "")
         assert "no fault is latched on device:gps" in refused.stderr
@@ -127,8 +125,8 @@ def test_the_demo_is_found_by_its_name_and_of_two_each(spec: Path, monkeypatch: 
         try:
             name = load(spec).name
             assert (first.flags, second.flags) == (["--of", f"{name}-demo"], ["--of", f"{name}-demo-2"])
-            first.until("reconfigured")
-            second.until("reconfigured")
+            first.until(events.Reconfigured)
+            second.until(events.Reconfigured)
             assert f"there are 2 managers: {name}-demo, {name}-demo-2" in heronry("status").stderr
             second.end()
             assert json.loads(heronry("status", "--json").stdout)["spec"] == name

@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from heronry_dg.loader import load
+from heronry_manager import events
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call
 from heronry_tools.runtime.demo.buses import choose
@@ -22,6 +23,7 @@ from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_tools.runtime.witness import Witness
+from live.told_events import E
 
 PATIENCE_S = 90.0
 SPEC = Path("tests/scenarios/twin_wires.dg.yaml")
@@ -97,7 +99,7 @@ class Flight:
     def __init__(self, folder: Path, wires: Hubs | Vcans, stack: ExitStack) -> None:
         self.wires, self.file = wires, slow_spec(folder, wires.heartbeat_ms)
         self.spec = load(self.file)
-        self.events: list[dict[str, Any]] = []
+        self.events: list[events.Event] = []
         self.fleet = stack.enter_context(Fleet(self.spec, self.file, run_folder()))
         choices = choose(self.spec, self.fleet.folder, {}, wires.named)
         self.fleet.start_buses(choices)
@@ -120,12 +122,12 @@ class Flight:
             assert words is None, words
             assert time.monotonic() < until_s, f"waited for: {what}; told: {self.events[-20:]}"
 
-    def kinds(self, *kinds: str) -> list[dict[str, Any]]:
-        return [event for event in self.events if event["event"] in kinds]
+    def kinds(self, *kinds: type[E]) -> list[E]:
+        return [event for event in self.events if isinstance(event, kinds)]
 
-    def told(self, kind: str, channel: str) -> set[str]:
+    def told(self, kind: type[events.ChannelLost | events.ChannelBack], channel: str) -> set[str]:
         """The nodes that have reported that a channel is lost, or back."""
-        return {event["by"] for event in self.kinds(kind) if event["channel"] == channel}
+        return {event.by for event in self.kinds(kind) if event.channel == channel}
 
     def lacking(self) -> dict[str, list[str]]:
         """The nodes that lack a channel, by the status of the manager."""
@@ -147,7 +149,7 @@ def flight(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Flight]:
         wires = request.param(tmp_path)
         stack.callback(wires.close)
         flight = Flight(tmp_path, wires, stack)
-        flight.until("the first configuration", lambda: flight.kinds("reconfigured"))
+        flight.until("the first configuration", lambda: flight.kinds(events.Reconfigured))
         flight.until("the elevator", lambda: flight.witness.served("elevator", time.monotonic_ns()))
         yield flight
 
@@ -155,28 +157,29 @@ def flight(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Flight]:
 def test_pulling_a_wire_changes_nothing_but_the_report_and_pulling_both_loses_the_bus(flight: Flight) -> None:
     wires, begun_ns = flight.wires, time.monotonic_ns()
     wires.pull(2)
-    flight.until("all nodes lack channel 2", lambda: flight.told("channel_lost", "can0.2") == EVERYBODY)
+    flight.until("all nodes lack channel 2", lambda: flight.told(events.ChannelLost, "can0.2") == EVERYBODY)
     assert set(flight.lacking()["can0.2"]) == EVERYBODY
     wires.mend(2)
-    flight.until("all nodes have channel 2", lambda: flight.told("channel_back", "can0.2") == EVERYBODY)
+    flight.until("all nodes have channel 2", lambda: flight.told(events.ChannelBack, "can0.2") == EVERYBODY)
     wires.pull(1)
-    flight.until("all nodes lack channel 1", lambda: flight.told("channel_lost", "can0.1") == EVERYBODY)
+    flight.until("all nodes lack channel 1", lambda: flight.told(events.ChannelLost, "can0.1") == EVERYBODY)
     assert flight.lacking()["can0.2"] == []
-    assert flight.kinds("pe_lost", "fault_reported", "epoch_abandoned") == []
-    assert len(flight.kinds("reconfigured")) == len(flight.kinds("plan_requested")) == 1
+    assert flight.kinds(events.PeLost, events.FaultReported, events.EpochAbandoned) == []
+    assert len(flight.kinds(events.Reconfigured)) == len(flight.kinds(events.PlanRequested)) == 1
     assert flight.witness.served("elevator", time.monotonic_ns())
     long = [o for o in flight.witness.outages(time.monotonic_ns()) if o.from_ns > begun_ns and o.to_ns is None]
     assert long == []
 
     wires.pull(2)
     flight.until(
-        "the manager has lost both", lambda: sum("is lost" in e["sentence"] for e in flight.kinds("bus_trouble")) >= 3
+        "the manager has lost both",
+        lambda: sum("is lost" in e.sentence for e in flight.kinds(events.BusTrouble)) >= 3,
     )
     time_of_loss_ns = time.monotonic_ns()
     flight.until("silence", lambda: not flight.witness.served("elevator", time.monotonic_ns()))
     lease_ns = 5 * flight.spec.buses["can0"].heartbeat_ns
     flight.until("longer than T_lease", lambda: time.monotonic_ns() > time_of_loss_ns + 2 * lease_ns)
-    assert flight.kinds("pe_lost") == [], "a manager that cannot receive declares no PE down"
+    assert flight.kinds(events.PeLost) == [], "a manager that cannot receive declares no PE down"
     wires.mend(2)
-    flight.until("they are new incarnations", lambda: len({e["pe"] for e in flight.kinds("pe_lost")}) == 3)
-    flight.until("all is as it was", lambda: flight.kinds("reconfigured")[1:] and not flight.lacking()["can0.2"])
+    flight.until("they are new incarnations", lambda: len({e.pe for e in flight.kinds(events.PeLost)}) == 3)
+    flight.until("all is as it was", lambda: flight.kinds(events.Reconfigured)[1:] and not flight.lacking()["can0.2"])

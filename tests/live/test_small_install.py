@@ -17,6 +17,8 @@ import can
 import pytest
 
 from heronry_dg.loader import load
+from heronry_manager.events import PlanReady
+from heronry_manager.events.reading import events_in
 from heronry_tools.command_table import COMMANDS, HELP
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
@@ -231,11 +233,11 @@ def test_a_demo_flies_and_reconfigures_without_a_solver(tmp_path: Path) -> None:
     without = environment(tmp_path, _WITHOUT.format(modules=("ortools",), rooms=()), os.environ.get("PYTHONPATH", ""))
     done = run("-m", "heronry_tools", "demo", "elevator_and_chute", *_SHORT, env=without)
     assert done.returncode == 0, done.stderr
-    events = [json.loads(line) for line in done.stdout.splitlines()]
-    plans = [event["plan"] for event in events if event["event"] == "plan_ready"]
-    assert [event["event"] for event in events].count("reconfigured") >= 2
-    assert {plan["optimal"] for plan in plans} == {False}
-    assert plans[0]["functions"]["elevator"]["served"]
+    events = list(events_in(done.stdout.splitlines()))
+    plans = [event.plan for event in events if isinstance(event, PlanReady)]
+    assert [event.kind for event in events].count("reconfigured") >= 2
+    assert {plan.optimal for plan in plans} == {False}
+    assert plans[0].functions["elevator"].served
 
 
 MODULES = {

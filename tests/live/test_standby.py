@@ -1,6 +1,5 @@
 """The manager of a flying aircraft is killed: the standby manager takes over, and no function is interrupted."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.events import Adopted, Process, Reconfigured, Summary, TakenOver
+from heronry_manager.events.reading import events_in
 
 pytestmark = pytest.mark.live
 
@@ -35,13 +36,14 @@ def test_the_standby_takes_over_from_a_manager_that_was_killed_and_adopts_what_r
         check=False,
     )
     assert done.returncode == 0, done.stderr.decode()
-    events = [json.loads(line) for line in done.stdout.splitlines()]
-    (killed,) = (one for one in events if one["event"] == "process" and one["what"] == "killed")
-    (taken,) = (one for one in events if one["event"] == "taken_over")
-    (adopted,) = (one for one in events if one["event"] == "adopted")
-    assert killed["pe"] == "manager"
-    assert (taken["before"], taken["term"]) == (1, 2)
-    assert taken["silent_ns"] >= 1_000_000_000
-    epochs = [one["epoch"] for one in events if one["event"] == "reconfigured"]
-    assert epochs[-1] == adopted["epoch"]
-    assert events[-1]["unserved"] == []
+    events = list(events_in(done.stdout.splitlines()))
+    (killed,) = (one for one in events if isinstance(one, Process) and one.what == "killed")
+    (taken,) = (one for one in events if isinstance(one, TakenOver))
+    (adopted,) = (one for one in events if isinstance(one, Adopted))
+    assert killed.pe == "manager"
+    assert (taken.before, taken.term) == (1, 2)
+    assert taken.silent_ns >= 1_000_000_000
+    epochs = [one.epoch for one in events if isinstance(one, Reconfigured)]
+    assert epochs[-1] == adopted.epoch
+    (summary,) = (one for one in events if isinstance(one, Summary))
+    assert summary.unserved == ()

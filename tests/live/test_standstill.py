@@ -9,10 +9,13 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_manager.core.vocabulary import AskStatus, AskTraceback
+from heronry_manager.events import ModuleFailed, StoodStill
+from heronry_manager.events.line import to_object
 from heronry_manager.shell.control_client import call
 from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from live.told_events import E
 
 pytestmark = [pytest.mark.live, pytest.mark.timing]  # a busy PE answers the reading of its objects too late
 STOPPED_S, PATIENCE_S = 0.5, 30.0
@@ -32,16 +35,16 @@ class Flight:
     def __init__(self, fleet: Fleet, events: AwaitedEvents) -> None:
         self.fleet, self._events = fleet, events
 
-    def until(self, kind: str, **fields: Any) -> dict[str, Any]:
+    def until(self, kind: type[E], **fields: Any) -> E:
         while True:
             told = self._events.wait(kind)  # raises SystemExit if none comes
-            if fields.items() <= told.items():
+            if fields.items() <= to_object(told).items():
                 return told
 
     def until_stood_still(self, by: str) -> None:
         """Wait for a standstill of about STOPPED_S; shorter ones are those of this computer."""
         end_s = monotonic() + PATIENCE_S
-        while self.until("stood_still", by=by)["for_ns"] < STOPPED_S * 1e9 / 2:
+        while self.until(StoodStill, by=by).for_ns < STOPPED_S * 1e9 / 2:
             assert monotonic() < end_s
 
     def status(self) -> dict[str, Any]:
@@ -68,13 +71,13 @@ def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Flight]:
 
 
 def test_what_only_the_nodes_know_comes_to_the_manager(flight: Flight) -> None:
-    failed = flight.until("module_failed", element="module:state_estimator")
-    assert failed["text"] == "ValueError: no estimate \\x1b[2J (no_estimate.py:7)"
+    failed = flight.until(ModuleFailed, element="module:state_estimator")
+    assert failed.text == "ValueError: no estimate \\x1b[2J (no_estimate.py:7)"
     end_s, ask = monotonic() + PATIENCE_S, AskTraceback("module:state_estimator")
     while not (traceback := call(flight.fleet.control_socket(126), ask)).done:  # a busy PE answers a read too late
         assert monotonic() < end_s, traceback.sentence
     assert 'no_estimate.py", line 7, in step' in traceback.sentence
-    assert {one["text"] for one in flight.status()["failures"]} == {failed["text"]}
+    assert {one["text"] for one in flight.status()["failures"]} == {failed.text}
     flight.fleet.stop("tail_pe")
     sleep(STOPPED_S)
     flight.fleet.go_on("tail_pe")

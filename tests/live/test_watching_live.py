@@ -14,6 +14,8 @@ from urllib.request import urlopen
 
 import pytest
 
+from heronry_manager.events import Bus, Event, Reconfigured
+from heronry_manager.events.reading import events_in
 from heronry_tools.watch.recordings import open_recording
 
 pytestmark = pytest.mark.live
@@ -32,16 +34,16 @@ def home(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.fixture
-def flight(home: Path) -> Iterator[list[dict[str, Any]]]:
+def flight(home: Path) -> Iterator[list[Event]]:
     """A demo whose first configuration runs; gives its events up to then."""
     typed = [*HERONRY, "demo", SPEC, "--for", "60", "--json", "--contingencies", "none"]
     process = subprocess.Popen(typed, stdout=subprocess.PIPE, text=True)
-    events: list[dict[str, Any]] = []
+    events: list[Event] = []
     assert process.stdout is not None
     try:
         for line in process.stdout:
-            events.append(json.loads(line))
-            if events[-1]["event"] == "reconfigured":
+            events += events_in([line])
+            if isinstance(events[-1], Reconfigured):
                 break
         yield events
     finally:
@@ -65,18 +67,18 @@ def snapshots(*arguments: str, until) -> dict[str, Any]:
         process.communicate(timeout=PATIENCE_S)
 
 
-def test_a_flight_is_followed_listened_to_recorded_and_scraped(flight: list[dict[str, Any]], home: Path) -> None:
-    epoch = flight[-1]["epoch"]
-    bus = next(one for one in flight if one["event"] == "bus")
+def test_a_flight_is_followed_listened_to_recorded_and_scraped(flight: list[Event], home: Path) -> None:
+    epoch = next(one.epoch for one in flight if isinstance(one, Reconfigured))
+    bus = next(one for one in flight if isinstance(one, Bus))
 
     def is_whole(view: dict[str, Any]) -> bool:
-        load = view["buses"][bus["name"]]["load"]
+        load = view["buses"][bus.name]["load"]
         heard = any(one["heard"] for one in view["functions"].values())
         return (view["epoch"] or 0) >= epoch and bool(load) and heard and any(m["pe"] for m in view["modules"].values())
 
     followed = snapshots(until=is_whole)
     assert (followed["source"], followed["knows_why"], followed["stage"]) == ("manager", True, "running")
-    listened = snapshots(SPEC, "-i", bus["interface"], "-c", bus["channel"], until=lambda view: view["manager"]["node"])
+    listened = snapshots(SPEC, "-i", bus.interface, "-c", bus.channel, until=lambda view: view["manager"]["node"])
     assert (listened["source"], listened["knows_why"], listened["manager"]["node"]) == ("bus", False, 126)
 
     folder = home / "flight"

@@ -6,15 +6,17 @@ Three PEs on one bus: `left` and `right` can each drive one servo of the elevato
 
 from collections import Counter
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
+from heronry_manager import events
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Memory
 from heronry_manager.core.vocabulary import Emit, Keep, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_manager.events import Event
 from heronry_manager.planner.exact import plan
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
@@ -59,6 +61,9 @@ def two_tails() -> Spec:
     return loads(SPEC_TEXT, "two_tails.dg.yaml")
 
 
+E = TypeVar("E", bound=Event)
+
+
 class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
     """The core, its clock, and all that it has requested."""
 
@@ -78,7 +83,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         super().__init__(core, now_ns)
         self.core: ManagerCore
         self.node = node
-        self.events: list[dict[str, Any]] = []
+        self.events: list[Event] = []
         self.requests: list[RequestPlan] = []
         self.commands: list[ManagementMessage] = []
         self.frames: list[Frame] = []
@@ -168,8 +173,8 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
 
     def prepared(self) -> tuple[int, int]:
         """Epoch and digest of the last PREPARE."""
-        told = self.last("epoch_prepared")
-        return told["epoch"], int(told["digest"], 16)
+        told = self.last(events.EpochPrepared)
+        return told.epoch, int(told.digest, 16)
 
     def answer(self) -> Plan:
         """Answer the last request as the planner does."""
@@ -190,11 +195,11 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
             for pe in self.spec.pes:
                 self.take(pe, PeState.ACTIVE)
 
-    def of(self, kind: str) -> list[dict[str, Any]]:
+    def of(self, kind: type[E]) -> list[E]:
         """Events of one kind."""
-        return [told for told in self.events if told["event"] == kind]
+        return [told for told in self.events if isinstance(told, kind)]
 
-    def last(self, kind: str) -> dict[str, Any]:
+    def last(self, kind: type[E]) -> E:
         return self.of(kind)[-1]
 
     def said(self, message_type: type[ManagementMessage]) -> list[Any]:
@@ -210,7 +215,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         return sum(1 for head in self.said(SliceHead) if head.node == node)
 
     def steps(self) -> list[str]:
-        return [told["step"] for told in self.of("epoch_step")]
+        return [told.step for told in self.of(events.EpochStep)]
 
 
 __all__ = ["BEAT_NS", "MS", "NODE", "TERM", "OneManager", "Step", "two_tails"]

@@ -6,6 +6,7 @@ import pytest
 
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
@@ -54,15 +55,15 @@ def do_as_advised(advisor: OneManager, epoch: int) -> None:
 def test_it_tells_what_it_would_do_and_sends_nothing_on_the_bus(advisor: OneManager) -> None:
     advisor.start(fly=False)
     do_as_advised(advisor, 30)
-    assert advisor.last("advice")["started"] == ["control", "drive_left"]
-    assert advisor.last("adopted")["epoch"] == 30
+    assert advisor.last(events.Advice).started == ("control", "drive_left")
+    assert advisor.last(events.Adopted).epoch == 30
     advisor.die("left")
     advisor.pass_time(100 * MS)
     do_as_advised(advisor, 31)
-    assert advisor.last("advice")["started"] == ["drive_right"]
-    assert advisor.last("adopted")["epoch"] == 31
+    assert advisor.last(events.Advice).started == ("drive_right",)
+    assert advisor.last(events.Adopted).epoch == 31
     assert advisor.frames == []
-    assert advisor.of("epoch_prepared") == []
+    assert advisor.of(events.EpochPrepared) == []
 
 
 def test_a_manager_that_is_active_beside_it_is_no_rival(advisor: OneManager) -> None:
@@ -83,7 +84,7 @@ def test_what_another_manager_does_otherwise_is_not_held_against_a_pe(advisor: O
     advisor.hear(
         Frame(advisor.state_id("left"), StatePage1(PeState.ACTIVE, PeFlags(0), 31, 0, Reason.IMAGE, 0).encode())
     )
-    assert advisor.of("pe_lost") == []
+    assert advisor.of(events.PeLost) == []
     advisor.report("left", LEFT_SERVO_FAILED)
     assert advisor.requests[-1].running is None
     assert advisor.frames == []
@@ -93,10 +94,10 @@ def test_what_was_advised_is_adopted_once_every_pe_is_active_in_it(advisor: OneM
     advisor.start(fly=False)
     digest = advisor.compiler.configuration(advisor.answer().configuration).digest
     for state in (PeState.PARTIAL, PeState.ACTIVE):
-        assert advisor.of("adopted") == []
+        assert advisor.of(events.Adopted) == []
         for pe in advisor.spec.pes:
             advisor.live(pe, state, epoch=30, digest=digest)
-    assert advisor.last("adopted")["epoch"] == 30
+    assert advisor.last(events.Adopted).epoch == 30
 
 
 # Beside an active manager, in flight
@@ -168,7 +169,7 @@ def test_what_another_manager_holds_is_known_before_the_first_plan(beside: Besid
         (frozenset({"device:servo_left"}), "glide")
     ]
     beside.one.answer()
-    assert beside.one.of("advice") == []
+    assert beside.one.of(events.Advice) == []
     assert (beside.status()["epoch"], beside.status()["stage"]) == (30, "done")
     assert [one["by"] for one in beside.status()["latched"]] == ["manager 127"]
     beside.say(Control(2, 0, Operation.CLEAR, ElementKind.DEVICE, 0))
@@ -180,7 +181,7 @@ def test_what_runs_and_is_not_known_is_called_so_until_the_next_epoch(beside: Be
     beside.run(None, 30)
     beside.fly(60)
     beside.one.answer()
-    assert beside.one.last("unknown_epoch")["epoch"] == 30
+    assert beside.one.last(events.UnknownEpoch).epoch == 30
     assert (beside.status()["epoch"], beside.status()["unknown_epoch"]) == (None, 30)
     elevator = beside.status()["functions"]["elevator"]
     assert (elevator["served"], elevator["value"]) == (None, None)
@@ -190,7 +191,7 @@ def test_what_runs_and_is_not_known_is_called_so_until_the_next_epoch(beside: Be
     assert (beside.status()["epoch"], beside.status()["unknown_epoch"]) == (31, None)
     assert beside.status()["functions"]["elevator"]["served"] is True
     assert beside.one.requests[-1].running == {"control": ("only", "left"), "drive_right": ("only", "right")}
-    assert beside.one.of("advice") == []
+    assert beside.one.of(events.Advice) == []
 
 
 def test_nothing_is_reported_of_what_is_overheard_and_runs_nowhere_yet(beside: Beside) -> None:
@@ -198,7 +199,7 @@ def test_nothing_is_reported_of_what_is_overheard_and_runs_nowhere_yet(beside: B
     beside.fly(60)
     beside.activate(without("device:servo_left"), 31)
     beside.one.answer()
-    assert (beside.one.of("unknown_epoch"), beside.one.of("advice")) == ([], [])
+    assert (beside.one.of(events.UnknownEpoch), beside.one.of(events.Advice)) == ([], [])
 
 
 def test_it_advises_from_what_another_manager_has_deployed(beside: Beside) -> None:
@@ -209,7 +210,7 @@ def test_it_advises_from_what_another_manager_has_deployed(beside: Beside) -> No
     beside.fly(10)
     assert beside.status()["functions"]["elevator"]["served"] is False
     beside.one.answer()
-    assert beside.one.last("advice")["started"] == ["control", "drive_left"]
+    assert beside.one.last(events.Advice).started == ("control", "drive_left")
     beside.run(without(), 32)
     beside.fly(1)
     assert beside.status()["epoch"] == 32

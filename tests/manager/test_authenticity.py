@@ -8,6 +8,7 @@ from typing import Any, cast
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.nonce_answers import NonceAnswers
@@ -118,9 +119,9 @@ def counts(manager: OneManager) -> tuple[bool, int, int]:
     return authentic["is_believed"], authentic["refused_states"], authentic["unproven_reports"]
 
 
-def attacks(manager: OneManager) -> list[dict[str, Any]]:
+def attacks(manager: OneManager) -> list[events.Attacked]:
     """Give the events that tell an attack."""
-    return [event for event in manager.events if event["event"] == "attacked"]
+    return [event for event in manager.events if isinstance(event, events.Attacked)]
 
 
 @pytest.fixture
@@ -147,7 +148,7 @@ def test_a_manager_that_fell_silent_waits_for_proof_as_at_its_start() -> None:
     for pe in manager.spec.pes:
         manager.die(pe)
     manager.pass_time(1_000 * MS)
-    assert manager.of("hears_nobody")
+    assert manager.of(events.HearsNobody)
     manager.live("left")
     begun_ns = manager.now_ns
     assert not manager.core.is_active
@@ -209,7 +210,7 @@ GYRO, CONTROL = (Emergency(FaultCode.REPORTED, 0x81, kind, 0, 7) for kind in (El
 
 def latched(manager: OneManager) -> list[str]:
     """Elements that have been reported failed, by the manager's events."""
-    return [event["element"] for event in manager.events if event["event"] == "fault_reported"]
+    return [event.element for event in manager.events if isinstance(event, events.FaultReported)]
 
 
 def test_of_many_emcys_each_is_proven_by_a_state_of_its_own_and_a_forged_one_by_none(
@@ -272,8 +273,8 @@ def test_a_tenth_of_the_bus_in_forged_emcys_is_told_as_an_attack(manager: OneMan
             pe.say()
         assert bool(attacks(manager)) is is_told
     (attack,) = attacks(manager)
-    assert attack["percent"] >= 10
-    assert attack["frames_per_s"] == pytest.approx(40 * 1_000 * MS / BEAT_NS, rel=0.2)
+    assert attack.percent >= 10
+    assert attack.frames_per_s == pytest.approx(40 * 1_000 * MS / BEAT_NS, rel=0.2)
     assert latched(manager) == []
 
 
@@ -296,7 +297,7 @@ def test_a_lost_channel_is_reported_as_it_is_heard_since_no_plan_depends_on_it()
     manager = OneManager(loads(replicated, "two_tails.dg.yaml"), key=KEY)
     manager.pass_time(6 * BEAT_NS)
     Pe(manager).reports(Emergency(FaultCode.CHANNEL_LOST, 0x11, ElementKind.CHANNEL, 0, 2))
-    assert [event["channel"] for event in manager.events if event["event"] == "channel_lost"] == ["can0.2"]
+    assert [event.channel for event in manager.events if isinstance(event, events.ChannelLost)] == ["can0.2"]
 
 
 def test_what_an_older_mastership_commanded_is_known_by_what_page_3_names(manager: OneManager, pe: Pe) -> None:
@@ -323,7 +324,7 @@ def test_a_pe_that_lost_its_session_and_begins_anew_makes_no_event(manager: OneM
 
 
 def told_unproven(manager: OneManager) -> list[str]:
-    return [event["pe"] for event in manager.events if event["event"] == "states_unproven"]
+    return [event.pe for event in manager.events if isinstance(event, events.StatesUnproven)]
 
 
 def lease_of(signer: CommandSigner, manager: int, term: int, epoch: int = 0, digest: int = 0) -> list[Frame]:
@@ -420,7 +421,7 @@ def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_its_comma
         one.pass_time(BEAT_NS)
         for one_pe in pes:
             one_pe.say(StatePage0(PeState.ACTIVE, PeFlags(0), 1, 8, 0, 1008))
-    assert [event["term"] for event in one.events if event["event"] == "taken_over"] == [4]
+    assert [event.term for event in one.events if isinstance(event, events.TakenOver)] == [4]
     spoke, tag = one.frames[:2]
     assert CommandSigner(KEY, 127, 4).tag(spoke) == tag
 
@@ -443,7 +444,7 @@ def test_a_standby_takes_no_command_of_its_manager_for_an_attack() -> None:
             for frame in active_manager.welcome(LEFT, nonce):
                 one.hear(frame)
         one.pass_time(BEAT_NS)
-    assert one.of("standing_by")
+    assert one.of(events.StandingBy)
     assert attacks(one) == []
 
 
@@ -504,5 +505,5 @@ def test_a_tenth_of_the_bus_is_told_as_an_attack_once(manager: OneManager, pe: P
             manager.pass_time(BEAT_NS)
             pe.say()
         assert len(attacks(manager)) == told
-    assert attacks(manager)[0]["bus"] == "can0"
-    assert attacks(manager)[0]["percent"] >= 10
+    assert attacks(manager)[0].bus == "can0"
+    assert attacks(manager)[0].percent >= 10

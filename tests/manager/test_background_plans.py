@@ -8,6 +8,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.objective import placement, score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
 from heronry_manager.planner.exact import plan
 from heronry_wire.management import ElementKind, Emergency, FaultCode
@@ -59,19 +60,19 @@ def test_a_best_plan_that_is_no_better_where_it_counts_interrupts_nothing(manage
     assert request.running == placement(made.configuration)
     elsewhere = replace(made, objective=replace(made.objective, changes=0, bus_mbit_per_s=0, cpu_millis=0))
     actions = manager.give(PlanReady(request.request, elsewhere))
-    assert manager.events[-1]["event"] == "plan_kept"
+    assert isinstance(manager.events[-1], events.PlanKept)
     assert [type(action) for action in actions if isinstance(action, Settled)] == [Settled]
-    assert len(manager.of("epoch_prepared")) == 1
+    assert len(manager.of(events.EpochPrepared)) == 1
     assert manager.requests[-1] is request
 
 
 def test_a_better_one_takes_the_place_of_what_runs(manager: OneManager) -> None:
     fly(manager, nothing_at_all(manager))
-    assert manager.last("plan_requested")["causes"] == ["a better plan"]
+    assert manager.last(events.PlanRequested).causes == ("a better plan",)
     fly(manager, best(manager))
-    told = manager.last("reconfigured")
-    assert told["causes"] == ["a better plan"]
-    assert "control" in told["started"]
+    told = manager.last(events.Reconfigured)
+    assert told.causes == ("a better plan",)
+    assert "control" in told.started
     assert len(manager.requests) == 2  # it is the best: there is no further request
 
 
@@ -80,7 +81,9 @@ def test_better_inputs_alone_are_worth_it_too(manager: OneManager) -> None:
     fly(manager, made)
     supplied = replace(made, objective=replace(made.objective, inputs=made.objective.inputs + 1), optimal=True)
     manager.give(PlanReady(manager.requests[-1].request, supplied))
-    assert manager.events[-1]["event"] == "plan_unchanged"  # taken; and as it happens nothing has to be done for it
+    assert isinstance(
+        manager.events[-1], events.PlanUnchanged
+    )  # taken; and as it happens nothing has to be done for it
 
 
 def test_the_best_plan_is_requested_once_even_if_the_answer_is_not_proven_either(manager: OneManager) -> None:
@@ -94,9 +97,9 @@ def test_a_fault_meanwhile_makes_the_answer_stale(manager: OneManager) -> None:
     late, answer = manager.requests[-1], best(manager)
     manager.report("left", LEFT_SERVO_FAILED)
     assert not manager.requests[-1].in_background
-    assert manager.last("plan_requested")["causes"] == ["device:servo_left failed, reported by left"]
+    assert manager.last(events.PlanRequested).causes == ("device:servo_left failed, reported by left",)
     manager.give(PlanReady(late.request, answer))
-    assert len(manager.of("epoch_prepared")) == 1
+    assert len(manager.of(events.EpochPrepared)) == 1
     fly(manager, as_good(manager))
     assert manager.requests[-1].in_background
 

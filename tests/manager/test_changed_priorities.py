@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_manager import events
 from heronry_manager.core.changed_priorities import CHANGE_NS
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
@@ -87,7 +88,7 @@ def test_a_request_outside_the_range_is_refused_and_told(manager: OneManager) ->
     for number, (function, priority) in enumerate(((ELEVATOR, 49), (ELEVATOR, 201), (TRIM, 1))):
         assert acknowledged(manager, request(function, number, priority))
     assert priorities(manager) == {}
-    assert [one["why"] for one in manager.of("priority_refused")] == [
+    assert [one.why for one in manager.of(events.PriorityRefused)] == [
         "its priority_range is 50 to 200",
         "its priority_range is 50 to 200",
         "the spec gives it no priority_range",
@@ -199,7 +200,7 @@ def test_a_standby_manager_that_missed_it_hears_it_in_turn_and_forgets_what_it_h
     pair.drop()
     pair.fly(12 * ANNOUNCED_EVERY)
     assert priorities(pair.second) == {"elevator": 60}
-    assert pair.second.last("priority_changed")["by"] == "the active manager, which no longer announces it"
+    assert pair.second.last(events.PriorityChanged).by == "the active manager, which no longer announces it"
 
 
 def test_what_another_manager_tells_of_no_function_of_the_spec_has_no_effect() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from heronry_dg.loader import load, loads
+from heronry_manager import events
 from heronry_manager.core.vocabulary import ClearElement, FailElement, OperatorSaid, PlanFailed
 from heronry_wire.frame import Frame
 from heronry_wire.management import ElementKind, Emergency, FaultCode, Lease
@@ -21,7 +22,7 @@ def manager() -> OneManager:
     """The elevator is driven from the left, the first epoch is active everywhere."""
     flying = OneManager()
     flying.start()
-    assert flying.last("reconfigured")["started"] == ["control", "drive_left"]
+    assert flying.last(events.Reconfigured).started == ("control", "drive_left")
     return flying
 
 
@@ -47,11 +48,11 @@ def test_a_killed_pe_is_planned_around_and_the_four_times_are_reported(manager: 
     manager.pass_time(100 * MS)
     assert manager.steps()[-1] == "GO_ALL"
     take_everywhere(manager)
-    told = manager.last("reconfigured")
-    assert told["causes"] == ["pe:left: silent for 3 heartbeat periods"]
-    assert told["times_ns"]["detect"] == 65 * MS
-    assert told["started"] == ["drive_right"]
-    assert all(time_ns >= 0 for time_ns in told["times_ns"].values())
+    told = manager.last(events.Reconfigured)
+    assert told.causes == ("pe:left: silent for 3 heartbeat periods",)
+    assert told.times_ns.detect == 65 * MS
+    assert told.started == ("drive_right",)
+    assert all(time_ns >= 0 for time_ns in told.times_ns.by_name().values())
 
 
 def test_the_death_of_a_pe_that_must_break_turns_the_wait_into_the_wait_for_its_lease(manager: OneManager) -> None:
@@ -85,32 +86,32 @@ def test_causes_that_come_while_an_epoch_is_activated_are_reported_with_the_next
     stage_everywhere(manager)
     manager.report("right", CONTROL_RAISED)
     take_everywhere(manager)
-    assert manager.last("reconfigured")["causes"] == ["device:servo_left failed, reported by left"]
+    assert manager.last(events.Reconfigured).causes == ("device:servo_left failed, reported by left",)
     manager.answer()
     stage_everywhere(manager)
     take_everywhere(manager, PeState.BROKEN)
     take_everywhere(manager)
-    told = manager.last("reconfigured")
-    assert told["causes"] == ["module:control failed, reported by right"]
-    assert all(time_ns >= 0 for time_ns in told["times_ns"].values())
+    told = manager.last(events.Reconfigured)
+    assert told.causes == ("module:control failed, reported by right",)
+    assert all(time_ns >= 0 for time_ns in told.times_ns.by_name().values())
 
 
 def test_a_plan_that_runs_already_is_no_epoch(manager: OneManager) -> None:
     useless = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 0)  # the right servo, which no module drives
     manager.report("right", useless)
     manager.answer()
-    assert manager.events[-1]["event"] == "plan_unchanged"
-    assert len(manager.of("epoch_prepared")) == 1
+    assert isinstance(manager.events[-1], events.PlanUnchanged)
+    assert len(manager.of(events.EpochPrepared)) == 1
 
 
 def test_a_pe_that_joins_is_given_an_epoch_even_where_the_plan_stays_the_same(manager: OneManager) -> None:
     manager.reboot("right")
     manager.answer()
-    assert manager.events[-1]["event"] == "plan_unchanged"
+    assert isinstance(manager.events[-1], events.PlanUnchanged)
     manager.pass_time(250 * MS)
-    assert manager.last("pe_joined")["pe"] == "right"
+    assert manager.last(events.PeJoined).pe == "right"
     manager.answer()
-    assert manager.last("epoch_prepared")["pes"] == ["left", "middle", "right"]
+    assert manager.last(events.EpochPrepared).pes == ("left", "middle", "right")
 
 
 def test_a_pe_that_joins_with_the_epoch_of_an_older_mastership_breaks_first() -> None:
@@ -121,12 +122,12 @@ def test_a_pe_that_joins_with_the_epoch_of_an_older_mastership_breaks_first() ->
     manager.pass_time(110 * MS)
     manager.answer()
     stage_everywhere(manager)
-    (step,) = manager.of("epoch_step")
-    assert (step["step"], step["waiting_for"]) == (
+    (step,) = manager.of(events.EpochStep)
+    assert (step.step, step.waiting_for) == (
         "BREAK",
-        ["left", "middle"],
+        ("left", "middle"),
     )  # what they send is not known
-    assert manager.of("pe_lost") == []
+    assert manager.of(events.PeLost) == []
 
 
 def test_a_page_that_comes_late_does_not_change_what_is_known_to_run(manager: OneManager) -> None:
@@ -135,7 +136,7 @@ def test_a_page_that_comes_late_does_not_change_what_is_known_to_run(manager: On
     for sequence, lost in ((8, 0), (7, 0), (0, 0), (255, 1)):
         said = page if sequence == 8 else replace(stale, sequence=sequence)
         manager.hear(Frame(manager.state_id("middle"), said.encode()))
-        assert len(manager.of("pe_lost")) == lost
+        assert len(manager.of(events.PeLost)) == lost
 
 
 def test_with_no_pe_left_to_command_the_empty_configuration_is_an_epoch_too(manager: OneManager) -> None:
@@ -143,7 +144,7 @@ def test_with_no_pe_left_to_command_the_empty_configuration_is_an_epoch_too(mana
         manager.give(OperatorSaid(1, FailElement(f"pe:{pe}")))
     assert manager.requests[-1].now.down == {"pe:left", "pe:middle", "pe:right"}
     manager.answer()
-    assert manager.last("reconfigured")["stopped"] == ["control", "drive_left"]
+    assert manager.last(events.Reconfigured).stopped == ("control", "drive_left")
 
 
 def test_an_epoch_too_old_to_be_remembered_is_one_that_no_manager_commanded(manager: OneManager) -> None:
@@ -158,7 +159,7 @@ def test_an_epoch_too_old_to_be_remembered_is_one_that_no_manager_commanded(mana
         manager.answer()
     assert manager.prepared() == (first[0] + 10, first[1])
     manager.live("left", PeState.ACTIVE, epoch=first[0], digest=first[1])
-    assert "which no manager commanded" in manager.last("pe_lost")["cause"]
+    assert "which no manager commanded" in manager.last(events.PeLost).cause
 
 
 def test_a_pe_that_is_late_for_the_plan_that_runs_and_has_work_in_it_needs_an_epoch(manager: OneManager) -> None:
@@ -167,7 +168,7 @@ def test_a_pe_that_is_late_for_the_plan_that_runs_and_has_work_in_it_needs_an_ep
     manager.pass_time(250 * MS)
     assert manager.requests[-1].now.down == frozenset()
     manager.answer()
-    assert manager.of("plan_unchanged") == []
+    assert manager.of(events.PlanUnchanged) == []
     assert manager.prepared()[0] > epoch
 
 
@@ -199,19 +200,19 @@ def beyond_a_dead_gateway(name: str, gateway: str) -> OneManager:
 def test_an_epoch_does_not_wait_for_pes_beyond_a_dead_gateway() -> None:
     manager = beyond_a_dead_gateway("both_sides", "gateway")
     epoch, _ = manager.prepared()
-    assert "wing" in manager.last("epoch_prepared")["pes"]
+    assert "wing" in manager.last(events.EpochPrepared).pes
     for pe in ("front", "rear"):
         manager.stage(pe)
-    assert manager.last("epoch_step")["epoch"] == epoch
+    assert manager.last(events.EpochStep).epoch == epoch
 
 
 def test_an_epoch_waits_for_pes_beyond_a_dead_gateway_if_there_are_no_others() -> None:
     manager = beyond_a_dead_gateway("slow_far_bus", "gw")
     epoch, _ = manager.prepared()
-    assert manager.last("epoch_step")["epoch"] != epoch
+    assert manager.last(events.EpochStep).epoch != epoch
     for pe in ("f1", "f2", "f3"):
         manager.stage(pe)
-    assert manager.last("epoch_step")["epoch"] == epoch
+    assert manager.last(events.EpochStep).epoch == epoch
 
 
 # A PE that returns with a newer epoch than all others run
@@ -227,7 +228,7 @@ def overtaken() -> OneManager:
     stage_everywhere(manager)
     take_everywhere(manager)
     manager.pass_time(100 * MS)
-    assert manager.last("reconfigured")["stopped"] == ["drive_left"]
+    assert manager.last(events.Reconfigured).stopped == ("drive_left",)
     manager.running["left"] = StatePage0(PeState.ACTIVE, manager.flags, 1, 40, 0, 7)
     manager.pass_time(BEAT_NS)
     return manager
@@ -236,13 +237,13 @@ def overtaken() -> OneManager:
 def test_what_runs_gets_a_newer_number_than_the_epoch_that_a_returning_pe_shows() -> None:
     manager = overtaken()
     assert manager.requests[-1].now.down == {"pe:left"}
-    assert manager.last("plan_requested")["causes"] == ["pe:left: it runs a newer epoch"]
+    assert manager.last(events.PlanRequested).causes == ("pe:left: it runs a newer epoch",)
     requested = len(manager.requests)
     manager.pass_time(2 * BEAT_NS)
     assert len(manager.requests) == requested
     manager.answer()
-    assert manager.last("epoch_prepared")["epoch"] == 41
-    assert manager.last("epoch_prepared")["pes"] == ["middle", "right"]
+    assert manager.last(events.EpochPrepared).epoch == 41
+    assert manager.last(events.EpochPrepared).pes == ("middle", "right")
     manager.pass_time(2 * BEAT_NS)
     assert len(manager.requests) == requested
 

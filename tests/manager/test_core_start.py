@@ -2,6 +2,7 @@
 
 import pytest
 
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import AliveLeft
 from heronry_wire.frame import Frame
@@ -91,7 +92,7 @@ def test_losses_counted_while_the_managers_receiver_had_failed_are_not_remembere
     assert manager.memory.quarantined == {}
     manager.running.clear()
     manager.pass_time(200 * MS)
-    assert manager.last("hears_nobody")["term"] == 1
+    assert manager.last(events.HearsNobody).term == 1
     assert manager.memory.quarantined == remembered
 
 
@@ -108,7 +109,7 @@ def test_a_manager_that_heard_no_pe_may_find_that_another_one_is_active() -> Non
 def test_a_manager_that_never_heard_a_pe_goes_on_sending() -> None:
     manager = OneManager()
     manager.pass_time(START_UP_WINDOW_NS + 1_000 * MS)
-    assert manager.of("hears_nobody") == []
+    assert manager.of(events.HearsNobody) == []
     assert manager.said(Lease)[-1].term == 1
 
 
@@ -119,7 +120,7 @@ def test_a_pe_that_dies_while_others_are_awaited_is_lost_and_no_plan_is_requeste
     manager.pass_time(110 * MS)
     manager.die("middle")
     manager.pass_time(200 * MS)
-    assert manager.last("pe_lost")["pe"] == "middle"
+    assert manager.last(events.PeLost).pe == "middle"
     assert manager.requests == []
 
 

@@ -1,6 +1,5 @@
 """Readers of a manager's events: every event once, or a count of those that were dropped; nobody holds it up."""
 
-import json
 import os
 import socket
 from collections.abc import Iterator
@@ -8,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from heronry_manager.core.events import event
+from heronry_manager import events
+from heronry_manager.events.reading import events_in, read_event
 from heronry_manager.shell.control_client import follow
 from heronry_manager.shell.control_place import ControlError
 from heronry_manager.shell.control_protocol import Follow, order_line, read_order
@@ -16,8 +16,8 @@ from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.followers import LONGEST_QUEUE_BYTES, MOST_FOLLOWERS, Followers
 
 
-def status() -> dict[str, object]:
-    return {"v": 1, "t_ns": 7, "event": "status", "status": {}}
+def status() -> events.Status:
+    return events.Status(7, status={}, plan=None, bus=events.Place("can0", "softbus", "can0.sock"), file="s.dg.yaml")
 
 
 @pytest.fixture
@@ -35,12 +35,12 @@ def joined(control: ControlSocket) -> socket.socket:
     return reader
 
 
-def lines(reader: socket.socket, until: str) -> list[dict[str, object]]:
+def lines(reader: socket.socket, until: type[events.Event]) -> list[events.Event]:
     found = []
     with reader.makefile("rb") as stream:
         for line in stream:
-            found.append(json.loads(line))
-            if found[-1]["event"] == until:
+            found.append(read_event(line))
+            if isinstance(found[-1], until):
                 return found
     return found
 
@@ -52,44 +52,46 @@ def test_follow_is_an_order_like_any_other() -> None:
 def test_a_reader_gets_a_status_and_then_every_event(control: ControlSocket) -> None:
     with joined(control) as reader:
         for number in range(3):
-            control.followers.tell(event("pe_answered", number, pe="nav"))
+            control.followers.tell(events.PeAnswered(number, pe="nav"))
             control.followers.pump(status)
-        control.followers.tell(event("stopped", 9, reason="done"))
+        control.followers.tell(events.Stopped(9, reason="done"))
         control.followers.pump(status)
-        told = lines(reader, "stopped")
-    assert [one["event"] for one in told] == ["status", "pe_answered", "pe_answered", "pe_answered", "stopped"]
+        told = lines(reader, events.Stopped)
+    assert [one.kind for one in told] == ["status", "pe_answered", "pe_answered", "pe_answered", "stopped"]
     assert control.followers.writers() == []
 
 
 def test_a_reader_that_sleeps_is_told_how_much_it_missed_and_goes_on_from_a_status(control: ControlSocket) -> None:
     sent = 0
     with joined(control) as reader:
-        big = event("stopped", 1, reason="x" * 4000)
+        big = events.Stopped(1, reason="x" * 4000)
         while sent < 1000:
             control.followers.tell(big)
             control.followers.pump(status)
             sent += 1
         assert control.followers.writers() != []
-        found: list[dict[str, object]] = []
+        found: list[events.Event] = []
         reader.settimeout(0.01)
         data = b""
-        while not found or found[-1]["event"] != "status" or len(found) == 1:
+        while not found or not isinstance(found[-1], events.Status) or len(found) == 1:
             control.followers.pump(status)
             try:
                 data += reader.recv(1 << 20)
             except TimeoutError:
                 continue
-            found = [json.loads(line) for line in data.splitlines(keepends=True) if line.endswith(b"\n")]
-    kinds = [one["event"] for one in found]
+            found = list(events_in(data.rpartition(b"\n")[0].splitlines()))
+    kinds = [one.kind for one in found]
     assert kinds[0] == "status"
     assert kinds[-2:] == ["lines_lost", "status"]
-    assert len(kinds) - 3 + int(found[-2]["lines"]) == sent
+    lost = found[-2]
+    assert isinstance(lost, events.LinesLost)
+    assert len(kinds) - 3 + lost.lines == sent
     assert 4000 * (len(kinds) - 3) < LONGEST_QUEUE_BYTES + (1 << 20)
 
 
 def test_ten_readers_that_never_read_hold_nobody_up_and_take_bounded_memory(control: ControlSocket) -> None:
     readers = [joined(control) for _ in range(10)]
-    told = event("stopped", 1, reason="x" * 4000)
+    told = events.Stopped(1, reason="x" * 4000)
     for _ in range(600):
         control.followers.tell(told)
         control.followers.pump(status)
@@ -110,9 +112,9 @@ def test_a_reader_that_hangs_up_is_forgotten(control: ControlSocket) -> None:
     assert control.followers.readers() == []
     another = joined(control)
     another.close()
-    control.followers.tell(event("stopped", 1, reason=""))
+    control.followers.tell(events.Stopped(1, reason=""))
     control.followers.pump(status)
-    control.followers.tell(event("stopped", 1, reason=""))
+    control.followers.tell(events.Stopped(1, reason=""))
     control.followers.pump(status)
     assert control.followers.readers() == []
 

@@ -6,6 +6,7 @@ import pytest
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import (
@@ -75,11 +76,11 @@ def test_a_target_is_compared_with_the_best_plan_and_deployed(manager: OneManage
     request = manager.requests[-1]
     assert (request.in_background, request.target) == (True, target())
     manager.answer()
-    assert manager.last("script_taken")["reason"] == "it is legal, and serves as much at level 1 as the best plan"
+    assert manager.last(events.ScriptTaken).reason == "it is legal, and serves as much at level 1 as the best plan"
     finish(manager)
-    told = manager.last("reconfigured")
-    assert told["causes"] == ["a script of the operator"]
-    assert (told["started"], told["stopped"]) == (["drive_right"], ["drive_left"])
+    told = manager.last(events.Reconfigured)
+    assert told.causes == ("a script of the operator",)
+    assert (told.started, told.stopped) == (("drive_right",), ("drive_left",))
     assert script(manager) == ("held", None)
     assert manager.core.plan is not None
     assert manager.core.plan.configuration == target()
@@ -99,7 +100,7 @@ def test_released_it_ends_and_the_best_plan_is_sought(held: OneManager) -> None:
     assert held.requests[-1].in_background
     assert held.requests[-1].target is None
     held.answer()
-    assert held.events[-1]["event"] == "plan_kept"  # as good at levels 1 to 3: nothing moves back
+    assert isinstance(held.events[-1], events.PlanKept)  # as good at levels 1 to 3: nothing moves back
     again = say(held, ReleaseTarget())
     assert (again.done, again.sentence) == (False, "no script is held: see 'heronry status'")
 
@@ -119,8 +120,8 @@ def test_what_is_asked_for_can_be_released(manager: OneManager) -> None:
     assert say(manager, ReleaseTarget()).done
     assert script(manager) == ("refused", "the operator released it")
     manager.answer()
-    assert manager.of("script_taken") == []
-    assert manager.events[-1]["event"] == "plan_kept"
+    assert manager.of(events.ScriptTaken) == []
+    assert isinstance(manager.events[-1], events.PlanKept)
 
 
 def test_a_target_that_is_not_legal_is_refused_at_once(manager: OneManager) -> None:
@@ -128,7 +129,7 @@ def test_a_target_that_is_not_legal_is_refused_at_once(manager: OneManager) -> N
     reply = say(manager, FlyTarget(target(control="right")))
     assert not reply.done
     assert reply.sentence.startswith("the script is refused, and nothing has changed: ")
-    assert manager.last("script_refused")["reason"] in reply.sentence
+    assert manager.last(events.ScriptRefused).reason in reply.sentence
     assert script(manager)[0] == "refused"
     assert len(manager.requests) == before
 
@@ -136,15 +137,15 @@ def test_a_target_that_is_not_legal_is_refused_at_once(manager: OneManager) -> N
 def test_a_script_with_an_error_is_refused(manager: OneManager) -> None:
     reply = say(manager, FlyTarget(None, "line 3: PCS201: no such component"))
     assert not reply.done
-    assert manager.last("script_refused")["reason"] == "line 3: PCS201: no such component"
+    assert manager.last(events.ScriptRefused).reason == "line 3: PCS201: no such component"
 
 
 def test_a_target_worse_at_level_1_is_refused_and_nothing_changes(manager: OneManager) -> None:
     assert say(manager, FlyTarget(Configuration())).done
     manager.answer()
     assert script(manager) == ("refused", "it is worse at level 1 than the plan for this situation")
-    assert manager.events[-1]["event"] == "plan_kept"
-    assert len(manager.of("epoch_prepared")) == 1
+    assert isinstance(manager.events[-1], events.PlanKept)
+    assert len(manager.of(events.EpochPrepared)) == 1
 
 
 def test_a_better_plan_found_on_the_way_flies_as_any_better_plan(manager: OneManager) -> None:
@@ -155,7 +156,7 @@ def test_a_better_plan_found_on_the_way_flies_as_any_better_plan(manager: OneMan
     other = replace(better, configuration=target())
     manager.give(PlanReady(request.request, other))
     finish(manager)
-    assert manager.last("reconfigured")["causes"] == ["a better plan"]
+    assert manager.last(events.Reconfigured).causes == ("a better plan",)
     assert script(manager)[0] == "refused"
 
 
@@ -180,7 +181,7 @@ def test_one_script_waits_at_a_time_and_none_while_anything_is_under_way(manager
 def test_another_script_takes_the_place_of_the_one_that_is_held(held: OneManager) -> None:
     assert say(held, FlyTarget(target(control="left"))).done
     held.answer()
-    assert held.last("script_ended")["reason"] == "another script takes its place"
+    assert held.last(events.ScriptEnded).reason == "another script takes its place"
     finish(held)
     assert script(held) == ("held", None)
     assert held.core.plan is not None
@@ -190,8 +191,8 @@ def test_another_script_takes_the_place_of_the_one_that_is_held(held: OneManager
 def test_a_bad_script_leaves_the_one_that_is_held(held: OneManager) -> None:
     assert say(held, FlyTarget(Configuration())).done
     held.answer()
-    assert held.last("script_refused")["reason"].startswith("it is worse")
-    assert held.events[-1]["event"] == "plan_unchanged"
+    assert held.last(events.ScriptRefused).reason.startswith("it is worse")
+    assert isinstance(held.events[-1], events.PlanUnchanged)
     assert script(held) == ("held", None)
 
 
@@ -210,7 +211,7 @@ def test_a_fault_that_leaves_it_legal_does_not_end_it(held: OneManager) -> None:
     say(held, FailElement("device:servo_left"))
     assert held.requests[-1].target == target()
     held.answer()
-    assert held.events[-1]["event"] == "plan_unchanged"
+    assert isinstance(held.events[-1], events.PlanUnchanged)
     assert script(held) == ("held", None)
 
 
@@ -228,7 +229,7 @@ def test_a_situation_in_which_more_is_possible_ends_it() -> None:
     say(manager, ClearElement("device:servo_left"))
     assert manager.requests[-1].target == Configuration()
     manager.answer()
-    assert manager.last("script_ended")["reason"] == "it is worse at level 1 than the plan for this situation"
+    assert manager.last(events.ScriptEnded).reason == "it is worse at level 1 than the plan for this situation"
     finish(manager)
     assert manager.core.plan is not None
     assert "drive_left" in manager.core.plan.configuration.modules
@@ -248,7 +249,7 @@ def test_a_kill_while_it_is_prepared_ends_as_any_fault_does(manager: OneManager)
     manager.answer()
     manager.die("middle")
     manager.pass_time(100 * MS)
-    assert manager.of("epoch_abandoned")
+    assert manager.of(events.EpochAbandoned)
     assert script(manager)[0] == "ended"
     manager.answer()
     finish(manager)
@@ -288,9 +289,9 @@ def test_a_standby_manager_that_takes_over_ends_it_and_says_so() -> None:
     finish(pair.primary)
     pair.fly(40 * BEAT_NS)
     pair.orphan("left", "middle", "right")
-    assert pair.standby.of("taken_over")
+    assert pair.standby.of(events.TakenOver)
     reason = "the mastership of manager 126, which held it, has ended"
-    assert [told["reason"] for told in pair.standby.of("script_ended")] == [reason]
+    assert [told.reason for told in pair.standby.of(events.ScriptEnded)] == [reason]
     assert script(pair.standby) == ("ended", reason)
 
 
@@ -308,15 +309,15 @@ def test_a_standby_manager_forgets_a_script_that_it_hears_of_no_more(is_released
         pair.standby.hear(command_frame(Lease(pair.primary.core.term + 2, 1, Step.GO_ALL, 0)))
     pair.orphan("left", "middle", "right")
     pair.standby.pass_time(200 * MS)
-    assert pair.standby.of("taken_over")
-    assert pair.standby.of("script_ended") == []
+    assert pair.standby.of(events.TakenOver)
+    assert pair.standby.of(events.ScriptEnded) == []
 
 
 def test_the_end_of_the_mastership_ends_it(held: OneManager) -> None:
     held.running.clear()
     held.pass_time(2000 * MS)
-    assert held.of("hears_nobody")
-    assert held.of("script_ended")
+    assert held.of(events.HearsNobody)
+    assert held.of(events.ScriptEnded)
     assert script(held) == ("none", None)
 
 

@@ -3,6 +3,7 @@
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_manager import events
 from heronry_manager.core.vocabulary import AskStatus, ChannelsLost, OperatorSaid, Reply
 from heronry_tools.reports.status import report
 from heronry_wire.management import ElementKind, Emergency, FaultCode
@@ -29,8 +30,8 @@ def manager() -> OneManager:
 
 
 def told(manager: OneManager) -> list[tuple[str, str, str]]:
-    kinds = ("channel_lost", "channel_back")
-    return [(e["event"], e["channel"], e["by"]) for e in manager.events if e["event"] in kinds]
+    kinds = events.ChannelLost | events.ChannelBack
+    return [(e.kind, e.channel, e.by) for e in manager.events if isinstance(e, kinds)]
 
 
 def status(manager: OneManager) -> dict[str, list[str]]:
@@ -71,7 +72,7 @@ def test_a_report_does_not_stop_what_is_under_way(manager: OneManager) -> None:
     requested = len(manager.requests)
     manager.report("left", LOST)
     assert len(manager.requests) == requested
-    assert manager.of("epoch_abandoned") == []
+    assert manager.of(events.EpochAbandoned) == []
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heronry_dg.loader import loads
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import EPOCHS, NOTHING, Memory, Reserved
 from heronry_manager.core.numbering import EPOCHS_PER_TERM, EpochNumbers, NoTermError, next_term
@@ -104,10 +105,10 @@ def test_a_journal_that_fails_is_reported_and_stops_no_manager() -> None:
     manager = OneManager()
     manager.start()
     manager.give(JournalTold("No space left on device"))
-    assert manager.last("journal_failed")["problem"] == "No space left on device"
+    assert manager.last(events.JournalFailed).problem == "No space left on device"
     assert manager.core.status()["manager"]["journal"] == "No space left on device"
     manager.give(JournalTold(None))
-    assert manager.last("journal_kept")["before"] == "No space left on device"
+    assert manager.last(events.JournalKept).before == "No space left on device"
     assert manager.core.status()["manager"]["journal"] is None
     assert manager.stops == []
 

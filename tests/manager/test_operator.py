@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Latched
 from heronry_manager.core.vocabulary import (
@@ -77,7 +78,7 @@ def test_a_module_that_was_stopped_and_is_cleared_before_a_plan_runs_again_with_
     epoch, _ = manager.prepared()
     manager.answer()
     assert (manager.prepared()[0] > epoch) is stopped
-    assert len(manager.of("plan_unchanged")) == (not stopped)
+    assert len(manager.of(events.PlanUnchanged)) == (not stopped)
 
 
 def test_who_clears_one_place_of_a_module_that_has_failed_everywhere_is_told_what_to_clear(manager: OneManager) -> None:
@@ -96,7 +97,7 @@ def test_a_cleared_fault_that_is_reported_again_is_latched_again(manager: OneMan
     manager.report("left", LEFT_SERVO_FAILED)
     say(manager, ClearElement("device:servo_left"))
     manager.report("left", LEFT_SERVO_FAILED)
-    assert len(manager.of("fault_reported")) == 2
+    assert len(manager.of(events.FaultReported)) == 2
     assert manager.requests[-1].now.down == {"device:servo_left"}
 
 
@@ -209,7 +210,7 @@ def test_a_request_counts_once_though_its_pe_was_lost_before_it_was_answered(man
     manager.beat("left")
     manager.pass_time(HOLD_DOWN_NS + 2 * BEAT_NS)
     manager.report("left", request(2, 1))
-    assert [one["phase"] for one in manager.of("phase_changed")] == ["land", "climb"]
+    assert [one.phase for one in manager.of(events.PhaseChanged)] == ["land", "climb"]
 
 
 def test_a_restarted_manager_knows_which_request_was_accepted(manager: OneManager) -> None:
@@ -219,6 +220,6 @@ def test_a_restarted_manager_knows_which_request_was_accepted(manager: OneManage
     again.running = dict(manager.running)
     again.start(fly=False)
     again.report("left", request(2, FORWARD_ONLY | 1))
-    assert again.of("phase_changed") == []
+    assert again.of(events.PhaseChanged) == []
     again.report("left", request(1, 2))
-    assert again.last("phase_changed")["phase"] == "glide"
+    assert again.last(events.PhaseChanged).phase == "glide"

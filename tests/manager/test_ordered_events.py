@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import pytest
 
-from heronry_manager.core.events import event
+from heronry_manager import events
 from heronry_manager.core.vocabulary import Emit, ManagerAction, ManagerEvent, Stop
 from heronry_manager.shell import driver, ordered_telling
 from heronry_manager.shell.driver import ManagerDriver
@@ -69,7 +69,8 @@ def driven(core: _Core, told: list[Any], *, in_order: bool) -> ManagerDriver:
         service=ServiceManager(),
         spec=two_tails(),
         emit=told.append,
-        place={},
+        place=events.Place("can0", "softbus", "can0.sock"),
+        file="two_tails.dg.yaml",
         in_order=in_order,
     )
 
@@ -84,15 +85,15 @@ def driven(core: _Core, told: list[Any], *, in_order: bool) -> ManagerDriver:
 def test_the_reason_of_a_failure_stands_before_the_epoch_to_which_it_led(*, in_order: bool, names: list[str]) -> None:
     told: list[Any] = []
     now_ns = time.monotonic_ns()
-    failed = event("module_failed", now_ns + 9 * MS, element="module:m", by="left", text="why", heard_ns=now_ns)
+    failed = events.ModuleFailed(now_ns + 9 * MS, element="module:m", by="left", text="why", heard_ns=now_ns)
     core = _Core(
-        [Emit(event("fault_reported", now_ns, element="module:m", by="left", detail=0, code="STEP"))],
-        [Emit(event("reconfigured", now_ns + 5 * MS, epoch=2, causes=[], times_ns={}))],
+        [Emit(events.FaultReported(now_ns, element="module:m", by="left", detail=0, code="STEP"))],
+        [Emit(events.Reconfigured(now_ns + 5 * MS, 2, (), events.Times(1, 1, 1, 1), (), (), ()))],
         [Emit(failed), Stop("the end")],
     )
     assert driven(core, told, in_order=in_order).run(until_eof=False) == "the end"
-    assert [one["event"] for one in told] == names
-    times_ns = [one["t_ns"] for one in told]
+    assert [one.kind for one in told] == names
+    times_ns = [one.t_ns for one in told]
     assert times_ns == sorted(times_ns)
 
 
@@ -100,7 +101,7 @@ def test_an_event_is_told_after_a_moment_though_nothing_else_happens(monkeypatch
     for module in (driver, ordered_telling):
         monkeypatch.setattr(module, "HELD_NS", 2 * MS)
     told: list[Any] = []
-    core = _Core([Emit(event("pe_absent", time.monotonic_ns(), pe="left", cause=""))], [Stop("")], between_ns=5000 * MS)
+    core = _Core([Emit(events.PeAbsent(time.monotonic_ns(), pe="left", cause=""))], [Stop("")], between_ns=5000 * MS)
     manager = driven(core, told, in_order=True)
     monkeypatch.setattr(manager._telling, "_tell", lambda _: manager.stop())
     began_ns = time.monotonic_ns()
@@ -112,6 +113,6 @@ def test_what_is_held_has_a_time_at_which_it_is_due() -> None:
     told: list[Any] = []
     telling = OrderedTelling(told.append)
     assert telling.due_ns() is None
-    telling.take(event("pe_joined", 30, pe="b", cause=""))
-    telling.take(event("pe_joined", 20, pe="a", cause=""))
+    telling.take(events.PeJoined(30, pe="b", cause=""))
+    telling.take(events.PeJoined(20, pe="a", cause=""))
     assert telling.due_ns() == 20 + ordered_telling.HELD_NS

@@ -1,10 +1,12 @@
 """What a manager reads from PEs by SDO for people: why modules failed, tracebacks, standstills of computers."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
+from heronry_manager import events
 from heronry_manager.core.object_reader import SILENCE_NS
 from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ManagerAction, OperatorSaid, Reply
 from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS
@@ -15,7 +17,7 @@ from heronry_wire.sansio import Send
 from heronry_wire.sdo import LAST_SEGMENT, SIZE_GIVEN, TOGGLE, UPLOAD, UPLOAD_ANSWER, with_data, with_number
 from heronry_wire.standstill import StoodStill
 from lab.peers import PlayedObjects
-from manager.one_manager import MS, OneManager
+from manager.one_manager import MS, E, OneManager
 
 LEFT = 92
 CONTROL, DRIVE_LEFT = 0, 1  # indices in the spec
@@ -49,11 +51,9 @@ class Reading(OneManager):
     def emcy(self, code: FaultCode, module: int, detail: int = 0) -> None:
         self.hear(Frame(emcy_id(LEFT), Emergency(code, 0x81, ElementKind.MODULE, module, detail).encode()))
 
-    def told(self, kind: str) -> list[dict[str, Any]]:
-        return [{k: v for k, v in one.items() if k not in ("v", "t_ns", "event")} for one in self.events_of(kind)]
-
-    def events_of(self, kind: str) -> list[dict[str, Any]]:
-        return [one for one in self.events if one["event"] == kind]
+    def told(self, kind: type[E]) -> list[E]:
+        """Give the events of a kind, each with time 0."""
+        return [replace(one, t_ns=0) for one in self.of(kind)]
 
     def ask(self, order: AskStatus | AskTraceback) -> Reply:
         self.give(OperatorSaid(1, order))
@@ -90,21 +90,21 @@ def test_why_a_module_failed_is_told_once_and_shown_in_the_status(manager: Readi
     for _ in range(3):
         manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
     told = {"element": "module:control", "by": "left", "text": TEXT}
-    assert manager.told("module_failed") == [told | {"heard_ns": began_ns}]
+    assert manager.told(events.ModuleFailed) == [events.ModuleFailed(0, **told, heard_ns=began_ns)]
     manager.pass_time(30 * MS)
     (kept,) = manager.status()["failures"]
     assert {key: kept[key] for key in told} == told
     assert kept["for_ns"] >= 30 * MS
     manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 2)
-    assert [one["text"] for one in manager.told("module_failed")] == [TEXT] * 2
+    assert [one.text for one in manager.told(events.ModuleFailed)] == [TEXT] * 2
 
 
 def test_a_hostile_text_is_made_plain(manager: Reading) -> None:
     manager.objects[LEFT, MODULE_FAILURES, 2] = b"\x1b[2J\xff" + b"x" * 400
     manager.emcy(FaultCode.MODULE_EXCEPTION, DRIVE_LEFT)
-    (told,) = manager.told("module_failed")
-    assert told["text"].startswith("\\x1b[2J")
-    assert len(told["text"]) == 200
+    (told,) = manager.told(events.ModuleFailed)
+    assert told.text.startswith("\\x1b[2J")
+    assert len(told.text) == 200
 
 
 @pytest.mark.parametrize(
@@ -125,10 +125,10 @@ def test_a_wrong_answer_gives_no_text_and_the_next_reading_works(
     manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
     manager.spoil = spoil
     manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
-    assert manager.told("module_failed") == []
+    assert manager.told(events.ModuleFailed) == []
     manager.spoil = lambda answer: answer
     manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 2)
-    assert len(manager.told("module_failed")) == 1
+    assert len(manager.told(events.ModuleFailed)) == 1
 
 
 def test_a_pe_that_does_not_answer_is_given_up_and_the_next_object_is_read(manager: Reading) -> None:
@@ -139,7 +139,7 @@ def test_a_pe_that_does_not_answer_is_given_up_and_the_next_object_is_read(manag
     manager.pass_time(SILENCE_NS - 10 * MS)
     manager.is_deaf = False
     manager.pass_time(20 * MS)
-    assert [one["element"] for one in manager.told("module_failed")] == ["module:drive_left"]
+    assert [one.element for one in manager.told(events.ModuleFailed)] == ["module:drive_left"]
 
 
 def test_a_busy_pe_is_asked_up_to_three_times_why_a_module_has_failed(manager: Reading) -> None:
@@ -148,9 +148,9 @@ def test_a_busy_pe_is_asked_up_to_three_times_why_a_module_has_failed(manager: R
     manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
     manager.pass_time(3 * SILENCE_NS)
     manager.is_deaf = False
-    assert manager.told("module_failed") == []
+    assert manager.told(events.ModuleFailed) == []
     manager.pass_time(2 * SILENCE_NS)
-    assert [one["text"] for one in manager.told("module_failed")] == [TEXT]
+    assert [one.text for one in manager.told(events.ModuleFailed)] == [TEXT]
 
 
 def test_a_pe_that_never_says_why_a_module_has_failed_is_asked_three_times(manager: Reading) -> None:
@@ -164,9 +164,9 @@ def test_a_pe_that_another_sdo_client_asks_is_read_after_that(manager: Reading) 
     manager.hear(Frame(sdo_request_id(LEFT), bytes(8)))
     assert manager.core.hears(sdo_request_id(LEFT))
     manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
-    assert manager.told("module_failed") == []
+    assert manager.told(events.ModuleFailed) == []
     manager.pass_time(SILENCE_NS + 10 * MS)
-    assert len(manager.told("module_failed")) == 1
+    assert len(manager.told(events.ModuleFailed)) == 1
 
 
 def test_the_traceback_comes_when_the_operator_asks(manager: Reading) -> None:
@@ -227,7 +227,7 @@ def test_a_late_answer_of_another_node_or_none_at_all_is_dropped(manager: Readin
     manager.is_deaf = False
     manager.objects[LEFT, MODULE_FAILURES, 1] = b"no"
     manager.hear(Frame(sdo_response_id(LEFT), manager.played.answer(LEFT, with_data(UPLOAD, MODULE_FAILURES, 1))))
-    assert [one["text"] for one in manager.told("module_failed")] == ["no"]
+    assert [one.text for one in manager.told(events.ModuleFailed)] == ["no"]
 
 
 def test_a_standstill_of_a_pe_is_told_when_it_was_not_heard(manager: Reading) -> None:
@@ -236,33 +236,33 @@ def test_a_standstill_of_a_pe_is_told_when_it_was_not_heard(manager: Reading) ->
     assert manager.status()["pes"]["left"]["standstills"] is None
     counted = {"times": 30, "long_times": 3, "last_long_ms": 90, "longest_ms": 200}
     assert manager.status()["pes"]["left"]["standstills"] == counted
-    assert manager.told("stood_still") == []
+    assert manager.told(events.StoodStill) == []
     manager.pass_time(100 * MS)
     manager.is_silent_for_two_beats("left")
-    assert manager.told("stood_still") == [{"by": "left", "for_ns": 200 * MS, "times": 3}]
+    assert manager.told(events.StoodStill) == [events.StoodStill(0, by="left", for_ns=200 * MS, times=3)]
     manager.counters(4, 140)
     manager.pass_time(100 * MS)
     manager.is_silent_for_two_beats("left")
-    assert manager.told("stood_still")[1:] == [{"by": "left", "for_ns": 140 * MS, "times": 4}]
+    assert manager.told(events.StoodStill)[1:] == [events.StoodStill(0, by="left", for_ns=140 * MS, times=4)]
 
 
 def test_the_longest_standstill_is_told_if_the_pe_never_had_a_longer_one(manager: Reading) -> None:
     manager.counters(2, 30)
     manager.is_silent_for_two_beats("left")
-    assert manager.told("stood_still") == [{"by": "left", "for_ns": 200 * MS, "times": 2}]
+    assert manager.told(events.StoodStill) == [events.StoodStill(0, by="left", for_ns=200 * MS, times=2)]
 
 
 def test_a_pe_that_has_restarted_counts_anew(manager: Reading) -> None:
     for times, expected in ((9, 1), (9, 1), (0, 1), (2, 2), (1, 3)):
         manager.counters(times, 50)
         manager.is_silent_for_two_beats("left")
-        assert len(manager.told("stood_still")) == expected
+        assert len(manager.told(events.StoodStill)) == expected
 
 
 def test_a_standstill_of_the_managers_own_computer_is_told_and_counted(manager: Reading) -> None:
     for for_ms in (6, 140, 30):
         manager.give(StoodStill(for_ms * MS))
-    assert manager.told("stood_still") == [{"by": "manager 126", "for_ns": 140 * MS, "times": 1}]
+    assert manager.told(events.StoodStill) == [events.StoodStill(0, by="manager 126", for_ns=140 * MS, times=1)]
     counted = {"times": 3, "long_times": 2, "last_long_ms": 30, "longest_ms": 140}
     assert manager.status()["manager"]["standstills"] == counted
 

@@ -5,11 +5,14 @@ from dataclasses import replace
 from heronry_dg.configuration import Configuration
 from heronry_dg.plan import Plan
 from heronry_dg.situation import situation
-from heronry_manager.core.events import event
+from heronry_manager import events
 from heronry_manager.planner.exact import plan
 from heronry_manager.shell.plants import Plants
 from heronry_tools.reports.status import _plants
 from pcs.test_plan_graphs import small
+
+RUNS = events.Reconfigured(70, 5, ("first heard",), events.Times(1, 2, 3, 4), (), (), ())
+ADOPTED = events.Adopted(70, epoch=5, digest="00A1B2")
 
 
 def planned() -> tuple[Plants, Plan]:
@@ -19,12 +22,11 @@ def planned() -> tuple[Plants, Plan]:
 
 def test_an_epoch_that_runs_is_followed_by_what_it_means_for_the_plants() -> None:
     plants, made = planned()
-    for kind in ("reconfigured", "adopted"):
-        told = plants.after(event(kind, 70, epoch=5), made)
-        states = {"tank": "on_path", "room": "unmoved", "moon": "unmoved"}
-        assert told == {"v": 1, "t_ns": 70, "event": "control_paths", "epoch": 5, "plants": states}
-    assert plants.after(event("plan_kept", 70, request=1), made) is None
-    assert plants.after(event("adopted", 70, epoch=5), None) is None
+    states = {"tank": "on_path", "room": "unmoved", "moon": "unmoved"}
+    for runs in (RUNS, ADOPTED):
+        assert plants.after(runs, made) == events.ControlPaths(70, epoch=5, plants=states)
+    assert plants.after(events.PlanKept(70, request=1), made) is None
+    assert plants.after(ADOPTED, None) is None
 
 
 def test_the_status_says_why_a_loop_is_open() -> None:
@@ -43,5 +45,5 @@ def test_the_status_says_why_a_loop_is_open() -> None:
 def test_a_spec_without_plants_is_told_nothing() -> None:
     spec, _ = small()
     plants, made = Plants(replace(spec, plants={})), planned()[1]
-    assert plants.after(event("reconfigured", 70, epoch=5), made) is None
+    assert plants.after(RUNS, made) is None
     assert plants.status(made) == {}

@@ -6,6 +6,7 @@ from fractions import Fraction
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_manager import events
 from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.topology import radios
 from heronry_wire.frame import Frame
@@ -184,10 +185,10 @@ def test_a_limit_above_what_the_plan_uses_leads_to_no_plan() -> None:
     flight = Flight()
     requested = len(flight.requests)
     flight.report(700, times=2)
-    assert flight.last("link_limited")["share"] == "60%"
+    assert flight.last(events.LinkLimited).share == "60%"
     assert len(flight.requests) == requested
     flight.report(1000, times=12)
-    assert flight.last("link_limited")["share"] == "100%"
+    assert flight.last(events.LinkLimited).share == "100%"
     assert len(flight.requests) == requested, "what was planned for all of it is as good again"
 
 
@@ -196,7 +197,7 @@ def test_a_limit_below_what_the_plan_uses_is_a_fault_with_a_number() -> None:
     flight.report(100, times=2)
     request = flight.requests[-1]
     assert request.now.limits == {"bus:radio": Fraction(8, 100)}
-    assert flight.last("plan_requested")["limits"] == {"bus:radio": "8%"}
+    assert flight.last(events.PlanRequested).limits == {"bus:radio": "8%"}
     assert not flight.answer().functions["sight"].served
     assert flight.core.status()["links"]["radio"]["limit"] == 80
 

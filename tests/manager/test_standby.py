@@ -7,6 +7,7 @@ import pytest
 
 from heronry_dg.loader import load, loads
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
@@ -117,7 +118,7 @@ def test_a_pe_that_only_the_standby_did_not_hear_is_not_held_down_when_the_manag
     pair.orphan("left", "middle")
     pair.standby.pass_time(MS)
     assert pair.standby.said(Alive)[0].nodes == {92, 93, 94}
-    assert pair.standby.last("adopted")
+    assert pair.standby.last(events.Adopted)
     assert pair.standby.requests[-1].in_background
 
 
@@ -133,9 +134,9 @@ def test_what_runs_is_not_adopted_where_a_pe_shows_a_newer_epoch(pair: Pair) -> 
     pair.orphan("left", "middle", "right")
     pair.standby.pass_time(MS)
     assert pair.standby.said(Alive)[0].nodes == {93, 94}
-    assert pair.standby.of("adopted") == []
+    assert pair.standby.of(events.Adopted) == []
     pair.standby.answer()
-    assert pair.standby.of("adopted") == []
+    assert pair.standby.of(events.Adopted) == []
     assert is_newer(pair.standby.said(Prepare)[-1].epoch, newer)
 
 
@@ -156,7 +157,7 @@ def test_a_pe_that_died_with_the_manager_is_a_fault_of_what_was_adopted(pair: Pa
     pair.standby.pass_time(LEASE_NS + MS)
     for pe in ("right", "middle"):
         pair.say(pe, PeFlags(0))
-    assert pair.standby.last("adopted")
+    assert pair.standby.last(events.Adopted)
     assert pair.standby.requests[-1].now.down == {"pe:left"}
     assert pair.standby.requests[-1].running is not None
     assert not pair.standby.requests[-1].in_background
@@ -168,10 +169,10 @@ def test_a_pe_that_restarted_in_between_is_given_what_runs(pair: Pair) -> None:
     pair.standby.pass_time(250 * MS)
     for pe in ("left", "middle"):
         pair.say(pe, PeFlags(0))
-    assert pair.standby.last("adopted")
+    assert pair.standby.last(events.Adopted)
     pair.standby.answer()
     pair.standby.pass_time(2 * BEAT_NS)
-    assert pair.standby.said(Prepare)[-1].epoch == pair.standby.last("adopted")["epoch"]
+    assert pair.standby.said(Prepare)[-1].epoch == pair.standby.last(events.Adopted).epoch
 
 
 def test_the_standby_finds_out_by_planning_what_it_has_not_heard() -> None:
@@ -184,9 +185,9 @@ def test_the_standby_finds_out_by_planning_what_it_has_not_heard() -> None:
     pair.fly(2 * BEAT_NS)
     assert pair.standby.memory.runs is None
     pair.orphan("left", "middle")
-    assert pair.standby.of("adopted") == []
+    assert pair.standby.of(events.Adopted) == []
     pair.standby.answer()
-    assert pair.standby.last("adopted")
+    assert pair.standby.last(events.Adopted)
     assert pair.standby.said(Prepare) == []
 
 
@@ -258,7 +259,7 @@ def test_a_manager_that_has_not_heard_all_pes_yet_waits_with_its_plan() -> None:
     standby.pass_time(LEASE_NS + MS)
     for pe in ("left", "middle"):
         standby.live(pe)
-    assert standby.last("taken_over")["term"] == 2
+    assert standby.last(events.TakenOver).term == 2
     assert standby.requests == []
     standby.pass_time(START_UP_WINDOW_NS)
     assert standby.requests[-1].now.down == {"pe:right"}
@@ -269,7 +270,7 @@ def test_with_a_key_the_commands_of_a_manager_that_is_not_followed_are_ignored(p
     standby.core = ManagerCore(PHASES, 127, NOTHING, standby.now_ns, standby=True, key=Key(bytes(KEY_BYTES)))
     for frame in pair.primary.frames:
         standby.hear(frame)
-    assert standby.of("standing_by") == []
+    assert standby.of(events.StandingBy) == []
     assert standby.frames == []
 
 
@@ -317,11 +318,11 @@ def test_with_a_key_a_pe_that_sends_is_awaited_until_the_window_closes_and_one_t
         late.one.pass_time(BEAT_NS)
         late.hear_all(PeFlags(0))
     assert state(late.one) == "starting"
-    assert late.one.of("pe_absent")[len(PHASES.pes) :] == []
+    assert late.one.of(events.PeAbsent)[len(PHASES.pes) :] == []
     late.one.pass_time(4 * BEAT_NS)
-    absent = late.one.of("pe_absent")[len(PHASES.pes) :]
-    assert {told["cause"] for told in absent} == {"not heard any more, before it could be believed"}
-    assert late.one.last("hears_nobody")["term"] == late.one.said(Lease)[-1].term
+    absent = late.one.of(events.PeAbsent)[len(PHASES.pes) :]
+    assert {told.cause for told in absent} == {"not heard any more, before it could be believed"}
+    assert late.one.last(events.HearsNobody).term == late.one.said(Lease)[-1].term
     late.one.answer()  # its commands, on a wire that may be mended by now, would stop every PE
     assert state(late.one) == "listening"
     assert late.one.said(Prepare) == []
@@ -397,7 +398,7 @@ def test_a_request_that_it_heard_acknowledged_was_executed_and_the_operators_ord
     to_unknown = Control(1, 99, Operation.ACKNOWLEDGE, ElementKind.PHASE, 7)
     pair.standby.hear(command_frame(to_unknown))
     pair.orphan(*PHASES.pes)
-    assert pair.standby.last("taken_over")["phase"] == "climb"
+    assert pair.standby.last(events.TakenOver).phase == "climb"
     pair.standby.report("left", Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, FORWARD_ONLY | 1))
     assert pair.standby.core.status()["phase"] == "climb"
     pair.standby.report("left", Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 2, 2))
@@ -415,7 +416,7 @@ def test_a_pe_on_a_slow_bus_is_believed_for_five_of_its_own_periods() -> None:
         manager.hear(Frame(manager.state_id(pe), StatePage0(PeState.ACTIVE, PeFlags(0), 1, 1, 0, 7).encode()))
     manager.now_ns += 2_000 * MS
     manager.give(Tick())
-    assert manager.last("taken_over")["before"] == 1
+    assert manager.last(events.TakenOver).before == 1
 
 
 def test_without_a_term_left_it_stops_and_says_so() -> None:
@@ -424,7 +425,7 @@ def test_without_a_term_left_it_stops_and_says_so() -> None:
     manager.pass_time(LEASE_NS + MS)
     for pe in PHASES.pes:
         manager.live(pe)
-    assert manager.of("taken_over") == []
+    assert manager.of(events.TakenOver) == []
     (reason,) = manager.stops
     assert "there is no term after 4095" in reason
     assert manager.core.next_deadline_ns() is None
@@ -449,5 +450,5 @@ def test_a_mastership_is_not_refused_for_reports_from_an_earlier_one(pair: Pair)
     manager.hear(command_frame(Lease(3, 0, Step.PREPARED, 0)))
     assert state(manager) == "standby"
     manager.pass_time(LEASE_NS + 2 * BEAT_NS)
-    assert [one["before"] for one in manager.of("taken_over")] == [1, 3]
-    assert manager.of("refused") == []
+    assert [one.before for one in manager.of(events.TakenOver)] == [1, 3]
+    assert manager.of(events.Refused) == []

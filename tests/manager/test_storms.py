@@ -2,6 +2,7 @@
 
 import pytest
 
+from heronry_manager import events
 from heronry_manager.core.storms import Storms
 from heronry_manager.core.vocabulary import ClearElement, FailElement, OperatorSaid
 from heronry_wire.state_frames import PeState
@@ -36,8 +37,8 @@ class Storm:
     def rage(self, element: str) -> None:
         """Let an element fail and return until a change does not end what is being prepared any more."""
         abandoned = -1
-        while abandoned != len(self.manager.of("epoch_abandoned")):
-            abandoned = len(self.manager.of("epoch_abandoned"))
+        while abandoned != len(self.manager.of(events.EpochAbandoned)):
+            abandoned = len(self.manager.of(events.EpochAbandoned))
             self.blow(element, 20 * MS)
         assert self.manager.core.status()["next"] is not None
 
@@ -47,11 +48,11 @@ class Storm:
         while self.planned < len(manager.requests):
             self.planned = len(manager.requests)
             manager.answer()
-        opened = manager.of("epoch_prepared")
-        open_ns = opened[-1]["t_ns"] if opened else manager.now_ns
-        is_open = bool(opened) and opened[-1]["epoch"] not in {one["epoch"] for one in manager.of("epoch_abandoned")}
-        if is_open and opened[-1]["epoch"] != self.taken and manager.now_ns - open_ns >= STAGES_NS:
-            self.taken = opened[-1]["epoch"]
+        opened = manager.of(events.EpochPrepared)
+        open_ns = opened[-1].t_ns if opened else manager.now_ns
+        is_open = bool(opened) and opened[-1].epoch not in {one.epoch for one in manager.of(events.EpochAbandoned)}
+        if is_open and opened[-1].epoch != self.taken and manager.now_ns - open_ns >= STAGES_NS:
+            self.taken = opened[-1].epoch
             for pe in manager.spec.pes:
                 manager.stage(pe)
             for pe in manager.spec.pes:
@@ -67,27 +68,27 @@ class Storm:
 def test_in_a_storm_an_epoch_is_reached_and_then_all_that_was_gathered_is_planned() -> None:
     storm = Storm()
     storm.blow(UNUSED, 900 * MS)
-    assert storm.manager.of("reconfigured") == []  # a burst: the newest situation is answered first
-    assert len(storm.manager.of("epoch_abandoned")) > 40
+    assert storm.manager.of(events.Reconfigured) == []  # a burst: the newest situation is answered first
+    assert len(storm.manager.of(events.EpochAbandoned)) > 40
     storm.blow(UNUSED, 400 * MS)
-    assert len(storm.manager.of("reconfigured")) == 1
+    assert len(storm.manager.of(events.Reconfigured)) == 1
     before = len(storm.manager.requests)
     storm.flip(UNUSED)
     storm.settle()
     asked = storm.manager.requests[before:]
     assert (UNUSED in asked[-1].now.down) is bool(storm.flips % 2)
-    assert storm.manager.core.status()["epoch"] == storm.manager.last("reconfigured")["epoch"]
+    assert storm.manager.core.status()["epoch"] == storm.manager.last(events.Reconfigured).epoch
 
 
 def test_what_becomes_illegal_ends_in_a_storm_too() -> None:
     storm = Storm()
     storm.blow(UNUSED, 900 * MS)
     storm.rage(UNUSED)
-    abandoned = len(storm.manager.of("epoch_abandoned"))
+    abandoned = len(storm.manager.of(events.EpochAbandoned))
     storm.manager.give(OperatorSaid(999, ClearElement(UNUSED)))
-    assert len(storm.manager.of("epoch_abandoned")) == abandoned
+    assert len(storm.manager.of(events.EpochAbandoned)) == abandoned
     storm.manager.give(OperatorSaid(1000, FailElement(USED)))
-    assert len(storm.manager.of("epoch_abandoned")) == abandoned + 1
+    assert len(storm.manager.of(events.EpochAbandoned)) == abandoned + 1
     storm.settle()
     assert storm.manager.requests[-1].now.down == {USED}
     assert storm.manager.core.status()["functions"]["elevator"]["served"]

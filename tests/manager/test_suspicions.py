@@ -1,6 +1,7 @@
 """A module reports a PE or a bus: the manager assesses it by its own evidence, and tells both."""
 
 from heronry_dg.loader import loads
+from heronry_manager import events
 from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation, Ping
 from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 from manager.one_manager import BEAT_NS, SPEC_TEXT, OneManager
@@ -21,7 +22,7 @@ def flying(text: str | None = None) -> OneManager:
 
 
 def concluded(manager: OneManager) -> list[tuple[str, str]]:
-    return [(told["element"], told["found"]) for told in manager.of("suspicion_assessed")]
+    return [(told.element, told.found) for told in manager.of(events.SuspicionAssessed)]
 
 
 def pings(manager: OneManager) -> list[int]:
@@ -34,8 +35,8 @@ def test_a_pe_that_answers_stays_and_both_is_told() -> None:
     assert pings(manager) == [93]
     manager.beat("middle")
     assert concluded(manager) == [("pe:middle", "it answers, and stays")]
-    (told,) = manager.of("suspicion")
-    assert (told["element"], told["by"], told["evidence"]) == (
+    (told,) = manager.of(events.Suspicion)
+    assert (told.element, told.by, told.evidence) == (
         "pe:middle",
         "left",
         "it was heard in time, and is asked",
@@ -62,18 +63,18 @@ def test_a_pe_that_is_silent_is_lost_like_any_other() -> None:
     manager.pass_time(5 * BEAT_NS)
     assert concluded(manager) == [("pe:middle", "it does not answer, and is lost")]
     assert suspect(manager, "right", ElementKind.PE, 1)
-    assert manager.of("suspicion")[-1]["evidence"] == "it counts as lost already"
+    assert manager.of(events.Suspicion)[-1].evidence == "it counts as lost already"
     suspect(manager, "right", ElementKind.PE, 1)
-    assert len(manager.of("suspicion")) == 2
+    assert len(manager.of(events.Suspicion)) == 2
 
 
 def test_the_managers_own_bus_stays_since_it_has_carried_the_report() -> None:
     manager = flying()
     for by in (*manager.spec.pes, "left"):
         assert suspect(manager, by, ElementKind.BUS, 0)
-    assert len(manager.of("suspicion")) == len(manager.spec.pes), "a repetition is not told again"
+    assert len(manager.of(events.Suspicion)) == len(manager.spec.pes), "a repetition is not told again"
     assert set(concluded(manager)) == {("bus:can0", "it stays")}
-    assert {told["evidence"] for told in manager.of("suspicion")} == {"it has carried the report"}
+    assert {told.evidence for told in manager.of(events.Suspicion)} == {"it has carried the report"}
 
 
 SIDE = SPEC_TEXT.replace("can0: {bitrate: 1000000}", "can0: {bitrate: 1000000}, side: {bitrate: 1000000}")
@@ -90,7 +91,7 @@ def test_a_bus_stays_while_a_pe_is_heard_that_can_be_reached_over_it_alone() -> 
     for by in ("left", "middle"):
         assert suspect(manager, by, ElementKind.BUS, 1)
     assert set(concluded(manager)) == {("bus:side", "it stays")}
-    assert manager.of("suspicion")[0]["evidence"] == "pe:middle is heard, which can be reached over it alone"
+    assert manager.of(events.Suspicion)[0].evidence == "pe:middle is heard, which can be reached over it alone"
     assert manager.core.status()["latched"] == []
 
 

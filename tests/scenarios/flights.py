@@ -7,6 +7,7 @@ from pathlib import Path
 from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager import events
 from heronry_tools.sim.flight.simulation import DEFAULT_DECIDE_NS, Simulation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import Planners
@@ -56,7 +57,7 @@ def flying(
 ) -> Simulation:
     """A flight after its start, as soon as all is well."""
     simulation = Simulation(spec, seed, keep_trace=keep_trace, decide_ns=decide_ns, planners=planners, key=key)
-    while not simulation.events_of("reconfigured") or simulation.unsettled():
+    while not simulation.events_of(events.Reconfigured) or simulation.unsettled():
         simulation.run_for(50 * MS)
         assert simulation.now_ns < LONGEST_START_NS, simulation.unsettled()
     return simulation
@@ -76,8 +77,8 @@ def fail_receiver(simulation: Simulation, pe: str, duration_ns: int) -> None:
 
 def placed_on(simulation: Simulation, pe: str) -> set[str]:
     """Modules that the last plan puts on a PE."""
-    modules = simulation.events_of("plan_ready")[-1]["plan"]["modules"]
-    return {name for name, running in modules.items() if running["pe"] == pe}
+    modules = simulation.events_of(events.PlanReady)[-1].plan.modules
+    return {name for name, running in modules.items() if running.pe == pe}
 
 
 def management_frames(trace: list[Sent], from_ns: int, to_ns: int) -> list[Sent]:
@@ -88,6 +89,5 @@ def management_frames(trace: list[Sent], from_ns: int, to_ns: int) -> list[Sent]
 
 def times_are_told(simulation: Simulation) -> None:
     """Every reconfiguration tells its four times, and none is negative."""
-    for told in simulation.events_of("reconfigured"):
-        assert set(told["times_ns"]) == {"detect", "decide", "distribute", "activate"}
-        assert min(told["times_ns"].values()) >= 0, told
+    for told in simulation.events_of(events.Reconfigured):
+        assert min(told.times_ns.by_name().values()) >= 0, told

@@ -1,5 +1,6 @@
 """A manager starts while its journal has every PE in quarantine: there is no PE to command."""
 
+from heronry_manager import events
 from scenarios.flights import MS, flying, two_tails
 
 
@@ -16,5 +17,5 @@ def test_a_mastership_begins_while_every_pe_is_held_down() -> None:
     simulation.run_for(100 * MS)
     simulation.managers.start()
     assert simulation.settle() == []
-    first = [told for told in simulation.events_of("reconfigured") if told["causes"] == ["a mastership begins"]]
-    assert [told["times_ns"]["detect"] for told in first] == [0]
+    first = [told for told in simulation.events_of(events.Reconfigured) if told.causes == ("a mastership begins",)]
+    assert [told.times_ns.detect for told in first] == [0]

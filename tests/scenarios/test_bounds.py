@@ -11,6 +11,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.bounds.fault_cases import fault_cases
 from heronry_manager.bounds.reconfiguration_bound import Bound, Bounds, FaultClass
 from heronry_tools.sim.faults.fault import Fault
@@ -53,7 +54,7 @@ def bound_ns(name: str, fault: FaultClass, element: str) -> int:
 
 def taken_ns(simulation: Simulation, since_ns: int) -> int:
     """Time from an instant to the last reconfiguration that followed it, in ns."""
-    done = [told["t_ns"] for told in simulation.events_of("reconfigured") if told["t_ns"] > since_ns]
+    done = [told.t_ns for told in simulation.events_of(events.Reconfigured) if told.t_ns > since_ns]
     return max(done, default=since_ns) - since_ns
 
 
@@ -158,14 +159,14 @@ def test_a_reconfiguration_for_a_radio_that_is_lost_ends_within_the_bound() -> N
 
 def reported_ns(simulation: Simulation) -> int:
     """Time from the first bit of the EMCY to the end of the reconfiguration that it brought about, in ns."""
-    heard_ns = simulation.events_of("fault_reported")[0]["t_ns"]
+    heard_ns = simulation.events_of(events.FaultReported)[0].t_ns
     return taken_ns(simulation, heard_ns - _EMCY_NS)
 
 
 def test_a_reconfiguration_for_a_device_that_is_reported_ends_within_the_bound() -> None:
     simulation = flying(two_tails())
     simulation.fail_device("elevator_servo_1", "stuck")
-    while not simulation.events_of("fault_reported"):
+    while not simulation.events_of(events.FaultReported):
         simulation.run_for(50 * MS)
     simulation.run_for(500 * MS)
     longest_ns = bound_ns("two_tails", FaultClass.DEVICE_REPORTED, "device:elevator_servo_1")

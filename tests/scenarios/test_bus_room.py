@@ -13,6 +13,7 @@ from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_dg.transition import Transitions
+from heronry_manager import events
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id
@@ -72,7 +73,7 @@ def views(simulation: Simulation, producer: str, variable: str) -> list[int]:
 
 def activations(simulation: Simulation) -> list[tuple[Sent, Step]]:
     """Every ACTIVATE since the key was lost, and its step."""
-    lost_ns = simulation.events_of("pe_lost")[-1]["t_ns"]
+    lost_ns = simulation.events_of(events.PeLost)[-1].t_ns
     found = []
     for sent in simulation.trace:
         if sent.frame.can_id == management_id(FIRST_MANAGER, Command.ACTIVATE) and sent.end_ns > lost_ns:
@@ -94,7 +95,7 @@ def most_data_bits(simulation: Simulation) -> int:
 def test_the_left_view_has_gone_when_the_right_one_comes() -> None:
     simulation = flown()
     assert [step for _, step in activations(simulation)] == [Step.BREAK, Step.GO_ALL]
-    waited = [told["waiting_for"] for told in simulation.events_of("epoch_step") if told["step"] == "BREAK"]
+    waited = [told.waiting_for for told in simulation.events_of(events.EpochStep) if told.step == "BREAK"]
     assert waited == [["left"]]
     assert views(simulation, "look_left", "view_left")[-1] < views(simulation, "look_right", "view_right")[0]
     assert simulation.settle() == []

@@ -1,9 +1,9 @@
 """The loss of one channel of a replicated bus, at any moment and on any PE, changes only the reports."""
 
-from typing import Any
-
 import pytest
 
+from heronry_manager import events
+from heronry_manager.events.line import to_object
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
@@ -11,7 +11,7 @@ from heronry_wire.identifiers import emcy_id
 from scenarios.flights import MS, flying, twin_wires
 from thoroughness import mostly_soak
 
-REPORT = ("channel_lost", "channel_back")
+REPORT = (events.ChannelLost, events.ChannelBack)
 LOSS = "1 crash pe:rear for 2"
 PULLED = [
     "0.5 channel_loss channel:can0.1 for 5",
@@ -31,13 +31,13 @@ def flight(*faults: str) -> Simulation:
     return simulation
 
 
-def story(simulation: Simulation) -> list[dict[str, Any]]:
+def story(simulation: Simulation) -> list[dict[str, object]]:
     """Events of the manager except the reports of channels, without times."""
     timeless = ("t_ns", "times_ns", "decide_ns", "last_heard_ns", "silent_ns", "plan")
     return [
-        {key: value for key, value in event.items() if key not in timeless}
+        {key: value for key, value in to_object(event).items() if key not in timeless}
         for event in simulation.events
-        if event["event"] not in REPORT
+        if not isinstance(event, REPORT)
     ]
 
 
@@ -50,7 +50,7 @@ def untouched() -> Simulation:
 def test_a_flight_with_a_channel_pulled_is_the_same_flight(untouched: Simulation, pull: str) -> None:
     pulled = flight(pull)
     assert story(pulled) == story(untouched)
-    assert {e["event"] for e in pulled.events} - {e["event"] for e in untouched.events} == set(REPORT)
+    assert {type(e) for e in pulled.events} - {type(e) for e in untouched.events} == set(REPORT)
     assert pulled.broken() == []
     assert pulled.settle() == []
 
@@ -86,8 +86,8 @@ def test_a_pe_that_starts_on_one_channel_is_available_and_reports_the_other() ->
     simulation.run_for(500 * MS)
     simulation.fleet.restore("rear")
     simulation.run_for(2_000 * MS)
-    assert simulation.events_of("pe_joined")[-1]["pe"] == "rear"
-    assert [e["by"] for e in simulation.events_of("channel_lost")].count("rear") >= 1
+    assert simulation.events_of(events.PeJoined)[-1].pe == "rear"
+    assert [e.by for e in simulation.events_of(events.ChannelLost)].count("rear") >= 1
     assert simulation.unsettled() == []
 
 

@@ -3,14 +3,15 @@
 import pytest
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.planning import Planners, best_plan
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, times_are_told, two_tails
 
 
 def critical_and_utility(simulation: Simulation) -> tuple[object, object]:
-    objective = simulation.events_of("plan_ready")[-1]["plan"]["objective"]
-    return objective["critical"], objective["utility"]
+    objective = simulation.events_of(events.PlanReady)[-1].plan.objective
+    return objective.critical, objective.utility
 
 
 @pytest.mark.parametrize("planners", [Planners.IMMEDIATE, Planners.GREEDY, Planners.ALL], ids=lambda one: one.name)
@@ -32,9 +33,9 @@ def test_the_whole_aircraft_without_its_flight_computer_ends_with_the_best_plan(
     simulation.fleet.kill("flight")
     simulation.run_for(600 * MS)
     assert list(simulation.settle()) == []
-    first = simulation.events_of("reconfigured")[1]
-    assert first["causes"] == ["pe:flight: silent for 3 heartbeat periods"]
-    assert first["times_ns"]["decide"] < 5 * MS
+    first = simulation.events_of(events.Reconfigured)[1]
+    assert first.causes == ("pe:flight: silent for 3 heartbeat periods",)
+    assert first.times_ns.decide < 5 * MS
 
 
 @pytest.mark.soak
@@ -56,20 +57,20 @@ def test_a_plan_of_the_pre_planner_flies_immediately() -> None:
     simulation.fleet.kill("tail_pe")
     simulation.run_for(600 * MS)
     assert list(simulation.settle()) == []
-    told = simulation.events_of("plan_ready")[-1]
-    assert told["plan"]["down"] == ["pe:tail_pe"]
-    assert told["plan"]["optimal"]
-    assert told["decide_ns"] < MS
+    told = simulation.events_of(events.PlanReady)[-1]
+    assert told.plan.down == ("pe:tail_pe",)
+    assert told.plan.optimal
+    assert told.decide_ns < MS
 
 
 def test_a_fault_while_the_best_plan_is_computed_has_an_immediate_plan() -> None:
     simulation = flying(big_blue(), planners=Planners.IMMEDIATE, decide_ns=200 * MS)
     simulation.fleet.kill("flight")
-    while not simulation.events_of("reconfigured")[1:]:
+    while not simulation.events_of(events.Reconfigured)[1:]:
         simulation.run_for(5 * MS)
-    assert simulation.events_of("plan_requested")[-1]["causes"] == ["a better plan"]
+    assert simulation.events_of(events.PlanRequested)[-1].causes == ("a better plan",)
     simulation.fleet.kill("payload")
     simulation.run_for(90 * MS)
-    assert simulation.events_of("reconfigured")[-1]["causes"] == ["pe:payload: silent for 3 heartbeat periods"]
+    assert simulation.events_of(events.Reconfigured)[-1].causes == ("pe:payload: silent for 3 heartbeat periods",)
     simulation.run_for(600 * MS)
     assert list(simulation.settle()) == []

@@ -2,6 +2,7 @@
 
 import pytest
 
+from heronry_manager import events
 from heronry_manager.core.vocabulary import ClearElement
 from heronry_tools.sim.flight.simulation import Simulation
 from scenarios.flights import MS, at_end_of, big_blue, flying, management_frames, times_are_told, two_tails
@@ -21,10 +22,10 @@ def test_without_a_manager_every_function_goes_on_and_the_next_manager_adopts_wh
     assert simulation.unsettled() == []
     assert simulation.settle() == []
     assert simulation.witness.outages(simulation.now_ns) == []
-    (epoch,) = simulation.events_of("reconfigured")
-    (adopted,) = simulation.events_of("adopted")
-    assert adopted["epoch"] == epoch["epoch"]
-    assert simulation.events_of("pe_lost") == []
+    (epoch,) = simulation.events_of(events.Reconfigured)
+    (adopted,) = simulation.events_of(events.Adopted)
+    assert adopted.epoch == epoch.epoch
+    assert simulation.events_of(events.PeLost) == []
 
 
 def test_a_second_manager_hears_the_first_and_does_not_start() -> None:
@@ -48,7 +49,7 @@ def test_a_pe_that_was_cut_off_over_a_change_of_mastership_joins(pe: str) -> Non
     simulation.run_for(600 * MS)
     simulation.fleet.mend(pe)
     assert simulation.settle() == []
-    assert "which no manager commanded" not in str(simulation.events_of("pe_lost"))
+    assert "which no manager commanded" not in str(simulation.events_of(events.PeLost))
 
 
 def test_a_fleet_that_restarts_around_one_that_does_not_gets_new_epochs() -> None:
@@ -67,9 +68,9 @@ def test_the_manager_dies_at_the_end_of_every_message() -> None:
     recorded = flying(two_tails(), keep_trace=True)
     recorded.fleet.kill("tail_pe")
     recorded.run_for(500 * MS)
-    known_ns = recorded.events_of("pe_lost")[-1]["t_ns"]
+    known_ns = recorded.events_of(events.PeLost)[-1].t_ns
     wrong = {}
-    for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
+    for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of(events.Reconfigured)[-1].t_ns)):
         simulation = flying(two_tails())
         at_end_of(simulation, frame, lambda flight=simulation: successor(flight, 150 * MS))
         simulation.fleet.kill("tail_pe")
@@ -92,7 +93,7 @@ def test_big_blue_under_a_new_mastership_while_a_processor_comes_back() -> None:
 def reported(simulation: Simulation, module: str) -> None:
     """Let a module raise until its PE stops it for good, fly until the manager has heard that, and mend the module."""
     simulation.fleet.broken_modules[module] = "raise"
-    while not simulation.events_of("fault_reported"):
+    while not simulation.events_of(events.FaultReported):
         simulation.run_for(MS // 10)
     simulation.fleet.broken_modules.clear()
 
@@ -115,5 +116,5 @@ def test_a_fault_whose_manager_died_when_it_had_acknowledged_it_is_reported_agai
     simulation.run_for(MS)  # the acknowledgement is sent, and the next heartbeat is not
     simulation.managers.kill()
     assert simulation.settle() == []
-    told = [event["element"] for event in simulation.events_of("fault_reported")]
+    told = [event.element for event in simulation.events_of(events.FaultReported)]
     assert told == ["module:chute_logic@control_pe"] * 2

@@ -7,6 +7,7 @@ from random import Random
 
 import pytest
 
+from heronry_manager import events
 from heronry_tools.sim.flight.simulation import Simulation
 from scenarios.flights import (
     MS,
@@ -71,9 +72,9 @@ def test_a_pe_that_has_to_stop_driving_has_a_failed_receiver_from_any_message_on
     recorded = flying(two_tails(), keep_trace=True, decide_ns=2 * MS)
     servo_sticks(recorded)
     recorded.run_for(10_000 * MS)
-    assert [step["step"] for step in recorded.events_of("epoch_step")] == ["GO_ALL", "BREAK", "GO_ALL"]
-    known_ns = recorded.events_of("fault_reported")[-1]["t_ns"]
-    for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
+    assert [step.step for step in recorded.events_of(events.EpochStep)] == ["GO_ALL", "BREAK", "GO_ALL"]
+    known_ns = recorded.events_of(events.FaultReported)[-1].t_ns
+    for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of(events.Reconfigured)[-1].t_ns)):
         simulation = flying(two_tails(), decide_ns=2 * MS)
         at_end_of(simulation, frame, lambda flight=simulation: fail_receiver(flight, "tail_pe", 150 * MS))
         servo_sticks(simulation)
@@ -86,5 +87,5 @@ def test_a_pe_whose_receiver_stays_failed_is_failed_although_it_sends() -> None:
     simulation.fleet.kill("sensor_pe")
     fail_receiver(simulation, "tail_pe", 1_000 * MS)
     simulation.run_for(1_000 * MS)
-    assert simulation.events_of("pe_lost")[-1]["cause"] == "it hears no lease"
+    assert simulation.events_of(events.PeLost)[-1].cause == "it hears no lease"
     assert simulation.settle() == []

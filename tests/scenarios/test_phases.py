@@ -6,6 +6,7 @@ from heronry_agent.module import Inputs, Module, Value
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager import events
 from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order, Reply
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Tampering
@@ -61,16 +62,16 @@ def say(simulation: Simulation, order: Order) -> Reply:
 
 
 def entered(simulation: Simulation) -> list[tuple[str, str]]:
-    return [(told["phase"], told["by"]) for told in simulation.events_of("phase_changed")]
+    return [(told.phase, told.by) for told in simulation.events_of(events.PhaseChanged)]
 
 
 def test_the_operator_changes_the_phase_and_what_is_not_wanted_stops() -> None:
     simulation = flying(with_phases("{climb: {}, land: {}}"))
     assert say(simulation, EnterPhase("land")).done
     assert simulation.settle() == []
-    told = simulation.events_of("reconfigured")[-1]
-    assert told["causes"] == ["phase land, requested by the operator"]
-    assert told["stopped"] == ["angle_driver", "servo_monitor"]
+    told = simulation.events_of(events.Reconfigured)[-1]
+    assert told.causes == ("phase land, requested by the operator",)
+    assert told.stopped == ("angle_driver", "servo_monitor")
 
 
 def test_a_module_that_requests_a_phase_in_every_step_is_heard_once() -> None:
@@ -78,7 +79,7 @@ def test_a_module_that_requests_a_phase_in_every_step_is_heard_once() -> None:
     simulation.run_for(2_000 * MS)
     assert [phase for phase, _ in entered(simulation)] == ["land"]
     assert simulation.settle() == []
-    assert len(simulation.events_of("reconfigured")) == 2
+    assert len(simulation.events_of(events.Reconfigured)) == 2
 
 
 def test_a_rule_is_watched_where_its_variable_is_made() -> None:
@@ -153,7 +154,7 @@ def test_a_pe_that_the_operator_fails_stops_driving_and_comes_back_when_it_is_cl
     assert status["pes"]["tail_pe"]["state"] == "down"
     say(simulation, ClearElement("pe:tail_pe"))
     simulation.run_for(1_000 * MS)
-    assert simulation.events_of("pe_joined")[-1]["pe"] == "tail_pe"
+    assert simulation.events_of(events.PeJoined)[-1].pe == "tail_pe"
     assert simulation.broken() == []
 
 
@@ -165,8 +166,8 @@ def test_a_mastership_that_begins_beside_a_dead_pe_does_not_wait_for_it() -> Non
     simulation.managers.start()
     begun_ns = simulation.now_ns
     simulation.run_for(300 * MS)
-    (absent,) = [told for told in simulation.events_of("pe_absent") if told["t_ns"] > begun_ns]
-    assert absent["pe"] == "sensor_pe"
+    (absent,) = [told for told in simulation.events_of(events.PeAbsent) if told.t_ns > begun_ns]
+    assert absent.pe == "sensor_pe"
     assert simulation.settle() == []
 
 
@@ -175,18 +176,18 @@ def test_an_advisor_beside_a_manager_sends_nothing_and_plans_the_same() -> None:
     active_manager = simulation.managers.foremost
     simulation.managers.start(127, advise=True)
     simulation.run_for(1500 * MS)
-    assert simulation.events_of("adopted")[-1]["epoch"] == simulation.events_of("reconfigured")[-1]["epoch"]
+    assert simulation.events_of(events.Adopted)[-1].epoch == simulation.events_of(events.Reconfigured)[-1].epoch
     simulation.fleet.kill("tail_pe")
     assert simulation.settle() == []
     assert active_manager is not None
     assert active_manager.stopped is None
-    assert simulation.events_of("second_manager") == []
+    assert simulation.events_of(events.SecondManager) == []
     told, holds = simulation.managers.running[127].core.status(), active_manager.core.status()
     assert [told[one] for one in ("epoch", "stage", "functions")] == [
         holds[one] for one in ("epoch", "stage", "functions")
     ]
     assert told["pes"]["control_pe"]["epoch"] == told["epoch"]
-    assert simulation.events_of("unknown_epoch") == []
+    assert simulation.events_of(events.UnknownEpoch) == []
 
 
 @pytest.mark.soak
@@ -195,5 +196,5 @@ def test_big_blue_is_released_and_glides_by_its_own_rules() -> None:
     simulation.run_until(18_000 * MS)
     assert [phase for phase, _ in entered(simulation)] == ["deployment", "glide"]
     assert simulation.settle() == []
-    (glide,) = [told for told in simulation.events_of("reconfigured") if "phase glide" in told["causes"][0]]
-    assert "cutdown_logic" in glide["stopped"]  # nothing left to cut
+    (glide,) = [told for told in simulation.events_of(events.Reconfigured) if "phase glide" in told.causes[0]]
+    assert "cutdown_logic" in glide.stopped  # nothing left to cut

@@ -16,6 +16,7 @@ from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.object_dictionary import ObjectDictionary
 from heronry_agent.core.pe_objects import PeObjects
 from heronry_agent.core.vocabulary import Action, Event
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import ManagerAction, ManagerEvent
 from heronry_tools.sim.flight.simulation import Simulation
@@ -149,11 +150,11 @@ def test_a_pe_of_another_major_stages_nothing_and_is_named_in_one_sentence(
 
     simulation = fleet(monkeypatch, key, tables=tables)
     simulation.run_for(3_000 * MS)
-    refusals = simulation.events_of("pe_refused")
-    assert {(one["pe"], one["reason"]) for one in refusals} == {("control_pe", "DIGEST")}
-    (told,) = simulation.events_of("another_table")
-    assert told["pe"] == "control_pe"
-    assert told["why"] == (
+    refusals = simulation.events_of(events.PeRefused)
+    assert {(one.pe, one.reason) for one in refusals} == {("control_pe", "DIGEST")}
+    (told,) = simulation.events_of(events.AnotherTable)
+    assert told.pe == "control_pe"
+    assert told.why == (
         f"it speaks protocol {OTHER}, and this manager {PROTOCOL}: install the same major version of heronry for both, "
         "and write its table anew with 'heronry table'"
     )
@@ -177,7 +178,7 @@ def test_nodes_of_another_minor_fly_along_and_what_they_add_harms_nobody(
     )
     simulation.run_for(3_000 * MS)
     assert simulation.settle() == []
-    assert simulation.events_of("pe_lost") == simulation.events_of("pe_refused") == []
+    assert simulation.events_of(events.PeLost) == simulation.events_of(events.PeRefused) == []
     control = management_id(FIRST_MANAGER, Command.CONTROL)
     orders = [sent for sent in simulation.trace if sent.frame.can_id == control and sent.frame.data[3] == NEW_ORDER]
     facts = [

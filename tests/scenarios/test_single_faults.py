@@ -5,6 +5,7 @@ import pytest
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager import events
 from heronry_tools.sim.flight.simulation import Simulation
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, placed_on, times_are_told, two_tails
 from thoroughness import mostly_soak
@@ -16,9 +17,9 @@ BIG_BLUE_PES = ("flight", "nav", "air", "tail_a", "tail_b", "wing", "payload", "
 def test_everything_starts_at_its_own_moment_and_comes_to_one_epoch(spec: Spec) -> None:
     simulation = flying(spec)
     assert simulation.settle() == []
-    assert len(simulation.events_of("pe_joined")) == len(spec.pes)
-    assert simulation.events_of("pe_lost") == []
-    assert len(simulation.events_of("reconfigured")) == 1
+    assert len(simulation.events_of(events.PeJoined)) == len(spec.pes)
+    assert simulation.events_of(events.PeLost) == []
+    assert len(simulation.events_of(events.Reconfigured)) == 1
     times_are_told(simulation)
 
 
@@ -27,7 +28,7 @@ def test_any_pe_is_killed_and_comes_back(pe: str) -> None:
     simulation = flying(big_blue())
     simulation.fleet.kill(pe)
     assert simulation.settle() == []
-    assert len(simulation.events_of("reconfigured")) == 2
+    assert len(simulation.events_of(events.Reconfigured)) == 2
     assert placed_on(simulation, pe) == set()
     simulation.fleet.restore(pe)
     assert simulation.settle() == []
@@ -61,7 +62,7 @@ def test_a_reboot_faster_than_a_heartbeat_is_seen() -> None:
     simulation.run_for(3 * MS)
     simulation.fleet.restore("tail_pe")
     assert simulation.settle() == []
-    assert "rebooted" in simulation.events_of("pe_lost")[-1]["cause"]
+    assert "rebooted" in simulation.events_of(events.PeLost)[-1].cause
 
 
 def test_a_pe_that_keeps_failing_is_held_down_for_longer_each_time() -> None:
@@ -72,7 +73,9 @@ def test_a_pe_that_keeps_failing_is_held_down_for_longer_each_time() -> None:
         simulation.run_for(300 * MS)
         simulation.fleet.restore("sensor_pe")
         assert simulation.settle() == []
-        downs.append(simulation.events_of("pe_joined")[-1]["t_ns"] - simulation.events_of("pe_heard_again")[-1]["t_ns"])
+        downs.append(
+            simulation.events_of(events.PeJoined)[-1].t_ns - simulation.events_of(events.PeHeardAgain)[-1].t_ns
+        )
     assert downs == sorted(downs)
     assert downs[-1] > 6 * downs[0]
 
@@ -81,10 +84,10 @@ def test_a_pe_that_keeps_failing_is_held_down_for_longer_each_time() -> None:
 def test_a_servo_that_sticks_is_reported_by_its_monitor_and_the_other_one_drives(spec: Spec) -> None:
     simulation = flying(spec)
     simulation.run_for(5_000 * MS)
-    assert simulation.events_of("fault_reported") == []
+    assert simulation.events_of(events.FaultReported) == []
     simulation.fail_device("elevator_servo_1", "stuck")
     simulation.run_for(15_000 * MS)
-    assert [told["element"] for told in simulation.events_of("fault_reported")] == ["device:elevator_servo_1"]
+    assert [told.element for told in simulation.events_of(events.FaultReported)] == ["device:elevator_servo_1"]
     assert simulation.settle() == []
     last = simulation.witness.last_output("elevator")
     assert last is not None
@@ -104,5 +107,5 @@ def test_a_module_that_raises_is_stopped_and_reported_and_the_plan_does_without_
     simulation.truth.broke("state_estimator", "tail_pe")  # half a second after it was started it raises
     simulation.run_for(1_500 * MS)
     assert simulation.settle() == []
-    assert [told["element"] for told in simulation.events_of("fault_reported")] == ["module:state_estimator@tail_pe"]
+    assert [told.element for told in simulation.events_of(events.FaultReported)] == ["module:state_estimator@tail_pe"]
     assert simulation.witness.served("elevator", simulation.now_ns)

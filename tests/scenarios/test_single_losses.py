@@ -6,6 +6,7 @@ have twice. Whatever happens to any one command, state or emergency frame, the e
 
 import pytest
 
+from heronry_manager import events
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Sent, Tampering
 from scenarios.flights import MS, flying, management_frames, times_are_told, two_tails
@@ -24,11 +25,13 @@ def frames() -> list[Sent]:
     """Management frames of both reconfigurations."""
     simulation = flying(two_tails(), keep_trace=True)
     lose_and_regain(simulation)
-    assert len(simulation.events_of("reconfigured")) == 3
+    assert len(simulation.events_of(events.Reconfigured)) == 3
     found = []
-    for begins, done in zip(("pe_lost", "pe_joined"), simulation.events_of("reconfigured")[1:], strict=True):
-        known_ns = simulation.events_of(begins)[-1]["t_ns"]
-        found += management_frames(simulation.trace, known_ns, done["t_ns"])
+    for begins, done in zip(
+        (events.PeLost, events.PeJoined), simulation.events_of(events.Reconfigured)[1:], strict=True
+    ):
+        known_ns = simulation.events_of(begins)[-1].t_ns
+        found += management_frames(simulation.trace, known_ns, done.t_ns)
     return found
 
 

@@ -10,6 +10,7 @@ from random import Random
 import pytest
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Sent
 from scenarios.flights import MS, at_end_of, big_blue, flying, management_frames, times_are_told, two_tails
@@ -61,9 +62,9 @@ def frames_of(spec: Spec, story: Story) -> list[Sent]:
     """Management frames of the reconfiguration that a story brings about."""
     simulation = flying(spec, keep_trace=True)
     begins = story(simulation)
-    simulation.run_for(15_000 * MS if begins == "fault_reported" else 1_000 * MS)
-    known_ns = simulation.events_of(begins)[-1]["t_ns"]
-    done_ns = simulation.events_of("reconfigured")[-1]["t_ns"]
+    simulation.run_for(15_000 * MS if begins is events.FaultReported else 1_000 * MS)
+    known_ns = simulation.events_of(begins)[-1].t_ns
+    done_ns = simulation.events_of(events.Reconfigured)[-1].t_ns
     assert done_ns > known_ns
     return management_frames(simulation.trace, known_ns, done_ns)
 

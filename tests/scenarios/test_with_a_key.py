@@ -2,6 +2,7 @@
 
 import pytest
 
+from heronry_manager import events
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Sent, Tampering
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id, state_id
@@ -25,11 +26,11 @@ def reboot(simulation: Simulation) -> None:
 def recorded() -> list[Sent]:
     """Frames from the reboot on, up to the end of what follows from it."""
     simulation = flying(two_tails(), key=KEY, keep_trace=True)
-    before_ns, known = simulation.now_ns, len(simulation.events_of("reconfigured"))
+    before_ns, known = simulation.now_ns, len(simulation.events_of(events.Reconfigured))
     reboot(simulation)
-    done = simulation.events_of("reconfigured")[known:]
+    done = simulation.events_of(events.Reconfigured)[known:]
     assert done
-    return [sent for sent in simulation.trace if before_ns < sent.end_ns <= done[-1]["t_ns"]]
+    return [sent for sent in simulation.trace if before_ns < sent.end_ns <= done[-1].t_ns]
 
 
 def is_welcome(sent: Sent) -> bool:
@@ -50,7 +51,7 @@ def ends_well(frame: Sent, tampering: Tampering) -> list[object]:
     simulation = flying(two_tails(), key=KEY)
     simulation.wiring.tamper(frame, tampering)
     reboot(simulation)
-    return [*simulation.settle(), *(told for told in simulation.events_of("pe_lost") if told["pe"] != "tail_pe")]
+    return [*simulation.settle(), *(told for told in simulation.events_of(events.PeLost) if told.pe != "tail_pe")]
 
 
 @pytest.mark.parametrize("copies", [0, 2], ids=["lost", "doubled"])

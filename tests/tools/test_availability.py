@@ -8,6 +8,7 @@ import pytest
 from heronry_agent.core.authenticity import Authenticity
 from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.state_seal import StateSeal
+from heronry_manager import events
 from heronry_manager.core import authenticity
 from heronry_manager.core.nonce_answers import NonceAnswers
 from heronry_tools.console.spec_argument import load_spec
@@ -27,7 +28,7 @@ def denied(kind: str, percent: int = 9, *others: str) -> Counter[str]:
     texts = [f"0.5 {kind} bus:can0 for {SECONDS} level {percent}", *others]
     faults = tuple(read_fault(SPEC, text) for text in texts)
     flight = Simulation(SPEC, 3, key=KEY)
-    while not flight.events_of("reconfigured"):
+    while not flight.events_of(events.Reconfigured):
         flight.run_for(MS)
     injections = Injections(flight, faults, flight.now_ns)
     flight.run_for(round((SECONDS + 0.5) * 1000) * MS)

@@ -4,6 +4,7 @@ from random import Random
 
 import pytest
 
+from heronry_manager import events
 from heronry_manager.core.memory import (
     EPOCHS,
     NOTHING,
@@ -271,11 +272,11 @@ def test_a_manager_that_starts_on_a_disk_that_takes_nothing_knows_what_is_there_
     simulation = Simulation(two_tails(), 1)
     simulation.managers.disks[126].refuses = True
     simulation.run_for(2_000 * MS)
-    assert len(simulation.events_of("journal_failed")) == 1
+    assert len(simulation.events_of(events.JournalFailed)) == 1
     simulation.managers.disks[126].refuses = False
     simulation.fleet.kill("tail_pe")
     simulation.run_for(500 * MS)
-    assert len(simulation.events_of("journal_kept")) == 1
+    assert len(simulation.events_of(events.JournalKept)) == 1
     assert simulation.settle() == []
 
 

@@ -10,7 +10,17 @@ import pytest
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.situation import situation
-from heronry_manager.core.events import event
+from heronry_manager.events import (
+    EpochAbandoned,
+    FaultReported,
+    ModuleFailed,
+    PeJoined,
+    PeLost,
+    Process,
+    Reconfigured,
+    Times,
+    Waited,
+)
 from heronry_manager.planner.exact import plan
 from heronry_manager.shell.ordered_telling import OrderedTelling
 from heronry_tools.cli import main
@@ -30,17 +40,17 @@ ELEVATOR = load(Path("dg_specs/elevator_and_chute.dg.yaml"))
 
 
 def names(told: list[Any]) -> list[str]:
-    return [one["event"] for one in told]
+    return [one.kind for one in told]
 
 
 def test_events_are_told_in_the_order_of_their_times_once_they_were_held() -> None:
     told: list[Any] = []
     telling = OrderedTelling(told.append)
-    telling.take(event("pe_joined", 30, pe="b", cause=""))
-    telling.take(event("process", 10, pe="a", pid=1, what="killed"))
+    telling.take(PeJoined(30, pe="b", cause=""))
+    telling.take(Process(10, pe="a", pid=1, what="killed"))
     telling.tell_until(20)
     assert names(told) == ["process"]
-    telling.take(event("pe_lost", 25, pe="a", cause="", last_heard_ns=1))
+    telling.take(PeLost(25, pe="a", cause="", last_heard_ns=1))
     telling.tell_until()
     assert names(told) == ["process", "pe_lost", "pe_joined"]
 
@@ -49,9 +59,9 @@ def test_events_of_one_time_keep_their_order() -> None:
     told: list[Any] = []
     telling = OrderedTelling(told.append)
     for epoch in range(5):
-        telling.take(event("epoch_abandoned", 7, epoch=epoch, reason=""))
+        telling.take(EpochAbandoned(7, epoch=epoch, reason=""))
     telling.tell_until()
-    assert [one["epoch"] for one in told] == [0, 1, 2, 3, 4]
+    assert [one.epoch for one in told] == [0, 1, 2, 3, 4]
 
 
 class _SlowToKill:
@@ -70,7 +80,7 @@ def test_a_kill_stands_before_its_consequence_however_long_the_process_takes_to_
     fleet = _SlowToKill()
     show = Show(ELEVATOR, cast("Fleet", fleet), {}, told.append)
     assert show._do("kill", "tail_pe") == "pe:tail_pe is killed (process 7)"
-    show._follow(event("pe_lost", fleet.killed_ns, pe="tail_pe", cause="", last_heard_ns=1))
+    show._follow(PeLost(fleet.killed_ns, pe="tail_pe", cause="", last_heard_ns=1))
     show._telling.tell_until()
     assert names(told) == ["process", "pe_lost"]
 
@@ -91,7 +101,7 @@ def test_the_loss_of_a_pe_whose_process_runs_says_in_the_same_breath_what_that_p
     told: list[Any] = []
     show = Show(ELEVATOR, cast("Fleet", _Running()), {}, told.append)
     show._waits = ProcessorWaits(1000 * MS, tmp_path)
-    lost = event("pe_lost", 5, pe="tail_pe", cause="silent", last_heard_ns=1)
+    lost = PeLost(5, pe="tail_pe", cause="silent", last_heard_ns=1)
     for at_ms, waits_ms in ((0, (0, 0, 7)), (500, (1, 0, 7)), (1000, (141, 900, 27))):
         for number, waited_ms in zip((11, 12, 13), waits_ms, strict=True):
             (tmp_path / str(number)).mkdir(exist_ok=True)
@@ -100,13 +110,13 @@ def test_the_loss_of_a_pe_whose_process_runs_says_in_the_same_breath_what_that_p
     show._waits._samples.pop()  # the last wait has just ended
     show._follow(lost)
     show._telling.tell_until()
-    assert (told[0]["waited"]["who"], told[0]["waited"]["for_ns"]) == ("pe:tail_pe", 141 * MS)
+    assert (told[0].waited.who, told[0].waited.for_ns) == ("pe:tail_pe", 141 * MS)
 
 
 def test_a_function_that_was_never_heard_is_told_with_what_the_processes_of_its_pes_waited_for(tmp_path: Path) -> None:
     told: list[Any] = []
     show = Show(ELEVATOR, cast("Fleet", _Running()), {}, told.append)
-    show._seconds, show._plan = 1.0, plan(ELEVATOR, situation(ELEVATOR)).document()
+    show._seconds, show._plan = 1.0, plan(ELEVATOR, situation(ELEVATOR)).told()
     show._waits = ProcessorWaits(1000 * MS, tmp_path)
     for at_ms, waits_ms in ((0, (0, 0, 0)), (1000, (700, 900, 27))):
         for number, waited_ms in zip((11, 12, 13), waits_ms, strict=True):
@@ -115,7 +125,7 @@ def test_a_function_that_was_never_heard_is_told_with_what_the_processes_of_its_
         show._waits.look(at_ms * MS, _Running().processes())
     assert show._summary() == 1
     show._telling.tell_until()
-    waited = {name: (one["who"], one["for_ns"] // MS) for name, one in told[-1]["waited"].items()}
+    waited = {name: (one.who, one.for_ns // MS) for name, one in told[-1].waited.items()}
     at_the_tail = ("pe:tail_pe", 700)
     assert waited.pop("parachute") == ("manager 126", 27)  # its PE has not waited
     assert waited == {"elevator": at_the_tail, "servo_monitoring": at_the_tail}
@@ -127,14 +137,14 @@ def test_a_loss_after_a_kill_is_its_consequence_and_one_before_it_is_not_however
     before_ns = time.monotonic_ns()
     show._do("kill", "tail_pe")
     after_ns = time.monotonic_ns()
-    show._follow(event("pe_joined", before_ns, pe="tail_pe", cause=""))  # read late: it does not end the kill
+    show._follow(PeJoined(before_ns, pe="tail_pe", cause=""))  # read late: it does not end the kill
     for at_ns in (before_ns, after_ns):
-        show._follow(event("pe_lost", at_ns, pe="tail_pe", cause="silent", last_heard_ns=1))
+        show._follow(PeLost(at_ns, pe="tail_pe", cause="silent", last_heard_ns=1))
     show._coming_back.add("tail_pe")  # it is restored
-    show._follow(event("pe_joined", after_ns + 1, pe="tail_pe", cause=""))
-    show._follow(event("pe_lost", after_ns + 2, pe="tail_pe", cause="silent", last_heard_ns=1))
+    show._follow(PeJoined(after_ns + 1, pe="tail_pe", cause=""))
+    show._follow(PeLost(after_ns + 2, pe="tail_pe", cause="silent", last_heard_ns=1))
     show._telling.tell_until()
-    assert ["waited" in one for one in told if one["event"] == "pe_lost"] == [True, False, True]
+    assert [one.waited is not None for one in told if isinstance(one, PeLost)] == [True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -146,8 +156,8 @@ def test_a_loss_after_a_kill_is_its_consequence_and_one_before_it_is_not_however
     ],
 )
 def test_a_lost_pe_whose_process_runs_is_never_told_alone(who: str, for_ns: int, words: str) -> None:
-    waited = {"who": who, "for_ns": for_ns, "of_ns": 1000 * MS}
-    lost = event("pe_lost", 5, pe="nav", cause="silent", last_heard_ns=1, waited=waited)
+    waited = Waited(who, for_ns, 1000 * MS)
+    lost = PeLost(5, pe="nav", cause="silent", last_heard_ns=1, waited=waited)
     assert words in Story(ELEVATOR).tell(lost)[1].text
 
 
@@ -162,9 +172,9 @@ def test_waits_of_processes_that_have_ended_count_nothing(tmp_path: Path) -> Non
 def test_the_reason_of_a_failure_stands_before_the_epoch_to_which_it_led() -> None:
     told: list[Any] = []
     show = Show(ELEVATOR, cast("Fleet", None), {}, told.append)
-    show._follow(event("fault_reported", 50, element="module:m", by="a", detail=0, code="MODULE_MISSING"))
-    show._follow(event("reconfigured", 60, epoch=2, causes=[], times_ns={}))
-    show._follow(event("module_failed", 90, element="module:m", by="a", text="why", heard_ns=50))
+    show._follow(FaultReported(50, element="module:m", by="a", detail=0, code="MODULE_MISSING"))
+    show._follow(Reconfigured(60, 2, (), Times(1, 1, 1, 1), (), (), ()))
+    show._follow(ModuleFailed(90, element="module:m", by="a", text="why", heard_ns=50))
     show._telling.tell_until()
     assert names(told) == ["fault_reported", "module_failed", "reconfigured"]
 
@@ -228,7 +238,7 @@ def test_a_silence_that_has_ended_while_it_was_held_is_not_told_as_one_that_last
 
 def story_of_elevator() -> Story:
     story = Story(ELEVATOR)
-    story._plan = {"functions": {"elevator": {"served": True}}}
+    story._plan = plan(ELEVATOR, situation(ELEVATOR)).told()
     return story
 
 
@@ -237,13 +247,13 @@ def test_the_demo_says_once_what_it_waits_for_when_its_time_is_up() -> None:
     show = show_with(told)
     show._pending = "epoch 4"
     show._coming_back = {"tail_pe"}
-    show._plan = {"functions": {name: {"served": True} for name in ELEVATOR.functions}}
+    show._plan = plan(ELEVATOR, situation(ELEVATOR)).told()
     show._seconds = show._show_s() - 1.0
     assert not show._over()
     assert not show._over()
     show._telling.tell_until()
     (one,) = told
-    assert one["awaited"] == ["tail_pe to join", "epoch 4 to be complete", "elevator to be heard"]
+    assert one.awaited == ("tail_pe to join", "epoch 4 to be complete", "elevator to be heard")
     show._seconds = show._show_s() - GRACE_S - 1.0
     assert show._over()
     show._page = cast("Any", SimpleNamespace(is_served=False))
@@ -255,13 +265,13 @@ def test_the_demo_says_once_what_it_waits_for_when_its_time_is_up() -> None:
 def test_a_demo_for_no_time_ends_with_its_first_configuration_and_misses_no_output() -> None:
     told: list[Any] = []
     show = show_with(told)
-    show._plan = {"functions": {name: {"served": True} for name in ELEVATOR.functions}}
+    show._plan = plan(ELEVATOR, situation(ELEVATOR)).told()
     show._pending = None
     assert show._over()  # though nothing was heard yet
     show._witness = Witness(ELEVATOR)
     assert show._summary() == 0
     show._telling.tell_until()
-    assert (told[-1]["unserved"], told[-1]["never"]) == ([], [])
+    assert (told[-1].unserved, told[-1].never) == ((), ())
 
 
 def test_without_a_kill_nothing_is_killed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -294,7 +304,7 @@ def test_the_demo_says_once_when_the_plans_for_its_successor_are_complete(
     show._look()
     show._telling.tell_until()
     sentence = "the 25 plans for every single fault are complete: the next demo uses them"
-    assert [one["sentence"] for one in told] == [sentence]
+    assert [one.sentence for one in told] == [sentence]
 
 
 def test_the_demo_tells_standstills_of_its_own_process() -> None:
@@ -307,8 +317,8 @@ def test_the_demo_tells_standstills_of_its_own_process() -> None:
         show._measure_lateness(meter)
     show._telling.tell_until()
     assert show._standstills.long_times == 3
-    assert {one["by"] for one in told} == {"the demo"}
-    assert told[0]["for_ns"] >= 6 * period_ns
+    assert {one.by for one in told} == {"the demo"}
+    assert told[0].for_ns >= 6 * period_ns
 
 
 class _Fleet:

@@ -6,6 +6,8 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.events import PeLost, PlanKept
+from heronry_manager.events.line import to_line
 from heronry_tools.runtime.demo import awaited_events
 from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
 from heronry_tools.runtime.demo.event_stream import EventStream
@@ -18,29 +20,31 @@ SPEC = load(FILE)
 def test_an_event_is_given_when_its_line_is_whole_and_the_end_is_noticed() -> None:
     reading, writing = os.pipe()
     with os.fdopen(reading, "rb") as pipe:
-        events = EventStream(pipe)
-        assert events.take() == []
-        os.write(writing, b'{"event": "one"}\n{"event": "two"}\n{"eve')
-        assert events.take() == [{"event": "one"}, {"event": "two"}]
-        assert events.take() == []
-        os.write(writing, b'nt": "three"}\n')
-        assert events.take(wait_s=10) == [{"event": "three"}]
-        assert not events.has_ended
+        stream = EventStream(pipe)
+        assert stream.take() == []
+        lines = [to_line(PlanKept(1, number)).encode() + b"\n" for number in range(3)]
+        os.write(writing, lines[0] + b"no event\n" + lines[1] + lines[2][:5])
+        assert stream.take() == [PlanKept(1, 0), PlanKept(1, 1)]
+        assert stream.take() == []
+        os.write(writing, lines[2][5:])
+        assert stream.take(wait_s=10) == [PlanKept(1, 2)]
+        assert not stream.has_ended
         os.close(writing)
-        assert events.take(wait_s=10) == []
-        assert events.has_ended
+        assert stream.take(wait_s=10) == []
+        assert stream.has_ended
 
 
 def test_a_waiting_caller_gets_the_event_that_is_meant_and_ends_with_the_manager() -> None:
     reading, writing = os.pipe()
     with os.fdopen(reading, "rb") as pipe, Fleet(SPEC, FILE, run_folder()) as fleet:
         events = AwaitedEvents(fleet, pipe)
-        os.write(writing, b'{"event": "lost", "pe": "a"}\n{"event": "lost", "pe": "b"}\n{"event": "done"}\n')
-        assert events.wait("lost", pe="b") == {"event": "lost", "pe": "b"}
-        assert events.take() == [{"event": "done"}]
+        told = [PeLost(1, "a", "silent", None), PeLost(1, "b", "silent", None), PlanKept(2, 1)]
+        os.write(writing, "".join(to_line(one) + "\n" for one in told).encode())
+        assert events.wait(PeLost, pe="b") == told[1]
+        assert events.take() == [told[2]]
         os.close(writing)
         with pytest.raises(SystemExit, match="a manager has closed its output of events; repeat the benchmark"):
-            events.wait("done")
+            events.wait(PlanKept)
 
 
 def test_an_event_that_does_not_come_ends_the_wait(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,6 +54,6 @@ def test_an_event_that_does_not_come_ends_the_wait(monkeypatch: pytest.MonkeyPat
         os.fdopen(reading, "rb") as pipe,
         os.fdopen(writing, "wb"),
         Fleet(SPEC, FILE, run_folder()) as fleet,
-        pytest.raises(SystemExit, match="no event 'done' or 'idle' came in 0 s; the last event was 'nothing'"),
+        pytest.raises(SystemExit, match="no event 'plan_kept' or 'pe_lost' came in 0 s; the last event was 'nothing'"),
     ):
-        AwaitedEvents(fleet, pipe).wait("done", "idle")
+        AwaitedEvents(fleet, pipe).wait(PlanKept, PeLost)

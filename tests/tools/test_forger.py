@@ -4,6 +4,7 @@ from random import Random
 
 import pytest
 
+from heronry_manager import events
 from heronry_manager.core.inbound import Inbound
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.faults.fault import read_fault
@@ -41,7 +42,7 @@ def test_a_standby_with_the_key_takes_over_and_is_believed() -> None:
     simulation.run_for(1_000 * MS)
     assert {pe.core.mastership.manager for pe in simulation.fleet.running.values()} == {126, 127} - active
     assert simulation.settle() == []
-    assert not simulation.events_of("pe_lost")
+    assert not simulation.events_of(events.PeLost)
 
 
 @pytest.mark.parametrize(("key", "accepts"), [(Key(bytes(32)), False), (None, True)])

@@ -14,6 +14,7 @@ import pytest
 
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell import cli as agent
+from heronry_manager.events import PeAnswered
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.whole_file import write_whole
@@ -136,13 +137,13 @@ def test_a_manager_does_not_end_because_its_events_cannot_be_written(
     with monkeypatch.context() as patch:
         patch.setattr("sys.stdout", full)
         for _ in range(1000):
-            tell({"event": "pe_answered"})
+            tell(PeAnswered(1, "nav"))
     with pytest.raises(OSError, match="No space"):
         full.close()
     said = "heronry: events are dropped until they can be written: No space left on device\n"
     assert capsys.readouterr() == ("", said), "once"
-    tell({"event": "pe_lost"})
-    assert capsys.readouterr() == ('{"event":"pe_lost"}\n', "")
+    tell(PeAnswered(2, "nav"))
+    assert capsys.readouterr() == ('{"v":1,"t_ns":2,"event":"pe_answered","pe":"nav"}\n', "")
 
 
 def test_an_agent_does_not_end_because_its_notes_cannot_be_written(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
+from heronry_manager import events
 from heronry_manager.core.compilation import Compiler
 from heronry_tools.cli import main
 from heronry_tools.runtime.witness import Outage, Witness
@@ -135,16 +136,16 @@ def test_slices_that_were_not_sent_or_are_not_what_was_announced_are_seen() -> N
 
 def driven_by_another_pe(simulation: Simulation, value: Value) -> Driven:
     """A step, now, of a branch of a DEMUX whose input comes from another PE."""
-    modules = simulation.events_of("plan_ready")[-1]["plan"]["modules"]
+    modules = simulation.events_of(events.PlanReady)[-1].plan.modules
     branches = [branch for demux in simulation.spec.demuxes.values() for branch in demux.branches if branch in modules]
     branch, path, wire = next(
         (branch, path, wire)
         for branch in branches
-        for path, wire in modules[branch]["inputs"].items()
-        if modules[wire["producer"]]["pe"] != modules[branch]["pe"]
+        for path, wire in modules[branch].inputs.items()
+        if modules[wire.producer].pe != modules[branch].pe
     )
-    inputs = {path: (wire["variable"], Datum(value, 1, 0))}
-    return Driven(simulation.now_ns, modules[branch]["pe"], branch, inputs, simulation.now_ns)
+    inputs = {path: (wire.variable, Datum(value, 1, 0))}
+    return Driven(simulation.now_ns, modules[branch].pe, branch, inputs, simulation.now_ns)
 
 
 def last_demand(simulation: Simulation) -> Value:

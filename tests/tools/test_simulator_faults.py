@@ -8,6 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.drawing import drawn_faults
@@ -139,7 +140,7 @@ def test_a_paused_pe_is_silent_but_for_its_mailbox_and_catches_up_with_what_it_m
     said = [sent for sent in simulation.trace if sent.sender == "tail_pe" and sent.end_ns > begun_ns]
     assert len(said) <= 1
     assert simulation.settle() == []
-    assert "silent for 3 heartbeat periods" in simulation.events_of("pe_lost")[-1]["cause"]
+    assert "silent for 3 heartbeat periods" in simulation.events_of(events.PeLost)[-1].cause
 
 
 def test_a_pause_within_a_longer_one_changes_nothing() -> None:
@@ -170,7 +171,7 @@ def test_modules_that_hang_are_silent_while_the_heartbeat_goes_on() -> None:
     injected(simulation, "0 stuck pe:tail_pe for 1.5")
     simulation.run_for(1_000 * MS)
     assert not simulation.witness.served("elevator", simulation.now_ns)
-    assert simulation.events_of("pe_lost") == []
+    assert simulation.events_of(events.PeLost) == []
     assert simulation.settle() == []
 
 
@@ -178,7 +179,7 @@ def test_a_manager_that_stands_still_fails_no_pe_for_its_own_pause() -> None:
     simulation = flying(big_blue())
     injected(simulation, "0 manager_pause manager for 0.5")
     assert simulation.settle() == []
-    assert simulation.events_of("pe_lost") == []
+    assert simulation.events_of(events.PeLost) == []
     assert simulation.witness.outages(simulation.now_ns) == []
 
 
@@ -235,18 +236,21 @@ def test_a_dead_pe_is_no_target_and_nothing_is_injected_after_the_end() -> None:
     assert set(simulation.fleet.running) == {"sensor_pe", "control_pe"}
 
 
+REQUESTED = events.PlanRequested(1, 1, (), {}, None, ("first",))
+
+
 def test_the_state_of_the_protocol_follows_the_managers_events() -> None:
     clock = Clock()
     protocol, seen = ProtocolState(clock), []
     for event in (
-        {"event": "pe_suspected", "pe": "a"},
-        {"event": "plan_requested"},
-        {"event": "epoch_prepared"},
-        {"event": "epoch_step", "step": "BREAK"},
-        {"event": "epoch_step", "step": "GO_ALL"},
-        {"event": "reconfigured"},
-        {"event": "pe_lost", "pe": "a"},
-        {"event": "pe_heard_again", "pe": "a"},
+        events.PeSuspected(1, "a", "silent", 2),
+        REQUESTED,
+        events.EpochPrepared(1, 1, "00A1B2", 0, ("a",), 9),
+        events.EpochStep(1, 1, "BREAK", ()),
+        events.EpochStep(1, 1, "GO_ALL", ()),
+        events.Reconfigured(1, 1, ("a",), events.Times(1, 1, 1, 1), (), (), ()),
+        events.PeLost(1, "a", "silent", 1),
+        events.PeHeardAgain(1, "a", "heard"),
     ):
         protocol.take(event)
         seen.append(protocol.now)
@@ -254,8 +258,8 @@ def test_the_state_of_the_protocol_follows_the_managers_events() -> None:
     assert {*seen, "orphaned"} == set(STATES)
     clock.run_until(3_000 * MS)
     assert protocol.now == "idle"
-    protocol.take({"event": "plan_requested"})
-    protocol.take({"event": "manager_started"})
+    protocol.take(REQUESTED)
+    protocol.take(events.ManagerStarted(1, "s", "ab", 126, 1, "can0", None, advises=False, key=None))
     assert protocol.now == "idle"
 
 

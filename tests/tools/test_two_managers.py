@@ -6,6 +6,7 @@ from random import Random
 
 import pytest
 
+from heronry_manager import events
 from heronry_tools.cli import main
 from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.faults.fault import KINDS, MANAGER, read_fault
@@ -35,7 +36,7 @@ def flight(*texts: str, seed: int = 1, seconds: float = 2.0) -> Outcome:
 
 def flying(seed: int = 1, key: Key | None = None) -> Simulation:
     simulation = Simulation(two_tails(), seed, standby=True, key=key)
-    while not simulation.events_of("reconfigured") or simulation.unsettled():
+    while not simulation.events_of(events.Reconfigured) or simulation.unsettled():
         simulation.run_for(50 * MS)
     return simulation
 
@@ -70,7 +71,7 @@ def test_a_pe_with_a_stale_table_runs_nothing_until_the_right_one_is_back() -> N
         simulation, (read_fault(two_tails(), "0 stale_table pe:tail_pe for 0.8"),), simulation.now_ns
     )
     simulation.run_for(700 * MS)
-    assert simulation.events_of("pe_refused")[-1]["reason"] == "DIGEST"
+    assert simulation.events_of(events.PeRefused)[-1].reason == "DIGEST"
     assert "pe:tail_pe" in simulation.truth.situation.down
     simulation.run_for(200 * MS)
     assert simulation.truth.situation.down == frozenset()
@@ -282,13 +283,13 @@ def test_the_table_of_two_has_a_row_for_everything_that_is_drawn() -> None:
 
 def test_the_state_of_the_protocol_knows_that_no_manager_is_active() -> None:
     protocol = ProtocolState(Clock())
-    protocol.take({"event": "plan_requested"})
+    protocol.take(events.PlanRequested(1, 1, (), {}, None, ("first",)))
     protocol.set_active_manager(is_heard=False)
     protocol.set_active_manager(is_heard=False)
     assert (protocol.now, protocol.entered["orphaned"]) == ("orphaned", 1)
     protocol.set_active_manager(is_heard=True)
     assert protocol.now == "planning"
-    protocol.take({"event": "taken_over"})
+    protocol.take(events.TakenOver(1, 2, 1, None, None))
     assert protocol.now == "idle"
 
 

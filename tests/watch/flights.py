@@ -3,9 +3,11 @@
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any
 
-from heronry_manager.core.events import event
+from heronry_dg.configuration import Running, Wire
+from heronry_dg.plan_document import ObjectiveDocument, PlanDocument
+from heronry_dg.plan_report import BusReport, FunctionReport, PeReport
+from heronry_manager import events
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.watch.recordings import Recording, open_recording
@@ -14,34 +16,49 @@ from heronry_wire.frame import LoggedFrame, format_log_line
 MS = 1_000_000
 PICTURES = Path("build/pictures")  # where tests keep what views look like
 DATE_NS = 1_700_000_000_000_000_000
-TIMES = {"detect": 60 * MS, "decide": 40 * MS, "distribute": 9 * MS, "activate": 5 * MS}
+TIMES = events.Times(detect=60 * MS, decide=40 * MS, distribute=9 * MS, activate=5 * MS)
 
 
-def plan(pe: str, **functions: str | None) -> dict[str, Any]:
-    """The document of a plan: where the attitude filter runs, and which functions run in which mode, or do not."""
-    reports = {
-        name: {"served": mode is not None, "mode": mode, "value": 100 if mode else 0, "why_not": None if mode else "no"}
-        for name, mode in functions.items()
-    }
-    filtered = {"pe": pe, "mode": "fused", "inputs": {"0": {"producer": "imu_driver_1", "variable": "x", "version": 1}}}
-    used = {pe: {"cpu_millis": 70, "ram": 1000, "flash": 2000}}
-    buses = {"can0": {"bits_per_s": 10_000, "load": 0.25}}
-    modules = {"attitude_filter": filtered, "flaps": filtered}  # the spec has no flaps
-    return {"phase": "glide", "modules": modules, "functions": reports, "pes": used, "buses": buses}
+def plan(pe: str, **functions: str | None) -> PlanDocument:
+    """A plan: where the attitude filter runs, and which functions run in which mode, or do not."""
+    filtered = Running(pe, "fused", {"0": Wire("imu_driver_1", "x", 1)})
+    return PlanDocument(
+        spec=load_spec("big_blue").digest,
+        phase="glide",
+        down=(),
+        limits={},
+        priorities={},
+        objective=ObjectiveDocument({"A": 0}, 0, 0, 0, 0, 0, 0),
+        optimal=False,
+        levels=(),
+        modules={"attitude_filter": filtered, "flaps": filtered},  # the spec has no flaps
+        functions={
+            name: FunctionReport(mode is not None, mode, 100 if mode else 0, None if mode else "no")
+            for name, mode in functions.items()
+        },
+        pes={pe: PeReport(70, 1000, 2000)},
+        buses={"can0": BusReport(10_000, 0.25)},
+    )
 
 
 FIRST_PLAN = plan("nav", elevator="only", rudder="only", imaging=None)
 SECOND_PLAN = plan("air", elevator="only", rudder=None, imaging="only")
 
 
-def reconfigured(now_ns: int, epoch: int, cause: str, **modules: list[str]) -> dict[str, Any]:
-    changes = {"moved": [], "started": [], "stopped": [], **modules}
-    return event("reconfigured", now_ns, epoch=epoch, causes=[cause], times_ns=TIMES, **changes)
+def reconfigured(
+    now_ns: int,
+    epoch: int,
+    cause: str,
+    *,
+    moved: tuple[str, ...] = (),
+    started: tuple[str, ...] = (),
+    stopped: tuple[str, ...] = (),
+) -> events.Reconfigured:
+    return events.Reconfigured(now_ns, epoch, (cause,), TIMES, moved, started, stopped)
 
 
 START = [
-    event(
-        "manager_started",
+    events.ManagerStarted(
         0,
         spec="big_blue",
         spec_digest=load_spec("big_blue").digest,
@@ -52,58 +69,56 @@ START = [
         advises=False,
         key=None,
     ),
-    event("bus", 1, name="can0", interface="softbus", channel="can0.sock", models="all but bit errors"),
-    event("pe_joined", 10 * MS, pe="nav", cause="first heard"),
-    event("pe_joined", 11 * MS, pe="air", cause="first heard"),
-    event("pe_absent", 12 * MS, pe="ground", cause="not heard since the start"),
-    event("plan_requested", 12 * MS, request=1, down=["pe:ground"], limits={}, phase="glide", causes=["pe:air joined"]),
-    event("plan_ready", 60 * MS, request=1, plan=FIRST_PLAN, decide_ns=48 * MS),
-    event("epoch_prepared", 60 * MS, epoch=1, digest="0000AB", contingency=0, pes=["nav", "air"], bytes=40),
-    event("epoch_step", 69 * MS, epoch=1, step="GO_ALL", waiting_for=[]),
+    events.Bus(1, name="can0", interface="softbus", channel="can0.sock", models="all but bit errors"),
+    events.PeJoined(10 * MS, pe="nav", cause="first heard"),
+    events.PeJoined(11 * MS, pe="air", cause="first heard"),
+    events.PeAbsent(12 * MS, pe="ground", cause="not heard since the start"),
+    events.PlanRequested(12 * MS, request=1, down=("pe:ground",), limits={}, phase="glide", causes=("pe:air joined",)),
+    events.PlanReady(60 * MS, request=1, plan=FIRST_PLAN, decide_ns=48 * MS),
+    events.EpochPrepared(60 * MS, epoch=1, digest="0000AB", contingency=0, pes=("nav", "air"), bytes=40),
+    events.EpochStep(69 * MS, epoch=1, step="GO_ALL", waiting_for=()),
 ]
-RUNS = reconfigured(74 * MS, 1, "pe:air joined", started=["attitude_filter"])
+RUNS = reconfigured(74 * MS, 1, "pe:air joined", started=("attitude_filter",))
 LOSS = [
-    event("pe_suspected", 1025 * MS, pe="nav", cause="a period was missed", silent_ns=25 * MS),
-    event("pe_lost", 1065 * MS, pe="nav", cause="silent for 3 periods", last_heard_ns=1000 * MS),
-    event("fault_reported", 1066 * MS, element="device:pitot", by="air", detail=7, code="REPORTED"),
-    event(
-        "plan_requested",
+    events.PeSuspected(1025 * MS, pe="nav", cause="a period was missed", silent_ns=25 * MS),
+    events.PeLost(1065 * MS, pe="nav", cause="silent for 3 periods", last_heard_ns=1000 * MS),
+    events.FaultReported(1066 * MS, element="device:pitot", by="air", detail=7, code="REPORTED"),
+    events.PlanRequested(
         1066 * MS,
         request=2,
-        down=["pe:ground", "pe:nav"],
+        down=("pe:ground", "pe:nav"),
         limits={},
         phase="glide",
-        causes=["pe:nav"],
+        causes=("pe:nav",),
     ),
 ]
 RECOVERY = [
-    event("plan_failed", 1070 * MS, request=2, reason="the planner was restarted"),
-    event(
-        "plan_requested",
+    events.PlanFailed(1070 * MS, request=2, reason="the planner was restarted"),
+    events.PlanRequested(
         2070 * MS,
         request=3,
-        down=["pe:ground", "pe:nav"],
+        down=("pe:ground", "pe:nav"),
         limits={},
         phase="glide",
-        causes=["pe:nav"],
+        causes=("pe:nav",),
     ),
-    event("plan_ready", 2100 * MS, request=3, plan=SECOND_PLAN, decide_ns=1030 * MS),
-    event("epoch_prepared", 2100 * MS, epoch=2, digest="0000AC", contingency=0, pes=["air"], bytes=20),
-    event("epoch_step", 2110 * MS, epoch=2, step="GO_ALL", waiting_for=[]),
-    reconfigured(2120 * MS, 2, "pe:nav", moved=["attitude_filter"]),
-    event("pe_heard_again", 3000 * MS, pe="nav", cause="heard after a silence"),
+    events.PlanReady(2100 * MS, request=3, plan=SECOND_PLAN, decide_ns=1030 * MS),
+    events.EpochPrepared(2100 * MS, epoch=2, digest="0000AC", contingency=0, pes=("air",), bytes=20),
+    events.EpochStep(2110 * MS, epoch=2, step="GO_ALL", waiting_for=()),
+    reconfigured(2120 * MS, 2, "pe:nav", moved=("attitude_filter",)),
+    events.PeHeardAgain(3000 * MS, pe="nav", cause="heard after a silence"),
 ]
 END = [
-    event("pe_joined", 3200 * MS, pe="nav", cause="steady again"),
-    event(
-        "plan_requested", 3200 * MS, request=4, down=["pe:ground"], limits={}, phase="glide", causes=["pe:nav joined"]
+    events.PeJoined(3200 * MS, pe="nav", cause="steady again"),
+    events.PlanRequested(
+        3200 * MS, request=4, down=("pe:ground",), limits={}, phase="glide", causes=("pe:nav joined",)
     ),
-    event("plan_ready", 3230 * MS, request=4, plan=SECOND_PLAN, decide_ns=30 * MS),
-    event("plan_unchanged", 3230 * MS, request=4),
-    event("journal_failed", 4990 * MS, problem="No space left on device"),
-    event("journal_kept", 4995 * MS, before="No space left on device"),
-    event("second_manager", 5000 * MS, node=127, term=4),
-    event("stopped", 5000 * MS, reason="manager 127 is active with the higher term 4"),
+    events.PlanReady(3230 * MS, request=4, plan=SECOND_PLAN, decide_ns=30 * MS),
+    events.PlanUnchanged(3230 * MS, request=4),
+    events.JournalFailed(4990 * MS, problem="No space left on device"),
+    events.JournalKept(4995 * MS, before="No space left on device"),
+    events.SecondManager(5000 * MS, node=127, term=4),
+    events.Stopped(5000 * MS, reason="manager 127 is active with the higher term 4"),
 ]
 
 

@@ -12,7 +12,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from starlette.testclient import TestClient
 
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.core.events import to_line
+from heronry_manager.events.line import to_line
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.watch.listening import Listening
@@ -144,7 +144,7 @@ def test_any_moment_of_a_recording_is_that_of_the_events_before_it() -> None:
     timeline, reducer = Timeline(Reducer(recording.spec), recording.events), Reducer(recording.spec)
     for share in (1.0, 0.2, 0.6, 0.0):
         at_ns = timeline.begins_ns + round(share * (timeline.ends_ns - timeline.begins_ns))
-        before = [one for one in recording.events if one["t_ns"] <= at_ns]
+        before = [one for one in recording.events if one.t_ns <= at_ns]
         assert timeline.at(at_ns) == reducer.all(before, reducer.start("log")).snapshot
 
 

@@ -1,18 +1,19 @@
 """A manager that is followed: its status, its events, its end and its return, without processes."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Event, Thread
+from threading import Thread
 from typing import Any
 
 import pytest
 
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.core.events import event
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
+from heronry_manager.events import Event, PhaseChanged, Place, Status, Stopped
 from heronry_manager.shell.control_place import ControlError
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.followers import Followers
@@ -26,18 +27,18 @@ SPEC = load_spec("big_blue")
 PATIENCE_S = 30.0
 
 
-def status(**changes: Any) -> dict[str, Any]:
+def status(t_ns: int = 5, spec_digest: str = SPEC.digest) -> Status:
     """What a manager of big_blue says that listens, on a bus that cannot be opened here."""
     core = ManagerCore(SPEC, 126, NOTHING, 5)
-    bus = {"name": "can0", "interface": "softbus", "channel": "/no/such.sock"}
-    place = {"bus": bus, "file": str(shipped_spec_path("big_blue"))}
-    return {"v": 1, "t_ns": 5, "event": "status", "status": core.status(), "plan": None, **place, **changes}
+    told = {**core.status(), "spec_digest": spec_digest}
+    place = Place("can0", "softbus", "/no/such.sock")
+    return Status(t_ns, told, plan=None, bus=place, file=str(shipped_spec_path("big_blue")))
 
 
 @contextmanager
-def manager_on(path: Path, first: dict[str, Any]) -> Iterator[ControlSocket]:
+def manager_on(path: Path, first: Event) -> Iterator[ControlSocket]:
     """A manager's socket, served by a thread."""
-    over = Event()
+    over = threading.Event()
 
     def serve(control: ControlSocket) -> None:
         while not over.wait(0.005):
@@ -73,7 +74,7 @@ def test_a_manager_is_followed_to_its_end_and_from_its_return_on(
         feed = FollowedManager(path)
         assert (feed.spec.digest, feed.spec_file) == (SPEC.digest, shipped_spec_path("big_blue"))
         assert len(feed.readers()) == 1
-        control.followers.tell(event("phase_changed", 9, phase="landing", before="ascent", by="operator"))
+        control.followers.tell(PhaseChanged(9, phase="landing", before="ascent", by="operator"))
         events = polled(feed, lambda found: len(found) == 2)
         view = Reducer(SPEC).all(events).snapshot
         assert (view.phase, view.manager.state, view.manager.node) == ("landing", "listening", 126)
@@ -82,17 +83,18 @@ def test_a_manager_is_followed_to_its_end_and_from_its_return_on(
     assert feed.readers() == []
     with manager_on(path, status(t_ns=99)):
         events = polled(feed, lambda found: found)
-        assert (events[0]["event"], events[0]["t_ns"], feed.trouble) == ("status", 99, None)
+        assert (events[0].kind, events[0].t_ns, feed.trouble) == ("status", 99, None)
     feed.close()
 
 
 def test_a_manager_that_cannot_be_followed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "big_blue.sock"
-    other = status()
-    other["status"] = {**other["status"], "spec_digest": "ab" * 32}
-    with manager_on(path, other), pytest.raises(UserError, match="has changed since the manager was started"):
+    with (
+        manager_on(path, status(spec_digest="ab" * 32)),
+        pytest.raises(UserError, match="has changed since the manager was started"),
+    ):
         FollowedManager(path)
-    with manager_on(path, {"done": False, "sentence": "no"}), pytest.raises(ControlError, match="cannot be followed"):
+    with manager_on(path, Stopped(5, "no")), pytest.raises(ControlError, match="cannot be followed"):
         FollowedManager(path)
     with manager_on(path, status()):
         monkeypatch.setattr(Followers, "take", lambda *_: False)

@@ -10,7 +10,7 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.core.events import event
+from heronry_manager.events import HearsNobody
 from heronry_tools.cli import main
 from heronry_tools.commands.record import size
 from heronry_tools.console.errors import UserError
@@ -148,7 +148,7 @@ class _Quiet:
 
     def __init__(self) -> None:
         self.frames = [LoggedFrame(n, "can0", Frame(0x123, b"")) for n in range(2)]
-        self._events = [event("hears_nobody", 1, term=1)]
+        self._events = [HearsNobody(1, term=1)]
 
     def readers(self) -> list[int]:
         return []

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input, Static
 
-from heronry_manager.core.events import to_line
+from heronry_manager.events.line import to_line
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Plant
 from heronry_tools.watch.top import panels

@@ -1,12 +1,12 @@
 """A flight of big_blue in the simulator, as the events of its manager, with the loads of its buses."""
 
 from functools import cache
-from typing import Any
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.core.vocabulary import EnterPhase
+from heronry_manager.events import BusSeen, Event
 from heronry_tools.sim.flight.simulation import Simulation
 
 S = 1_000_000_000
@@ -18,7 +18,7 @@ def big_blue() -> Spec:
 
 
 @cache
-def flown() -> tuple[dict[str, Any], ...]:
+def flown() -> tuple[Event, ...]:
     """The flight computer dies and comes back, then a phase begins, and the navigation computer dies."""
     flight = Simulation(big_blue(), 41)
     flight.run_until(2 * S)
@@ -31,12 +31,11 @@ def flown() -> tuple[dict[str, Any], ...]:
     flight.fleet.kill("nav")
     flight.run_for(2 * S)
     loads = [load_line(second) for second in range(1, flight.now_ns // S)]
-    return tuple(sorted([*flight.events, *loads], key=lambda event: event["t_ns"]))
+    return tuple(sorted([*flight.events, *loads], key=lambda event: event.t_ns))
 
 
-def load_line(second: int) -> dict[str, Any]:
+def load_line(second: int) -> BusSeen:
     """What a listener tells of the manager's bus after a second."""
     share = 0.2 + 0.01 * (second % 7)
     bits = {"data": round(share * 800_000), "heartbeat": 20_000, "management": 30_000}
-    more = {"peak": share + 0.1, "frames_per_s": 900 + second, "errors": 0, "error_state": "active"}
-    return {"v": 1, "t_ns": second * S, "event": "bus_seen", "bus": "can0", "load": share, "bits_per_s": bits, **more}
+    return BusSeen(second * S, "can0", share, share + 0.1, bits, 900 + second, errors=0, error_state="active")

@@ -18,6 +18,7 @@ from heronry_manager.core.vocabulary import (
     SetPriority,
     UnlockPe,
 )
+from heronry_manager.events.reading import events_in
 from heronry_manager.shell.control_protocol import Answer, FlyScript
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web import orders
@@ -97,7 +98,7 @@ def test_a_drawing_has_every_symbol_and_edge_of_the_snapshot(reading):
 def test_the_events_are_a_file_of_lines(reading):
     file = reading.get("/api/events.jsonl")
     assert "attachment" in file.headers["content-disposition"]
-    kinds = [json.loads(line)["event"] for line in file.text.splitlines()]
+    kinds = [one.kind for one in events_in(file.text.splitlines())]
     assert "reconfigured" in kinds
     assert "bus_seen" not in kinds
 

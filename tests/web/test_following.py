@@ -4,7 +4,7 @@ import asyncio
 import os
 import time
 
-from heronry_manager.core.events import event
+from heronry_manager import events
 from heronry_tools.watch import live_feeds
 from heronry_tools.watch.live_feeds import FollowedManager
 from heronry_tools.watch.reducer import Reducer
@@ -30,10 +30,10 @@ def test_after_a_take_over_the_page_follows_the_standby_manager_and_later_its_ow
             with manager_on(path, status()):
                 read_in_thread(lambda: FollowedManager(path), live, path)
                 await until(lambda: live.snapshot.events == 1)
-                standby.followers.tell(event("phase_changed", 8, phase="landing", before="ascent", by="operator"))
+                standby.followers.tell(events.PhaseChanged(8, phase="landing", before="ascent", by="operator"))
             await until(lambda: live.snapshot.events == 2)
             assert (live.snapshot.t_ns, live.snapshot.phase) == (7, "ascent")  # its status, and no event of before
-            standby.followers.tell(event("taken_over", 9, term=2, **term))
+            standby.followers.tell(events.TakenOver(9, term=2, **term))
             await until(lambda: live.snapshot.manager.term == 2)
             assert live.trouble is None
             assert live.snapshot.manager.state == "reigning"

@@ -11,7 +11,7 @@ from axe_playwright_python.sync_playwright import Axe
 from heronry_dg.loader import load
 from heronry_dg.plan import configuration_of
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.core.events import event
+from heronry_manager.events import EpochPrepared, PeJoined, PeLost, PhaseChanged, PlanReady, Reconfigured, ScriptTaken
 from heronry_manager.shell.control_protocol import Answer
 from heronry_pcs.plan_script import module_graph
 from heronry_pcs.script_difference import difference
@@ -30,7 +30,7 @@ from web.test_desk import drawn, plan_command, printed
 
 pytestmark = needs_chromium
 
-CHANGING = ("plan_ready", "epoch_prepared", "pe_lost", "pe_joined", "phase_changed", "reconfigured")
+CHANGING = (PlanReady, EpochPrepared, PeLost, PeJoined, PhaseChanged, Reconfigured)
 PLANTS = """\
 plants:
   elevator: {moved_by: [elevator_servo_1], seen_by: [elevator_angle_sensor], criticality: A}
@@ -256,7 +256,7 @@ def test_reconfigurations_move_nothing_and_after_a_hundred_of_them_a_page_needs_
         watched.open(server.address)
         watched.page.wait_for_selector("#graph .node")
         places, heaps = watched.places(), []
-        changing = [one for one in flown() if one["event"] in CHANGING]
+        changing = [one for one in flown() if isinstance(one, CHANGING)]
         for reconfigurations in (100, 140):
             while not live.snapshot.reconfigurations or live.snapshot.reconfigurations[-1].number < reconfigurations:
                 live.take_all(changing, None, is_alive=True)
@@ -322,7 +322,7 @@ def test_every_other_order_is_given_from_the_page(chromium):
         assert "the script would be refused: line 1" in (watched.page.text_content("#confirm") or "")
         assert watched.page.is_disabled("#confirm .bar button:nth-child(2)")
         watched.page.click("text=Leave it")
-        live.take_all([event("script_taken", live.snapshot.t_ns, reason="it is not worse")], None, is_alive=True)
+        live.take_all([ScriptTaken(live.snapshot.t_ns, reason="it is not worse")], None, is_alive=True)
         watched.page.wait_for_selector('[data-order="release"]:not([hidden])')
         assert "No function will be lost" in expect_order(watched, given, '[data-order="release"]', {"do": "release"})
         assert watched.wrong == []

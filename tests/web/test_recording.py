@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+from heronry_manager.events.reading import events_in
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.changes import plain
 from heronry_tools.web.live import Live
@@ -62,7 +63,7 @@ def test_a_recording_of_nothing_shows_nothing(reducer):
 
 
 def test_the_file_of_events_leaves_observations_out(recording):
-    kinds = {json.loads(line)["event"] for line in recording.lines()}
+    kinds = {one.kind for one in events_in(recording.lines())}
     assert "reconfigured" in kinds
     assert "bus_seen" not in kinds
 

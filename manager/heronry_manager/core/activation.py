@@ -22,6 +22,7 @@ it must no longer drive a DEMUX that moves.
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.transition import Transitions
+from heronry_manager import events
 from heronry_manager.core.epochs import Epochs, module_changes
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.health import Health
@@ -100,8 +101,8 @@ class Activation:
         epoch.demux_free_ns = self._exclusion.demux_free_ns(epoch.placed, available, now_ns)
 
     def _emit_step(self, epoch: Reconfiguration) -> None:
-        waiting = sorted(epoch.must_break) if epoch.stage is Stage.BREAKING else []
-        self._turn.emit("epoch_step", epoch=epoch.epoch, step=epoch.step.name, waiting_for=waiting)
+        waiting = tuple(sorted(epoch.must_break)) if epoch.stage is Stage.BREAKING else ()
+        self._turn.emit(events.EpochStep, epoch=epoch.epoch, step=epoch.step.name, waiting_for=waiting)
 
     def _emit_reconfigured(self, epoch: Reconfiguration) -> None:
         times, now_ns = epoch.times, self._turn.now_ns
@@ -109,15 +110,15 @@ class Activation:
         staged_ns = times.staged_ns or now_ns
         first = min(epoch.causes, key=lambda cause: cause.known_ns)
         self._turn.emit(
-            "reconfigured",
+            events.Reconfigured,
             epoch=epoch.epoch,
-            causes=[cause.what for cause in epoch.causes],
-            times_ns={
-                "detect": first.known_ns - first.since_ns,
-                "decide": times.prepared_ns - first.known_ns,
-                "distribute": staged_ns - times.prepared_ns,
-                "activate": now_ns - staged_ns,
-            },
+            causes=tuple(cause.what for cause in epoch.causes),
+            times_ns=events.Times(
+                detect=first.known_ns - first.since_ns,
+                decide=times.prepared_ns - first.known_ns,
+                distribute=staged_ns - times.prepared_ns,
+                activate=now_ns - staged_ns,
+            ),
             moved=change.moved,
             started=change.started,
             stopped=change.stopped,

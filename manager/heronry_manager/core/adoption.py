@@ -23,6 +23,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.compilation import CompiledConfiguration
 from heronry_manager.core.epochs import Epochs
 from heronry_manager.core.exclusion import Exclusion
@@ -92,5 +93,5 @@ class Adoption:
                 continue
             self._observed.of[pe].configured = True
             adopted.reported(pe, PeState.ACTIVE, self._turn.now_ns)
-        self._turn.emit("adopted", epoch=adopted.epoch, digest=f"{compiled.digest:06X}")
+        self._turn.emit(events.Adopted, epoch=adopted.epoch, digest=f"{compiled.digest:06X}")
         return adopted

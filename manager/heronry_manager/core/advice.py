@@ -11,6 +11,7 @@ changes nothing, so a doubled state has no effect.
 
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.deployment import Deployment
 from heronry_manager.core.epochs import module_changes
 from heronry_manager.core.health import Health
@@ -39,14 +40,14 @@ class Advice:
             before = None if current is None else current.configuration
             change = module_changes(before, plan.configuration)
             self._turn.emit(
-                "advice",
-                plan=plan.document(),
+                events.Advice,
+                plan=plan.told(),
                 moved=change.moved,
                 started=change.started,
                 stopped=change.stopped,
             )
         elif overheard is None or overheard.epoch != unknown:
-            self._turn.emit("unknown_epoch", epoch=unknown)
+            self._turn.emit(events.UnknownEpoch, epoch=unknown)
 
     def follow(self, now: Situation, overheard: Runs | None) -> bool:
         """Find out whether the running configuration is known; True if it has just become known.

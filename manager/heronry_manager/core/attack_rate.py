@@ -15,6 +15,7 @@ more, the manager reports an attack, with the rate of these frames. A smaller sh
 rule 11): then only the status shows the counts.
 """
 
+from heronry_manager import events
 from heronry_manager.core.turn import Turn
 
 PRICE_PERCENT = 10
@@ -47,5 +48,5 @@ class AttackRate:
         percent = 100 * per_s * _FRAME_BITS // self._bitrate
         was_told, self._is_told = self._is_told, percent >= PRICE_PERCENT
         if self._is_told and not was_told:
-            self._turn.emit("attacked", bus=self._bus, percent=percent, frames_per_s=per_s)
+            self._turn.emit(events.Attacked, bus=self._bus, percent=percent, frames_per_s=per_s)
         self._since_ns, self._frames = now_ns, 0

@@ -65,6 +65,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.attack_rate import AttackRate
 from heronry_manager.core.nonce_answers import NonceAnswers
 from heronry_manager.core.topology import uplink_bus
@@ -265,7 +266,7 @@ class Authenticity:
         peer.refuses, now_ns = (page.unproven, page.other), self._turn.now_ns
         is_new = peer.refuses > peer.told and (peer.told_ns is None or now_ns - peer.told_ns >= _TOLD_EVERY_NS)
         if is_new:
-            self._turn.emit("commands_refused", pe=pe, unproven=page.unproven, other=page.other)
+            self._turn.emit(events.CommandsRefused, pe=pe, unproven=page.unproven, other=page.other)
         if is_new or sum(peer.refuses) < sum(peer.told):  # the PE has been restarted
             peer.told, peer.told_ns = peer.refuses, now_ns
 
@@ -428,7 +429,7 @@ class Authenticity:
             peer.wrong = peer.wrong + 1 if self._is_recent(peer) else 1
             peer.wrong_ns = now_ns
             if peer.wrong == GUESSES:
-                self._turn.emit("states_doubted", pe=pe, refused=peer.refused)
+                self._turn.emit(events.StatesDoubted, pe=pe, refused=peer.refused)
         if peer.doubted_ns is None or not self._speaks():
             peer.doubted_ns = now_ns
         elif now_ns - peer.doubted_ns >= t_lease_ns(peer.period_ns):
@@ -436,7 +437,7 @@ class Authenticity:
             self._turn.send(Command.CONTROL, Control(self._turn.term, peer.node, Operation.RENEW))
             peer.renewals += 1
             if peer.renewals == _IN_VAIN:
-                self._turn.emit("states_unproven", pe=pe)
+                self._turn.emit(events.StatesUnproven, pe=pe)
 
     def _is_guessed_at(self, peer: _Peer) -> bool:
         return peer.wrong >= GUESSES and self._is_recent(peer)

@@ -29,10 +29,13 @@ priority that was not announced while all facts had their turn three times.
 """
 
 from collections import Counter
+from typing import Final
 
 from heronry_dg.model import Function, Spec
+from heronry_manager import events
 from heronry_manager.core.memory import PriorityChanged, PriorityRequest, PriorityRestored
 from heronry_manager.core.turn import Turn
+from heronry_manager.events.situation import Priority
 from heronry_wire.management import (
     BY_OPERATOR,
     MOST_FUNCTIONS,
@@ -47,7 +50,7 @@ from heronry_wire.sansio import NEVER_NS
 
 CHANGE_NS = 1_000_000_000
 _OPERATOR = "the operator"
-_DEFAULT = "default"  # the priority of the spec, in events
+_DEFAULT: Final = "default"  # the priority of the spec, in events
 
 
 class ChangedPriorities:
@@ -132,8 +135,8 @@ class ChangedPriorities:
             return None
         self._accept(pe, incarnation, function.name, number)
         if why_not is not None:
-            wanted = _DEFAULT if request.detail == SPECS_PRIORITY else request.detail
-            self._turn.emit("priority_refused", function=function.name, priority=wanted, by=pe, why=why_not)
+            wanted: Priority = _DEFAULT if request.detail == SPECS_PRIORITY else request.detail
+            self._turn.emit(events.PriorityRefused, function=function.name, priority=wanted, by=pe, why=why_not)
         if not is_change:
             return []
         self._requested_ns = self._turn.now_ns
@@ -177,8 +180,9 @@ class ChangedPriorities:
         return self._emit(function, before, None, by)
 
     def _emit(self, function: str, before: PriorityChanged | None, after: PriorityChanged | None, by: str) -> str:
-        was, now = (_DEFAULT if one is None else one.priority for one in (before, after))
-        self._turn.emit("priority_changed", function=function, priority=now, before=was, by=by)
+        was: Priority = _DEFAULT if before is None else before.priority
+        now: Priority = _DEFAULT if after is None else after.priority
+        self._turn.emit(events.PriorityChanged, function=function, priority=now, before=was, by=by)
         return f"priority {now} of {function}, requested by {by}"
 
     def _is_new(self, pe: str, incarnation: int, function: str, number: int) -> bool:

@@ -43,6 +43,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.activation import Activation
 from heronry_manager.core.adoption import Adoption
 from heronry_manager.core.compilation import Compiler
@@ -199,7 +200,7 @@ class Deployment:
             if page.reason is Reason.NOT_ON_BOARD:
                 epoch.not_on_board(pe, self._turn.now_ns)
             if page.reason not in _NO_REFUSAL:
-                self._turn.emit("pe_refused", pe=pe, epoch=epoch.epoch, reason=page.reason.name)
+                self._turn.emit(events.PeRefused, pe=pe, epoch=epoch.epoch, reason=page.reason.name)
                 if page.reason is Reason.IMAGE:
                     return None  # the PE also reports the module, and repeats that until it is heard
                 return f"it cannot stage its slice: {page.reason.name}"
@@ -302,11 +303,11 @@ class Deployment:
         """Open an epoch for this plan, and send PREPARE and the slices; `causes` are why the plan was made."""
         self.next = self.epochs.open(plan, causes)
         self._turn.emit(
-            "epoch_prepared",
+            events.EpochPrepared,
             epoch=self.next.epoch,
             digest=f"{self.next.compiled.digest:06X}",
             contingency=self.next.contingency,
-            pes=self._health.available(),
+            pes=tuple(self._health.available()),
             bytes=sum(len(body) for body in self.next.compiled.slices.values()),
         )
 
@@ -315,7 +316,7 @@ class Deployment:
         if self.next is not None:
             self.next.abandon()
             self._has_given_up = True
-            self._turn.emit("epoch_abandoned", epoch=self.next.epoch, reason=reason)
+            self._turn.emit(events.EpochAbandoned, epoch=self.next.epoch, reason=reason)
             self.next = None
 
     def tick(self) -> list[str]:

@@ -35,11 +35,11 @@ _REMEMBERED = 8
 
 @dataclass(frozen=True, slots=True)
 class ModuleChanges:
-    """The modules that have moved to another PE, the new ones, and those that no longer run; each list is sorted."""
+    """The modules that have moved to another PE, the new ones, and those that no longer run; each is sorted."""
 
-    moved: list[str]
-    started: list[str]
-    stopped: list[str]
+    moved: tuple[str, ...]
+    started: tuple[str, ...]
+    stopped: tuple[str, ...]
 
 
 class Epochs:
@@ -170,7 +170,7 @@ def module_changes(before: Configuration | None, after: Configuration) -> Module
     old: Mapping[str, Running] = {} if before is None else before.modules
     new = after.modules
     return ModuleChanges(
-        moved=sorted(module for module in old.keys() & new.keys() if old[module].pe != new[module].pe),
-        started=sorted(new.keys() - old.keys()),
-        stopped=sorted(old.keys() - new.keys()),
+        moved=tuple(sorted(module for module in old.keys() & new.keys() if old[module].pe != new[module].pe)),
+        started=tuple(sorted(new.keys() - old.keys())),
+        stopped=tuple(sorted(old.keys() - new.keys())),
     )

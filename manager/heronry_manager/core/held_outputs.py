@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.deployment import Deployment
 from heronry_manager.core.health import Health
 from heronry_manager.core.topology import uplink_bus
@@ -48,12 +49,12 @@ class HeldOutputs:
         if PeFlags.OUTPUT_HELD not in page.flags:
             self._held.pop(pe, None)
             if held is not None and held.is_told:
-                self._turn.emit("outputs_free", pe=pe, for_ns=now_ns - held.since_ns)
+                self._turn.emit(events.OutputsFree, pe=pe, for_ns=now_ns - held.since_ns)
         elif held is None:
             self._held[pe] = _Held(now_ns)
         elif not held.is_told and now_ns - held.since_ns > self._lease_ns[pe]:
             held.is_told, held.cause = True, self._cause(pe, page)
-            self._turn.emit("outputs_held", pe=pe, modules=self._modules(pe), cause=held.cause)
+            self._turn.emit(events.OutputsHeld, pe=pe, modules=tuple(self._modules(pe)), cause=held.cause)
 
     def status(self, pe: str) -> dict[str, Any] | None:
         """Give the modules whose outputs a PE holds back, the cause, and for how long it has done so, in ns.

@@ -41,6 +41,7 @@ from heronry_dg.objective import Placement, score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
+from heronry_manager import events
 from heronry_manager.core.turn import Turn
 
 _TAKEN = "it is legal, and serves as much at level 1 as the best plan"
@@ -77,12 +78,12 @@ class HeldScript:
     def refuse(self, reason: str) -> None:
         """Refuse the configuration that was ordered; the PEs go on with what they run."""
         self._asked, self._last = None, ("refused", reason)
-        self._turn.emit("script_refused", reason=reason)
+        self._turn.emit(events.ScriptRefused, reason=reason)
 
     def end(self, reason: str) -> None:
         """End the script that this manager holds or its predecessor held, and report the reason in an event."""
         self.target, self._last = None, ("ended", reason)
-        self._turn.emit("script_ended", reason=reason)
+        self._turn.emit(events.ScriptEnded, reason=reason)
 
     def release(self) -> bool:
         """Release the operator's scripts: refuse the ordered one that waits, and end the held one.
@@ -142,7 +143,7 @@ class HeldScript:
         if self.target is not None:
             self.end("another script takes its place")
         self._asked, self.target = None, target
-        self._turn.emit("script_taken", reason=_TAKEN)
+        self._turn.emit(events.ScriptTaken, reason=_TAKEN)
 
     def _worthy(self, target: Configuration, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
         worth = score(self._spec, now, target, running)

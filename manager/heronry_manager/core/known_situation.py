@@ -39,6 +39,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
+from heronry_manager import events
 from heronry_manager.core.changed_priorities import ChangedPriorities
 from heronry_manager.core.health import Health, HealthChange
 from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
@@ -163,13 +164,13 @@ class KnownSituation:
             cause = f"bus:{radio.bus} is {change.what}, reported by {radio.gateway}"
             match change.what:
                 case "gone":
-                    self._turn.emit("link_gone", bus=radio.bus, by=radio.gateway)
+                    self._turn.emit(events.LinkGone, bus=radio.bus, by=radio.gateway)
                     changes += self._health.cut_off(sorted(radio.beyond), cause, self._turn.now_ns)
                 case "back":
-                    self._turn.emit("link_back", bus=radio.bus, by=radio.gateway)
+                    self._turn.emit(events.LinkBack, bus=radio.bus, by=radio.gateway)
                 case _:
                     share = f"{change.step / 10:g}%"
-                    self._turn.emit("link_limited", bus=radio.bus, by=radio.gateway, share=share)
+                    self._turn.emit(events.LinkLimited, bus=radio.bus, by=radio.gateway, share=share)
                     changes.append(
                         LimitChanged(f"bus:{radio.bus} has {share} of its bandwidth, reported by {radio.gateway}")
                     )
@@ -332,7 +333,7 @@ class KnownSituation:
             self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
         if not is_news:
             return ()
-        self._turn.emit("fault_reported", element=fault.element, by=fault.by, detail=fault.detail, code=fault.code)
+        self._turn.emit(events.FaultReported, element=fault.element, by=fault.by, detail=fault.detail, code=fault.code)
         kind, _, name = fault.element.partition(":")
         changes: list[SituationChange] = []
         if kind == "pe":
@@ -359,7 +360,7 @@ class KnownSituation:
                 changes.append(ModuleReleased(module, pe or None))
         if name in self._turn.memory.quarantined and let_in:
             self._turn.keep(Released(name))
-        self._turn.emit("fault_cleared", element=element, by=by)
+        self._turn.emit(events.FaultCleared, element=element, by=by)
         if kind != "pe":  # plans use a PE again when it joins
             changes.append(PlanNeeded(f"{element} cleared by {by}"))
         return changes
@@ -371,5 +372,5 @@ class KnownSituation:
         """
         before, self._mission.current = self._mission.current, phase
         self._turn.keep(PhaseEntered(phase))
-        self._turn.emit("phase_changed", phase=phase, before=before, by=by)
+        self._turn.emit(events.PhaseChanged, phase=phase, before=before, by=by)
         return (PlanNeeded(f"phase {phase}, requested by {by}"),)

@@ -19,6 +19,7 @@ over, knows the channels within a second. A report about a channel that the spec
 """
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import Emergency, FaultCode
 from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
@@ -38,9 +39,9 @@ class LostChannels:
         """Note the channels of the manager's bus on which this manager hears nothing, as its driver reports them."""
         before, self._own = self._own, frozenset(f"{self._spec.manager.bus}.{number}" for number in channels)
         for channel in sorted(self._own - before):
-            self._turn.emit("channel_lost", channel=channel, by=OWN)
+            self._turn.emit(events.ChannelLost, channel=channel, by=OWN)
         for channel in sorted(before - self._own):
-            self._turn.emit("channel_back", channel=channel, by=OWN)
+            self._turn.emit(events.ChannelBack, channel=channel, by=OWN)
 
     def reported(self, pe: str, emergency: Emergency) -> None:
         """Note a PE's report that a channel of one of its buses carries nothing, or carries frames again."""
@@ -53,7 +54,7 @@ class LostChannels:
             self._forget(key)
             return
         if key not in self._told_ns:
-            self._turn.emit("channel_lost", channel=key[0], by=pe)
+            self._turn.emit(events.ChannelLost, channel=key[0], by=pe)
         self._told_ns[key] = self._turn.now_ns
 
     def beat(self) -> None:
@@ -73,4 +74,4 @@ class LostChannels:
 
     def _forget(self, key: tuple[str, str]) -> None:
         if self._told_ns.pop(key, None) is not None:
-            self._turn.emit("channel_back", channel=key[0], by=key[1])
+            self._turn.emit(events.ChannelBack, channel=key[0], by=key[1])

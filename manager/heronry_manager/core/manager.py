@@ -41,6 +41,7 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, module_of
+from heronry_manager import events
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.mastership import Mastership
@@ -122,7 +123,7 @@ class ManagerCore:
         self._orders = OperatorOrders(settings, turn, parts.known, parts.replanning.planning)
         self._journal_problem: str | None = None
         turn.emit(
-            "manager_started",
+            events.ManagerStarted,
             spec=spec.name,
             spec_digest=spec.digest,
             node=node,
@@ -296,9 +297,9 @@ class ManagerCore:
     def _journal_told(self, problem: str | None) -> None:
         before, self._journal_problem = self._journal_problem, problem
         if problem is None:
-            self._turn.emit("journal_kept", before=before)
+            self._turn.emit(events.JournalKept, before=before)
         else:
-            self._turn.emit("journal_failed", problem=problem)
+            self._turn.emit(events.JournalFailed, problem=problem)
 
     def status(self) -> dict[str, Any]:
         """Give what the manager knows as plain data, in the form that the module `status` describes."""

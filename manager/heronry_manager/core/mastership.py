@@ -37,6 +37,7 @@ manager cannot tell whether another manager is gone, or is merely not heard here
 
 from enum import Enum, auto
 
+from heronry_manager import events
 from heronry_manager.core.memory import TermBegun
 from heronry_manager.core.numbering import NoTermError, next_term
 from heronry_manager.core.settings import ManagerSettings
@@ -246,7 +247,7 @@ class Claim:
                 self._retire(node, lease, is_double=is_double)
             return False
         if not is_listening:
-            self._turn.emit("stepped_down", node=node, term=lease.term)
+            self._turn.emit(events.SteppedDown, node=node, term=lease.term)
         self._move(MastershipEvent.STANDS_BY)
         return True
 
@@ -271,10 +272,10 @@ class Claim:
             reason = f"another manager {node} is active on {bus}, in the same term"
         else:
             reason = f"manager {node} is active with the higher term {lease.term}"
-        self._turn.emit("second_manager", node=node, term=lease.term)
+        self._turn.emit(events.SecondManager, node=node, term=lease.term)
         self._end(MastershipEvent.ENDS, reason, "; stop that manager first, or do not start this one")
 
     def _end(self, event: MastershipEvent, reason: str, remedy: str = "") -> None:
         self._move(event)
-        self._turn.emit("stopped", reason=reason)
+        self._turn.emit(events.Stopped, reason=reason)
         self._turn.ask(Stop(reason + remedy))

@@ -15,6 +15,7 @@ does not have is ignored.
 """
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import ElementKind, Emergency
 from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
@@ -65,21 +66,21 @@ class Disagreements(ModuleNotices):
     """Keeps which comparators have inputs that differ."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:
-        self._turn.emit("disagreement", module=module, by=by, detail=detail)
+        self._turn.emit(events.Disagreement, module=module, by=by, detail=detail)
 
     def _over(self, module: str, by: str) -> None:
-        self._turn.emit("agreement", module=module, by=by)
+        self._turn.emit(events.Agreement, module=module, by=by)
 
 
 class UnknownReports(ModuleNotices):
     """Keeps which modules report an element that the spec does not have."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:
-        self._turn.emit("unknown_element", module=module, by=by, detail=detail)
+        self._turn.emit(events.UnknownElement, module=module, by=by, detail=detail)
 
 
 class UnknownOutputs(ModuleNotices):
     """Remembers the modules that give an output whose name is misspelt."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:  # noqa: ARG002 - it is always 0
-        self._turn.emit("unknown_output", module=module, by=by)
+        self._turn.emit(events.UnknownOutput, module=module, by=by)

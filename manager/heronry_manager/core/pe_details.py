@@ -33,6 +33,7 @@ from functools import cache, partial
 from typing import Any
 
 from heronry_dg.situation import hosts_when_all_is_up
+from heronry_manager import events
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.object_reader import ObjectReader
 from heronry_manager.core.settings import ManagerSettings
@@ -85,7 +86,7 @@ class PeDetails:
         For TELL_AGAIN_NS after such an event, only a standstill longer than the reported one is reported.
         """
         if self.own.count(event, self._turn.now_ns):
-            self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
+            self._turn.emit(events.StoodStill, by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
         """Read from a PE why a module has failed, and report the reason in an event.
@@ -102,7 +103,7 @@ class PeDetails:
             text = "" if value is None else plain_reason(value.decode("ascii", "replace"))
             if text:
                 self._failures[element] = {"element": element, "by": pe, "text": text, "at_ns": self._turn.now_ns}
-                self._turn.emit("module_failed", element=element, by=pe, text=text, heard_ns=heard_ns)
+                self._turn.emit(events.ModuleFailed, element=element, by=pe, text=text, heard_ns=heard_ns)
 
         self._read(pe, MODULE_FAILURES, self._position(pe, element), take, tries=_TRIES)
 
@@ -176,7 +177,7 @@ class PeDetails:
             )
         if self._tables.get(pe) != why:
             self._tables[pe] = why
-            self._turn.emit("another_table", pe=pe, why=why)
+            self._turn.emit(events.AnotherTable, pe=pe, why=why)
 
     def end_of_step(self) -> None:
         """Stop reading if this manager is not active any more; to be called after each event."""
@@ -224,7 +225,7 @@ class PeDetails:
             return
         is_longest_new = has_restarted or found["longest_ms"] > before["longest_ms"]
         for_ms = found["longest_ms"] if is_longest_new else found["last_long_ms"]
-        self._turn.emit("stood_still", by=pe, for_ns=for_ms * _NS_PER_MS, times=times)
+        self._turn.emit(events.StoodStill, by=pe, for_ns=for_ms * _NS_PER_MS, times=times)
 
     def _read(
         self, pe: str, index: int, sub_index: int, take: Callable[[bytes | None], None], *, tries: int = 1

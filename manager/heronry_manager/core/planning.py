@@ -26,6 +26,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.reconfiguration import Cause
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
@@ -76,12 +77,12 @@ class Planning:
         self.waiting, self.again_ns, self.in_background = True, None, in_background
         self._turn.ask(RequestPlan(self._request, now, running, in_background, target))
         self._turn.emit(
-            "plan_requested",
+            events.PlanRequested,
             request=self._request,
-            down=sorted(now.down),
+            down=tuple(sorted(now.down)),
             limits={element: f"{float(100 * share):g}%" for element, share in sorted(now.limits.items())},
             phase=now.phase,
-            causes=[cause.what for cause in self.causes],
+            causes=tuple(cause.what for cause in self.causes),
         )
 
     @property
@@ -109,7 +110,7 @@ class Planning:
         if answer.request != self._request or not self.waiting:
             return False
         self.waiting, self.again_ns = False, None if self.in_background else self._turn.now_ns + PLAN_AGAIN_NS
-        self._turn.emit("plan_failed", request=answer.request, reason=answer.reason)
+        self._turn.emit(events.PlanFailed, request=answer.request, reason=answer.reason)
         return True
 
     def awaits(self, answer: PlanReady) -> bool:
@@ -120,7 +121,7 @@ class Planning:
         """End the present request, because its answer is to be deployed."""
         self.waiting = False
         decide_ns = self._turn.now_ns - self.causes[-1].known_ns if self.causes else 0
-        self._turn.emit("plan_ready", request=answer.request, plan=answer.plan.document(), decide_ns=decide_ns)
+        self._turn.emit(events.PlanReady, request=answer.request, plan=answer.plan.told(), decide_ns=decide_ns)
 
     def keeps_to(self, running: Plan | None, answer: PlanReady) -> bool:
         """Tell whether the running plan stays, and the answer to a background request is dropped.
@@ -132,7 +133,7 @@ class Planning:
             return False
         self.waiting = False
         self.causes.clear()
-        self._turn.emit("plan_kept", request=answer.request)
+        self._turn.emit(events.PlanKept, request=answer.request)
         return True
 
     def ask_in_background(self, now: Situation, running: Placement) -> None:

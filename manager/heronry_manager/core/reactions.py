@@ -18,6 +18,7 @@ A PE that does not execute its commands is failed, with the cause in words. No c
 
 from collections.abc import Iterable
 
+from heronry_manager import events
 from heronry_manager.core.beat import Beat
 from heronry_manager.core.health import Change, HealthChange
 from heronry_manager.core.knowledge import Knowledge
@@ -86,24 +87,24 @@ class Reactions:
         match change.change:
             case Change.SUSPECTED:
                 silent_ns = turn.now_ns - last if last is not None else None
-                turn.emit("pe_suspected", pe=pe, cause=change.cause, silent_ns=silent_ns)
+                turn.emit(events.PeSuspected, pe=pe, cause=change.cause, silent_ns=silent_ns)
                 if self._claim.is_active:
                     self._beat.ping(pe)
             case Change.ANSWERED:
-                turn.emit("pe_answered", pe=pe)
+                turn.emit(events.PeAnswered, pe=pe)
                 self._known.details.look_at_standstills(pe, Look.TELL)
             case Change.LOST | Change.REBOOTED | Change.FAILED:
                 self._lost(change)
             case Change.ABSENT:
-                turn.emit("pe_absent", pe=pe, cause=change.cause)
+                turn.emit(events.PeAbsent, pe=pe, cause=change.cause)
                 self._replanning.need(PlanNeeded(f"pe:{pe}: {change.cause}"))
             case Change.HEARD_AGAIN:
-                turn.emit("pe_heard_again", pe=pe, cause=change.cause)
+                turn.emit(events.PeHeardAgain, pe=pe, cause=change.cause)
                 self._known.details.look_at_standstills(pe, Look.TELL)
             case Change.JOINED:  # pragma: no branch - nothing else is left
                 if pe in turn.memory.quarantined:
                     turn.keep(Released(pe))
-                turn.emit("pe_joined", pe=pe, cause=change.cause)
+                turn.emit(events.PeJoined, pe=pe, cause=change.cause)
                 self._known.details.look_at_standstills(pe, Look.BEGIN)
                 self._known.deployment.observed.joined(pe)
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
@@ -114,7 +115,7 @@ class Reactions:
             known.exclusion.rebooted(pe)
         elif change.change is Change.LOST:
             known.exclusion.declared_down(pe, self._turn.now_ns if last is None else last)
-        self._turn.emit("pe_lost", pe=pe, cause=change.cause, last_heard_ns=last)
+        self._turn.emit(events.PeLost, pe=pe, cause=change.cause, last_heard_ns=last)
         if known.health.is_quarantined(pe):
             self._turn.keep(Quarantined(pe, known.health.losses(pe)))
         known.deployment.lost(pe)

@@ -34,6 +34,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_dg.plan import Plan
 from heronry_dg.verify import verify
+from heronry_manager import events
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.known_situation import LimitChanged, PlanNeeded
 from heronry_manager.core.mastership import Claim, Mastership
@@ -193,7 +194,7 @@ class Replanning:
             self._known.following.planned(answer.plan)
         if self._runs_already(answer.plan):
             self.planning.causes.clear()
-            self._turn.emit("plan_unchanged", request=answer.request)
+            self._turn.emit(events.PlanUnchanged, request=answer.request)
             self._storms.over()
             self._settle()
         elif self._settings.advise:

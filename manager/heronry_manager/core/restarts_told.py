@@ -13,6 +13,7 @@ A forged EMCY makes a false event. A manager that restarts may repeat its last e
 """
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
 from heronry_wire.protocol_times import t_lease_ns
@@ -35,4 +36,4 @@ class RestartsTold:
         said, at_ns = self._heard.get((pe, element), (0, 0))
         self._heard[pe, element] = times, now_ns
         if said != times or now_ns - at_ns > lease_ns:
-            self._turn.emit("module_restarted", element=element, by=pe, times=times)
+            self._turn.emit(events.ModuleRestarted, element=element, by=pe, times=times)

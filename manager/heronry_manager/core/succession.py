@@ -16,6 +16,7 @@
 `mastership` and `following` say what lost, late, doubled and forged frames cause.
 """
 
+from heronry_manager import events
 from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.parts import Parts
 from heronry_manager.core.reconfiguration import Cause
@@ -53,7 +54,7 @@ class Succession:
         before = following.node
         self._learn(node, message)
         if before is None and following.node is not None:
-            self._turn.emit("standing_by", node=node, term=following.term)
+            self._turn.emit(events.StandingBy, node=node, term=following.term)
 
     def _learn_beside(self, node: int, message: ManagementMessage) -> None:
         is_listening = self._claim.state is Mastership.LISTENING
@@ -99,7 +100,7 @@ class Succession:
             return
         silent_ns = None if followed.leased_ns is None else now_ns - followed.leased_ns
         self._turn.emit(
-            "taken_over",
+            events.TakenOver,
             term=self._turn.term,
             before=followed.term,
             silent_ns=silent_ns,
@@ -123,10 +124,10 @@ class Succession:
         if self._settings.advise or self._claim.state is not Mastership.ACTIVE:
             return False
         if hears_no_pe:
-            self._turn.emit("hears_nobody", term=self._turn.term)
+            self._turn.emit(events.HearsNobody, term=self._turn.term)
             return True
         if self._beat.is_due() and self._claim.is_refused(most_hear_none=self._known.following.most_hear_none()):
-            self._turn.emit("refused", term=self._turn.term)
+            self._turn.emit(events.Refused, term=self._turn.term)
             return True
         return False
 

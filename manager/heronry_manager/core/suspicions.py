@@ -17,6 +17,7 @@ nothing. A forged report only leads to a PING. A manager that restarts forgets s
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
+from heronry_manager import events
 from heronry_manager.core.health import Health
 from heronry_manager.core.turn import Turn
 from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
@@ -88,7 +89,7 @@ class Suspicions:
         return is_new
 
     def _tell(self, element: str, by: str, evidence: str) -> None:
-        self._turn.emit("suspicion", element=element, by=by, evidence=evidence)
+        self._turn.emit(events.Suspicion, element=element, by=by, evidence=evidence)
 
     def _conclude(self, element: str, found: str) -> None:
-        self._turn.emit("suspicion_assessed", element=element, found=found)
+        self._turn.emit(events.SuspicionAssessed, element=element, found=found)

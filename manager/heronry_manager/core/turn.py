@@ -7,16 +7,17 @@ kinds of the last events, which an InvariantError lists.
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Concatenate, ParamSpec, Protocol
 
-from heronry_manager.core.events import event as make_event
 from heronry_manager.core.memory import NOTHING, Memory, Record
 from heronry_manager.core.vocabulary import Emit, Keep, ManagerAction
+from heronry_manager.events import Event
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
 from heronry_wire.sansio import Send
 
 _RECENT_EVENTS = 40
+_Fields = ParamSpec("_Fields")
 
 
 class Encodable(Protocol):
@@ -58,10 +59,13 @@ class Turn:
             self.memory = self.memory.after(record)
             self.ask(Keep(record))
 
-    def emit(self, kind: str, **data: Any) -> None:
-        """Add an event to the stream; raises KeyError for an unknown kind."""
-        self.recent.append(f"{self.now_ns} {kind}")
-        self.ask(Emit(make_event(kind, self.now_ns, **data)))
+    def emit(
+        self, kind: Callable[Concatenate[int, _Fields], Event], *fields: _Fields.args, **named: _Fields.kwargs
+    ) -> None:
+        """Add an event to the stream, with the time of this turn: its kind and its fields."""
+        event = kind(self.now_ns, *fields, **named)
+        self.recent.append(f"{self.now_ns} {event.kind}")
+        self.ask(Emit(event))
 
     def end(self) -> list[ManagerAction]:
         """Return all actions that were requested since the last call of this method, in order, and forget them.

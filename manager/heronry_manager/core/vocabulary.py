@@ -13,6 +13,7 @@ from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager.core.memory import Record
+from heronry_manager.events import Event
 from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.standstill import StoodStill
@@ -63,7 +64,7 @@ class Settled:
 class Emit:
     """Instruction to the driver: write an event to the stream."""
 
-    event: dict[str, Any]
+    event: Event
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,12 +21,12 @@ import select
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_manager.core.events import VERSION, event
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import (
     AliveLeft,
@@ -67,7 +67,7 @@ FILTERS = (
 )
 _BURSTS = 16  # bursts of frames taken in one turn, so that a flood cannot stop the timers
 
-Emitter = Callable[[Mapping[str, Any]], None]
+Emitter = Callable[[events.Event], None]
 
 
 class ManagerDriver:
@@ -84,20 +84,21 @@ class ManagerDriver:
         service: ServiceManager,
         spec: Spec,
         emit: Emitter,
-        place: Mapping[str, Any],
+        place: events.Place,
+        file: str,
         in_order: bool = False,
     ) -> None:
         """Prepare to run.
 
         journal: None if nothing is to survive a restart.
         emit: is called with every event.
-        place: the bus of the manager and the file of its spec, for the clients that follow the events.
+        place: the bus of the manager, for the clients that follow the events; file: that of its spec, likewise.
         in_order: whether events are delayed for a moment before `emit` is called. The manager learns the reason of a
             failure after the consequences of the failure; the delay lets people read the reason first.
         """
         self._core, self._link, self._planners, self._control = core, link, planners, control
         self._service, self._journal, self._spec = service, journal, spec
-        self._tell_stream, self._place = emit, place
+        self._tell_stream, self._place, self._file = emit, place, file
         self._telling = OrderedTelling(emit) if in_order else None
         self._plants = Plants(spec)
         self._journal_problem: str | None = None
@@ -151,7 +152,7 @@ class ManagerDriver:
             if self._telling is not None:  # while the bus is lost the clock stands still, and nothing is read from a PE
                 self._telling.tell_until(self._now_ns() - HELD_NS if self._frozen_ns is None else None)
 
-    def _emit(self, told: dict[str, Any]) -> None:
+    def _emit(self, told: events.Event) -> None:
         """Give an event to `emit` (with `in_order`, after a delay), and to all clients that follow the events."""
         if self._telling is None:
             self._tell_stream(told)
@@ -159,17 +160,16 @@ class ManagerDriver:
             self._telling.take(told)
         self._control.followers.tell(told)
 
-    def _status(self) -> dict[str, Any]:
+    def _status(self) -> events.Status:
         """Make the first line for a client that begins to follow the events: a status, with the plan that runs."""
         plan = self._core.plan
-        return {
-            "v": VERSION,
-            "t_ns": self._now_ns(),
-            "event": "status",
-            "status": {**self._core.status(), **self._plants.status(plan)},
-            "plan": None if plan is None else plan.document(),
-            **self._place,
-        }
+        return events.Status(
+            self._now_ns(),
+            status={**self._core.status(), **self._plants.status(plan)},
+            plan=None if plan is None else plan.told(),
+            bus=self._place,
+            file=self._file,
+        )
 
     def _look_after_journal(self) -> None:
         """Sync the journal to the disk if no frame waits to be sent; report journal problems to the core.
@@ -217,7 +217,7 @@ class ManagerDriver:
     def _look_at_link(self) -> None:
         """Emit the link status events of the bus; stop the core's clock while the bus is lost."""
         for sentence in self._link.take_link_events():
-            self._emit(event("bus_trouble", self._now_ns(), sentence=sentence))
+            self._emit(events.BusTrouble(self._now_ns(), sentence))
             self._service.status(sentence)
         is_lost = self._link.off_since_ns is not None
         if is_lost and self._frozen_ns is None:
@@ -278,16 +278,15 @@ class ManagerDriver:
         for known in answers:
             self._step(known)
 
-    def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
+    def _tell_what_runs(self, told: events.Event) -> None:
         """If the event `told` says that another plan runs from now on, send this plan to the clients.
 
         These are the clients that follow the events. A client may lack the plan for two reasons: it began to follow
         after the event `plan_ready`, or the epoch was adopted.
         """
         plan = self._core.plan
-        if told["event"] in ("reconfigured", "adopted") and plan is not None:
-            runs = {"epoch": told["epoch"], "plan": plan.document()}
-            self._control.followers.tell({"v": VERSION, "t_ns": told["t_ns"], "event": "runs", **runs})
+        if isinstance(told, events.Reconfigured | events.Adopted) and plan is not None:
+            self._control.followers.tell(events.Runs(told.t_ns, told.epoch, plan.told()))
 
     def _answer(self, reply: Reply) -> None:
         if reply.status is not None:

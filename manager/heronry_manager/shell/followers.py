@@ -13,16 +13,17 @@ dropped lines, and a new status.
 import contextlib
 import socket
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
-from heronry_manager.core.events import VERSION, to_line
+from heronry_manager.events import Event, LinesLost
+from heronry_manager.events import Status as StatusEvent
+from heronry_manager.events.line import to_line
 
 MOST_FOLLOWERS = 16
 LONGEST_QUEUE_BYTES = 512 * 1024
 
-Status = Callable[[], Mapping[str, Any]]
+Status = Callable[[], StatusEvent]
 
 
 @dataclass(slots=True)
@@ -82,7 +83,7 @@ class Followers:
             if is_over:
                 self._drop(caller)
 
-    def tell(self, event: Mapping[str, Any]) -> None:
+    def tell(self, event: Event) -> None:
         """Queue an event for every reader; `pump` sends it."""
         if self._of:
             line = _line(event)
@@ -107,7 +108,7 @@ class Followers:
         first, lost = status(), follower.dropped
         follower.needs_status, follower.dropped = False, 0
         if lost:
-            follower.put(_line({"v": VERSION, "t_ns": first["t_ns"], "event": "lines_lost", "lines": lost}))
+            follower.put(_line(LinesLost(first.t_ns, lost)))
         follower.put(_line(first))
 
     def _send(self, caller: socket.socket, follower: _Follower) -> None:
@@ -124,5 +125,5 @@ class Followers:
         caller.close()
 
 
-def _line(event: Mapping[str, Any]) -> bytes:
+def _line(event: Event) -> bytes:
     return to_line(event).encode() + b"\n"

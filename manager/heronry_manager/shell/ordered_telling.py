@@ -9,10 +9,12 @@ So each event is held until it is HELD_NS old. If an earlier event comes meanwhi
 An event that is older than HELD_NS when it comes is passed on immediately, out of order.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
-Tell = Callable[[Mapping[str, Any]], None]
+from heronry_manager.events import Event, ModuleFailed
+
+Tell = Callable[[Event], None]
 
 HELD_NS = 200_000_000
 
@@ -22,21 +24,21 @@ class OrderedTelling:
 
     def __init__(self, tell: Tell) -> None:
         self._tell = tell
-        self._held: list[Mapping[str, Any]] = []
+        self._held: list[Event] = []
 
-    def take(self, event: Mapping[str, Any]) -> None:
+    def take(self, event: Event) -> None:
         """Hold an event until `tell_until` passes it on.
 
-        If the event has the time `heard_ns`, this time replaces the event's own time `t_ns`.
+        If the event has the time `heard_ns` (`module_failed`), this time replaces the event's own time `t_ns`.
         """
-        self._held.append({**event, "t_ns": event["heard_ns"]} if "heard_ns" in event else event)
+        self._held.append(replace(event, t_ns=event.heard_ns) if isinstance(event, ModuleFailed) else event)
 
     def tell_until(self, until_ns: int | None = None) -> None:
         """Pass on the held events with times up to `until_ns`, the earliest first; with None, all of them."""
-        self._held.sort(key=lambda one: one["t_ns"])
-        while self._held and (until_ns is None or self._held[0]["t_ns"] <= until_ns):
+        self._held.sort(key=lambda one: one.t_ns)
+        while self._held and (until_ns is None or self._held[0].t_ns <= until_ns):
             self._tell(self._held.pop(0))
 
     def due_ns(self) -> int | None:
         """Give the time (ns) at which the earliest held event is HELD_NS old; None: no event is held."""
-        return min(one["t_ns"] for one in self._held) + HELD_NS if self._held else None
+        return min(one.t_ns for one in self._held) + HELD_NS if self._held else None

@@ -5,15 +5,12 @@ derives a component graph from the spec and the core's plan (`heronry_pcs`). It 
 plants there is no such event, and no such key in the status.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_manager.core.events import event
+from heronry_manager import events
 from heronry_pcs.control_paths import control_paths, path_states
-
-_RUNS = ("reconfigured", "adopted")  # events after which another epoch runs
 
 
 class Plants:
@@ -22,15 +19,15 @@ class Plants:
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
 
-    def after(self, told: Mapping[str, Any], plan: Plan | None) -> dict[str, Any] | None:
+    def after(self, told: events.Event, plan: Plan | None) -> events.ControlPaths | None:
         """Give the event on plants that follows the core's event `told`; None if none follows.
 
         plan: the plan that runs now; None: no plan is known to run.
         """
-        if told["event"] not in _RUNS or plan is None or not self._spec.plants:
+        if not isinstance(told, events.Reconfigured | events.Adopted) or plan is None or not self._spec.plants:
             return None
         states = path_states(control_paths(self._spec, plan.configuration))
-        return event("control_paths", told["t_ns"], epoch=told["epoch"], plants=states)
+        return events.ControlPaths(told.t_ns, told.epoch, states)
 
     def status(self, plan: Plan | None) -> dict[str, Any]:
         """Give the part of the status about plants: the state of each control path, and why it is not closed.

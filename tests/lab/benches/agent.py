@@ -9,7 +9,6 @@ two state frames is longer than their period. The last line is the processor tim
 and manager included.
 """
 
-import json
 import os
 import statistics
 import subprocess
@@ -20,6 +19,8 @@ from collections.abc import Sequence
 
 from can.typechecking import CanFilter
 
+from heronry_manager.events import Reconfigured
+from heronry_manager.events.reading import read_event
 from heronry_tools.runtime.softbus.client import SoftBus
 from heronry_tools.runtime.softbus.protocol import BusStatistics, ClientStatistics
 from heronry_wire.identifiers import state_id
@@ -60,7 +61,7 @@ def _fly(spec_name: str, seconds: float, report: Report) -> None:
         spec = flown.spec
         events = flown.fleet.start_manager()
         pids = flown.start_pes()
-        while json.loads(events.readline())["event"] != "reconfigured":
+        while not isinstance(read_event(events.readline()), Reconfigured):
             pass
         wired = [pe for pe in spec.pes.values() if spec.manager.bus in pe.buses]
         states: list[CanFilter] = [{"can_id": state_id(pe.node_id), "can_mask": 0x7FF} for pe in wired]

@@ -21,6 +21,7 @@ from random import Random
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import processors, whole_number
 from heronry_tools.console.spec_argument import spec_path
@@ -105,8 +106,10 @@ def fly_quietly(spec: Spec, flight: tuple[int, int]) -> Quiet:
         simulation.digest()
         counted = _counted(simulation)
         quiet.suspected += counted["pe_suspected"]
-        for event in (*simulation.events_of("pe_lost"), *simulation.events_of("reconfigured")):
-            quiet.false.append(f"seed {seed}: {event['t_ns'] / 1e9:.3f} s {event['event']} {event.get('cause', '')}")
+        for lost in simulation.events_of(events.PeLost):
+            quiet.false.append(f"seed {seed}: {lost.t_ns / 1e9:.3f} s {lost.kind} {lost.cause}")
+        for done in simulation.events_of(events.Reconfigured):
+            quiet.false.append(f"seed {seed}: {done.t_ns / 1e9:.3f} s {done.kind}")
     quiet.false += [f"seed {seed}: {violation}" for violation in simulation.broken()]
     quiet.frames = sum(bus.frames for bus in simulation.wiring.buses.values())
     return quiet
@@ -134,13 +137,13 @@ def _reboot(simulation: Simulation, pe: str, random: Random) -> Reboot:
     back_ns = simulation.now_ns
     simulation.fleet.restore(pe)
     simulation.run_for(_BETWEEN_REBOOTS_NS)
-    known = (e["t_ns"] for e in simulation.events_of("pe_lost") if e["pe"] == pe and e["t_ns"] >= begun_ns)
+    known = (e.t_ns for e in simulation.events_of(events.PeLost) if e.pe == pe and e.t_ns >= begun_ns)
     noticed_ns = next(known, None)
     return Reboot(pe, away_ns, None if noticed_ns is None else noticed_ns - back_ns, bus.heartbeat_ns)
 
 
 def _counted(simulation: Simulation) -> Counter[str]:
-    return Counter(event["event"] for event in simulation.events)
+    return Counter(event.kind for event in simulation.events)
 
 
 def measure(arguments: Namespace, report: Report) -> None:

@@ -23,12 +23,12 @@ import select
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from random import Random
-from typing import Any, Final
+from typing import Final
 
+from heronry_manager import events
 from heronry_manager.core.vocabulary import ClearElement
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_place import ControlError
@@ -40,7 +40,7 @@ from lab.benches.harness import Benchmark, Report, option, spec_option
 from lab.benches.processes import children, open_descriptors, resident_mib
 
 _QUARTERS: Final = 4
-_SETTLED: Final = ("reconfigured", "plan_unchanged")
+_SETTLED: Final = (events.Reconfigured, events.PlanUnchanged)
 _START_S: Final = 60.0
 _MOST_GROWTH_MIB: Final = 2.0
 _DETECT, _DECIDED, _IN_ALL = "detect", "decision to active", "fault to active"
@@ -66,17 +66,17 @@ class Kill:
         self._lost_ns: int | None = None
         self.is_answered = False
 
-    def take(self, told: Mapping[str, Any]) -> None:
+    def take(self, told: events.Event) -> None:
         """Read an event of the active manager."""
-        if told["event"] == "pe_lost" and told["pe"] == self.pe:
-            self._lost_ns = told["t_ns"]
-        elif self._lost_ns is not None and not self.is_answered and told["event"] in _SETTLED:
+        if isinstance(told, events.PeLost) and told.pe == self.pe:
+            self._lost_ns = told.t_ns
+        elif self._lost_ns is not None and not self.is_answered and isinstance(told, _SETTLED):
             self.is_answered = True
-            if told["event"] == "reconfigured":
-                times, parts = self.quarter.times_ms, told["times_ns"]
+            if isinstance(told, events.Reconfigured):
+                times, parts = self.quarter.times_ms, told.times_ns.by_name()
                 times[_DETECT].append((self._lost_ns - self.killed_ns) / 1e6)
-                times[_DECIDED].append((parts["distribute"] + parts["activate"]) / 1e6)
-                times[_IN_ALL].append((told["t_ns"] - self.killed_ns) / 1e6)
+                times[_DECIDED].append(sum(parts[name] or 0 for name in ("distribute", "activate")) / 1e6)
+                times[_IN_ALL].append((told.t_ns - self.killed_ns) / 1e6)
 
 
 class _Flight:
@@ -96,7 +96,7 @@ class _Flight:
                 for told in stream.take():
                     if kill is not None:
                         kill.take(told)
-                    if settled and told["event"] in _SETTLED:
+                    if settled and isinstance(told, _SETTLED):
                         return True
         return False
 

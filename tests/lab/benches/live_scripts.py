@@ -28,10 +28,13 @@ from typing import Any
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan, read_plan
+from heronry_dg.plan_document import plain
 from heronry_dg.situation import Situation, hosts_when_all_is_up
 from heronry_dg.verify import verify
 from heronry_manager.core.reconfiguration import Stage
 from heronry_manager.core.standing import Standing
+from heronry_manager.events import PeJoined, PeLost, Reconfigured, ScriptRefused, Status
+from heronry_manager.events.reading import read_event
 from heronry_manager.shell.control_client import call, follow
 from heronry_manager.shell.control_protocol import FlyScript
 from heronry_pcs.plan_script import module_graph
@@ -74,7 +77,7 @@ def times_of(spec_name: str, scripts: int) -> tuple[dict[str, list[float]], int]
     with aircraft(spec_name) as flown:
         events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
-        events.wait("reconfigured")
+        events.wait(Reconfigured)
         calm_plan(flown, _CALM_S)
         for _ in counted("scripts", scripts, range(scripts)):
             while (found := _fly_one(flown, events)) is None:
@@ -93,11 +96,11 @@ def _fly_one(flown: Aircraft, events: AwaitedEvents) -> dict[str, float] | None:
     given_ns = time.monotonic_ns()
     if not call(flown.fleet.control_socket(), FlyScript(script)).done:
         return None
-    done = events.wait("reconfigured", "script_refused", "pe_lost", "pe_joined")
-    if done["event"] != "reconfigured" or (done["causes"], done["moved"]) != ([_CAUSE], [name]):
+    done = events.wait(Reconfigured, ScriptRefused, PeLost, PeJoined)
+    if not isinstance(done, Reconfigured) or (done.causes, done.moved) != ((_CAUSE,), (name,)):
         return None
-    parts = {part: done["times_ns"][part] / 1e6 for part in _PARTS}
-    return {_IN_ALL: (done["t_ns"] - given_ns) / 1e6, **parts}
+    parts = {part: ns / 1e6 for part, ns in done.times_ns.by_name().items() if part in _PARTS and ns is not None}
+    return {_IN_ALL: (done.t_ns - given_ns) / 1e6, **parts}
 
 
 def calm_plan(flown: Aircraft, calm_s: float) -> Plan:
@@ -108,13 +111,14 @@ def calm_plan(flown: Aircraft, calm_s: float) -> Plan:
     began_s = since_s = time.monotonic()
     while True:
         with follow(flown.fleet.control_socket()) as line, line.makefile("rb") as lines:
-            told = json.loads(lines.readline())
+            told = read_event(lines.readline())
+        assert isinstance(told, Status)
         now_s = time.monotonic()
-        since_s = since_s if _is_calm(told["status"]) else now_s
+        since_s = since_s if _is_calm(told.status) else now_s
         if now_s - since_s >= calm_s:
-            return read_plan(json.dumps(told["plan"]), flown.spec)
+            return read_plan(json.dumps(plain(told.plan)), flown.spec)
         if now_s - began_s > _LONGEST_CALM_S:
-            states = {pe: one["state"] for pe, one in told["status"]["pes"].items()}
+            states = {pe: one["state"] for pe, one in told.status["pes"].items()}
             raise UserError(f"something was under way, or not all PEs were up, for {_LONGEST_CALM_S:.0f} s: {states}")
         time.sleep(_LOOK_S)
 

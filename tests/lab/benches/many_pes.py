@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from heronry_manager import events
 from heronry_tools.console.number_arguments import whole_number
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
@@ -69,19 +70,19 @@ def _started(pes: int, heartbeat_ms: int, longest_s: float) -> _Start:
         file = Path(folder, "many_pes.dg.yaml")
         file.write_text(spec_text(pes, heartbeat_ms))
         with aircraft(str(file)) as flown, SoftBus(flown.main.channel) as bus:
-            events = EventStream(flown.fleet.start_manager())
+            stream = EventStream(flown.fleet.start_manager())
             begun_s = time.monotonic()
             flown.start_pes()
             before, sent = _used_s(flown.fleet), bus.statistics().frames
             while (passed_s := time.monotonic() - begun_s) < longest_s and found.whole_s is None:
-                for told in events.take(min(1.0, longest_s - passed_s)):
-                    found.events[told["event"]] += 1
-                    match told["event"]:
-                        case "pe_joined":
-                            joined.add(told["pe"])
-                        case "pe_lost":
-                            joined.discard(told["pe"])
-                        case "reconfigured" | "plan_unchanged":
+                for told in stream.take(min(1.0, longest_s - passed_s)):
+                    found.events[told.kind] += 1
+                    match told:
+                        case events.PeJoined():
+                            joined.add(told.pe)
+                        case events.PeLost():
+                            joined.discard(told.pe)
+                        case events.Reconfigured() | events.PlanUnchanged():
                             now_s = time.monotonic() - begun_s
                             found.first_s = now_s if found.first_s is None else found.first_s
                             found.whole_s = now_s if len(joined) == pes else None

@@ -34,6 +34,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.planning_policy import Answer, PlanningPolicy, Source
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan
 from heronry_tools.console.number_arguments import flights, whole_number
@@ -196,13 +197,13 @@ def _die(simulation: Simulation, pe: str, times: Times) -> None:
     simulation.wiring.buses["can0"].taps.append(lambda sent: _follow(gone, before, sent))
     simulation.fleet.kill(pe)
     simulation.run_for(_AFTER_NS)
-    (done,), (ready,) = simulation.events_of("reconfigured"), simulation.events_of("plan_ready")
-    (opened,) = simulation.events_of("epoch_prepared")
-    if not opened["contingency"]:
+    (done,), (ready,) = simulation.events_of(events.Reconfigured), simulation.events_of(events.PlanReady)
+    (opened,) = simulation.events_of(events.EpochPrepared)
+    if not opened.contingency:
         raise SystemExit(f"after the loss of {pe} the manager did not switch to a contingency by number")
-    (times.held if holds else times.reaction).append((done["t_ns"] - begun_ns) / MS)
-    steps = len(simulation.events_of("epoch_step"))
-    (times.one_step if steps == 1 else times.several_steps).append((max(gone.values()) - ready["t_ns"]) / MS)
+    (times.held if holds else times.reaction).append((done.t_ns - begun_ns) / MS)
+    steps = len(simulation.events_of(events.EpochStep))
+    (times.one_step if steps == 1 else times.several_steps).append((max(gone.values()) - ready.t_ns) / MS)
 
 
 def _follow(gone: dict[str, int], before: int, sent: Sent) -> None:

@@ -14,13 +14,13 @@ readers that never read.
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Mapping
 from contextlib import ExitStack
-from typing import Any
+from typing import Final
 
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.core.standing import Standing
 from heronry_manager.core.vocabulary import AskStatus
+from heronry_manager.events import Event, PeJoined, PeLost, PlanUnchanged, Reconfigured
 from heronry_manager.shell.control_client import call, follow
 from heronry_tools.analysis.made_ahead import Source, add_contingencies_argument, contingencies_of
 from heronry_tools.console.number_arguments import whole_number
@@ -33,7 +33,7 @@ from lab.benches.harness import Benchmark, Report, option, spec_option
 
 _NAMES = ("detect", "decide", "distribute", "activate")
 _DECIDED, _IN_ALL = "decision to active", "fault to active"
-_SETTLED = ("reconfigured", "plan_unchanged")
+_SETTLED: Final[tuple[type[Event], ...]] = (Reconfigured, PlanUnchanged)
 _LOOK_S = 0.2
 _PAUSE_S = 3.0  # between two kills: time for pre-planning, as in flight
 
@@ -85,13 +85,13 @@ def _fly(
             events.take()
             killed_ns = time.monotonic_ns()
             flown.fleet.kill_pe(pe)
-            lost = events.wait("pe_lost", pe=pe)
+            lost = events.wait(PeLost, pe=pe)
             done = events.wait(*_SETTLED)
-            if done["event"] == "reconfigured":
-                _note(times, killed_ns, lost["t_ns"], done)
+            if isinstance(done, Reconfigured):
+                _note(times, killed_ns, lost.t_ns, done)
             if pe != pes[-1]:
                 flown.fleet.start_pe(pe)
-                events.wait("pe_joined", pe=pe)
+                events.wait(PeJoined, pe=pe)
                 events.wait(*_SETTLED)
 
 
@@ -106,12 +106,12 @@ def _wait_until_up(fleet: Fleet, pe: str) -> None:
     raise SystemExit(f"the benchmark ends here: pe:{pe} is not up within {LONGEST_S:g} s")
 
 
-def _note(times: dict[str, list[float]], killed_ns: int, lost_ns: int, done: Mapping[str, Any]) -> None:
-    four = {**done["times_ns"], "detect": lost_ns - killed_ns}
+def _note(times: dict[str, list[float]], killed_ns: int, lost_ns: int, done: Reconfigured) -> None:
+    four = {**done.times_ns.by_name(), "detect": lost_ns - killed_ns}
     for name in _NAMES:
-        times[name].append(four[name] / 1e6)
+        times[name].append((four[name] or 0) / 1e6)
     times[_DECIDED].append(times["distribute"][-1] + times["activate"][-1])
-    times[_IN_ALL].append((done["t_ns"] - killed_ns) / 1e6)
+    times[_IN_ALL].append((done.t_ns - killed_ns) / 1e6)
 
 
 main = Benchmark(

@@ -30,6 +30,7 @@ import pty
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from argparse import Namespace
 from collections.abc import Iterator
@@ -40,12 +41,15 @@ from pathlib import Path
 from queue import SimpleQueue
 from random import Random
 from tempfile import TemporaryDirectory
-from threading import Event, Thread
+from threading import Thread
 from typing import Any, Final
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from heronry_manager.core.vocabulary import ClearElement, FailElement
+from heronry_manager.events import Event, Reconfigured
+from heronry_manager.events import Page as PageEvent
+from heronry_manager.events.reading import events_in
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import whole_number
 from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
@@ -125,8 +129,8 @@ def _flight(spec_name: str) -> Iterator[_Flight]:
     with aircraft(spec_name) as flown:
         events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
-        events.wait("reconfigured")
-        over = Event()
+        events.wait(Reconfigured)
+        over = threading.Event()
         reader = Thread(target=_read_all, args=(events, over))
         reader.start()
         try:
@@ -136,7 +140,7 @@ def _flight(spec_name: str) -> Iterator[_Flight]:
             reader.join()
 
 
-def _read_all(events: AwaitedEvents, over: Event) -> None:
+def _read_all(events: AwaitedEvents, over: threading.Event) -> None:
     """Read the manager's events until the end: a manager whose pipe is full stands still."""
     with suppress(SystemExit):
         while not over.wait(0.02):
@@ -199,16 +203,17 @@ def _start(spec_name: str, browser: Browser) -> dict[str, float]:
     """Start a demo; gives the times in ms until the address is printed, a configuration runs, the graph is drawn."""
     begun_s = time.monotonic()
     process = subprocess.Popen([*_HERONRY, "demo", spec_name, "--web", "--json"], stdout=subprocess.PIPE, text=True)
-    told = {"page": _Told(), "reconfigured": _Told()}
+    told: dict[type[Event], _Told] = {PageEvent: _Told(), Reconfigured: _Told()}
     reader = Thread(target=_read_demo, args=(process, begun_s, told))
     reader.start()
     page = _new_page(browser)
     try:
-        address_ms, line = told["page"].get()
-        page.goto(line["address"])
+        address_ms, found = told[PageEvent].get()
+        assert isinstance(found, PageEvent)
+        page.goto(found.address)
         page.wait_for_selector("#graph .node")
         graph_ms = _passed_ms(begun_s)
-        configured_ms, _ = told["reconfigured"].get()
+        configured_ms, _ = told[Reconfigured].get()
     finally:
         page.close()
         process.terminate()
@@ -221,13 +226,13 @@ class _Told:
     """The first line of a demo about one kind of event, for which another thread waits."""
 
     def __init__(self) -> None:
-        self._lines: SimpleQueue[tuple[float, dict[str, Any]] | None] = SimpleQueue()
+        self._lines: SimpleQueue[tuple[float, Event] | None] = SimpleQueue()
 
-    def put(self, line: tuple[float, dict[str, Any]] | None) -> None:
+    def put(self, line: tuple[float, Event] | None) -> None:
         """Note a line, with the time in ms when it came; None: the demo has ended."""
         self._lines.put(line)
 
-    def get(self) -> tuple[float, dict[str, Any]]:
+    def get(self) -> tuple[float, Event]:
         """Wait for the line."""
         line = self._lines.get()
         if line is None:
@@ -235,13 +240,12 @@ class _Told:
         return line
 
 
-def _read_demo(process: "subprocess.Popen[str]", begun_s: float, told: dict[str, _Told]) -> None:
+def _read_demo(process: "subprocess.Popen[str]", begun_s: float, told: dict[type[Event], _Told]) -> None:
     """Read all lines of a demo: one whose pipe is full stands still."""
     assert process.stdout is not None
-    for text in process.stdout:
-        line = json.loads(text)
-        if line["event"] in told:
-            told[line["event"]].put((_passed_ms(begun_s), line))
+    for event in events_in(process.stdout):
+        if type(event) in told:
+            told[type(event)].put((_passed_ms(begun_s), event))
     for one in told.values():
         one.put(None)
 

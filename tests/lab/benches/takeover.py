@@ -25,9 +25,9 @@ import time
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager.events import Event, ManagerStarted, PeJoined, PeLost, Reconfigured, StandingBy
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.runtime.demo.awaited_events import LONGEST_S, AwaitedEvents
 from heronry_tools.runtime.demo.ear import Ear
@@ -95,7 +95,7 @@ class _Heard:
 def _in_simulator(spec: Spec, seed: int) -> _Gone:
     simulation, heard = Simulation(spec, seed, standby=True), _Heard(Witness(spec))
     simulation.wiring.tap(spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
-    while not simulation.events_of("reconfigured") or simulation.unsettled():
+    while not simulation.events_of(Reconfigured) or simulation.unsettled():
         simulation.run_for(50 * MS)
     simulation.run_for(1_000 * MS + seed * 7_919_000 % (20 * MS))
     heard.killed_ns = simulation.now_ns
@@ -108,9 +108,9 @@ def _standby(spec_name: str) -> _Gone:
     with aircraft(spec_name) as flown:
         fleet = flown.fleet
         primary = AwaitedEvents(fleet, fleet.start_manager(standby=True))
-        primary.wait("manager_started")  # or the other manager might come first, and become the active one
+        primary.wait(ManagerStarted)  # or the other manager might come first, and become the active one
         standby = AwaitedEvents(fleet, fleet.start_manager(LAST_MANAGER, standby=True))
-        standby.wait("standing_by")
+        standby.wait(StandingBy)
         _fly(flown, primary)
         with Ear(flown.main, flown.spec.buses[flown.main.name]) as ear:
             death = _Death(flown, ear)
@@ -161,13 +161,13 @@ class _Death:
         """Give the figures of this death."""
         return self._heard.gone(time.monotonic_ns(), self._loading_ms)
 
-    def _note(self, told: dict[str, Any]) -> None:
+    def _note(self, told: Event) -> None:
         assert self._heard.killed_ns is not None
-        at_ns = told["t_ns"]
-        if told["event"] == "manager_started":
+        at_ns = told.t_ns
+        if isinstance(told, ManagerStarted):
             self._loading_ms = (at_ns - self._heard.killed_ns) / MS
-        if told["event"] == "reconfigured" and at_ns > self._heard.killed_ns:
-            print(f"  the next manager had to plan: {', '.join(told['causes'])}", file=sys.stderr)
+        if isinstance(told, Reconfigured) and at_ns > self._heard.killed_ns:
+            print(f"  the next manager had to plan: {', '.join(told.causes)}", file=sys.stderr)
 
     def _listen(self, duration_s: float) -> None:
         until_s = time.monotonic() + duration_s
@@ -185,9 +185,14 @@ def _fly(flown: Aircraft, events: AwaitedEvents) -> None:
     flown.start_pes()
     there: set[str] = set()
     while there != flown.spec.pes.keys():
-        told = events.wait("pe_joined", "pe_lost")
-        (there.add if told["event"] == "pe_joined" else there.discard)(told["pe"])
-    events.wait("reconfigured")
+        match events.wait(PeJoined, PeLost):
+            case PeJoined(pe=pe):
+                there.add(pe)
+            case PeLost(pe=pe):
+                there.discard(pe)
+            case _:
+                pass
+    events.wait(Reconfigured)
 
 
 def _tell(what: str, deaths: Sequence[_Gone], report: Report) -> None:

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+from heronry_manager import events
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.vocabulary import ClearElement
 from heronry_wire.frame import Frame
@@ -153,11 +154,11 @@ def a_late_pe_gets_a_ping_and_a_silent_pe_is_lost() -> None:
     demand(24 * MS < pings[0][0] - last_ns < 26.5 * MS, f"the first PING comes {(pings[0][0] - last_ns) / MS} ms later")
     equal({ping.node for _, ping in manager.said(Ping, last_ns)}, {manager.pes["tail_b"].node}, "PEs that get a PING")
     demand(max(t_ns for t_ns, _ in pings) < last_ns + 70 * MS, "a lost PE gets a PING")
-    lost = manager.told("pe_lost", last_ns)
-    equal([one["pe"] for one in lost], ["tail_b"], "PEs that are lost")
-    demand(64 * MS < lost[0]["t_ns"] - last_ns < 66.5 * MS, f"lost {(lost[0]['t_ns'] - last_ns) / MS} ms later")
+    lost = manager.told(events.PeLost, last_ns)
+    equal([one.pe for one in lost], ["tail_b"], "PEs that are lost")
+    demand(64 * MS < lost[0].t_ns - last_ns < 66.5 * MS, f"lost {(lost[0].t_ns - last_ns) / MS} ms later")
     gone_ns = _gone_ns(manager, "tail_b", last_ns)
-    demand(0 < gone_ns - lost[0]["t_ns"] <= PERIOD_NS + MS, "ALIVE names a lost PE")
+    demand(0 < gone_ns - lost[0].t_ns <= PERIOD_NS + MS, "ALIVE names a lost PE")
     equal(manager.plan_requests()[-1].now.down, {"pe:tail_b"}, "planned without")
 
 
@@ -217,7 +218,7 @@ def a_cleared_pe_waits_for_the_shortest_time() -> None:
         manager.run(100)
         tail.speaks = True
         manager.run(hold_ms + 60)
-    equal(len(manager.told("pe_joined")), 5, "joins: three, and two more of one PE")
+    equal(len(manager.told(events.PeJoined)), 5, "joins: three, and two more of one PE")
     _silence(manager, "tail_b")
     manager.run(100)
     tail.speaks = True
@@ -240,12 +241,12 @@ def losses_are_forgiven_after_a_minute() -> None:
         manager.run(100)
         tail.reboot()
         tail.speaks = True
-        heard = manager.told("pe_heard_again")
+        heard = manager.told(events.PeHeardAgain)
         count = len(heard)
         manager.run(30)
-        heard = manager.told("pe_heard_again")
+        heard = manager.told(events.PeHeardAgain)
         equal(len(heard), count + 1, "how often it is heard again")
-        equal(heard[-1]["cause"], f"held down for {hold_ms} ms", "hold-down")
+        equal(heard[-1].cause, f"held down for {hold_ms} ms", "hold-down")
         manager.run(hold_ms + 60)
         demand("tail_b" in manager.has_available(), f"it is not back after {hold_ms} ms")
 
@@ -256,7 +257,7 @@ def the_longest_hold_down_is_a_minute() -> None:
     for losses, hold_ms in ((2, 400), (8, 25_600), (9, 51_200), (10, 60_000), (30, 60_000)):
         manager = ManagerUnderTest(spec, disk=remembering(spec, Memory(term=1, quarantined={"tail_b": losses})))
         manager.run(700)
-        heard = [one["cause"] for one in manager.told("pe_heard_again")]
+        heard = [one.cause for one in manager.told(events.PeHeardAgain)]
         equal(heard, [f"held down for {hold_ms} ms"], f"after {losses} losses it is")
         equal(manager.has_available() == _ALL, hold_ms < 700, "available after 700 ms")
 
@@ -268,11 +269,11 @@ def a_reboot_is_a_loss() -> None:
     tail.reboot()
     tail.beat()
     began_ns = manager.run(45)
-    lost = manager.told("pe_lost", began_ns)
-    equal([(one["pe"], one["cause"]) for one in lost], [("tail_a", "it rebooted (incarnation 2)")], "PEs that are lost")
-    demand(lost[0]["t_ns"] - began_ns < 2 * MS, "a reboot is not noticed immediately")
+    lost = manager.told(events.PeLost, began_ns)
+    equal([(one.pe, one.cause) for one in lost], [("tail_a", "it rebooted (incarnation 2)")], "PEs that are lost")
+    demand(lost[0].t_ns - began_ns < 2 * MS, "a reboot is not noticed immediately")
     manager.run(250)
-    steps = [one["step"] for one in manager.told("epoch_step", began_ns)]
+    steps = [one.step for one in manager.told(events.EpochStep, began_ns)]
     equal(steps[:1], ["GO_ALL"], "steps after a reboot of the PE that drove")
 
 
@@ -283,10 +284,10 @@ def a_pe_that_does_not_hear_is_failed() -> None:
     manager.run_into_next_period(8)
     tail.hears = False
     began_ns = manager.run(95)
-    equal(manager.told("pe_lost", began_ns), [], "lost within T_lease")
+    equal(manager.told(events.PeLost, began_ns), [], "lost within T_lease")
     manager.run(50)
-    lost = manager.told("pe_lost", began_ns)
-    equal([(one["pe"], one["cause"]) for one in lost], [("tail_b", "it hears no lease")], "PEs that are failed")
+    lost = manager.told(events.PeLost, began_ns)
+    equal([(one.pe, one.cause) for one in lost], [("tail_b", "it hears no lease")], "PEs that are failed")
     manager.run(1000)
     demand("tail_b" not in manager.has_available(), "a PE that does not hear is available again")
     tail.hears = True
@@ -298,7 +299,7 @@ def a_pe_that_does_not_hear_is_failed() -> None:
     manager.run(30)
     tail.hears = False
     began_ns = manager.run(90)
-    equal(manager.told("pe_lost", began_ns), [], "lost although it has heard in between")
+    equal(manager.told(events.PeLost, began_ns), [], "lost although it has heard in between")
 
 
 def what_page_1_reports_of_the_lease_counts_too() -> None:
@@ -312,7 +313,7 @@ def what_page_1_reports_of_the_lease_counts_too() -> None:
         for _ in range(10):
             quiet.answer()
             manager.run(20)
-        equal([one["pe"] for one in manager.told("pe_lost", began_ns)], lost, f"lost when page 1 says hears={hears}")
+        equal([one.pe for one in manager.told(events.PeLost, began_ns)], lost, f"lost when page 1 says hears={hears}")
 
 
 def when_most_pes_do_not_hear_none_is_failed() -> None:
@@ -321,15 +322,15 @@ def when_most_pes_do_not_hear_none_is_failed() -> None:
     for pe in ("tail_a", "tail_b"):
         manager.pes[pe].hears = False
     began_ns = manager.run(400)
-    equal(manager.told("pe_lost", began_ns), [], "PEs that are lost")
+    equal(manager.told(events.PeLost, began_ns), [], "PEs that are lost")
     manager.pes["tail_a"].hears = True
     manager.run(200)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "lost when one of three does not hear")
+    equal([one.pe for one in manager.told(events.PeLost, began_ns)], ["tail_b"], "lost when one of three does not hear")
     manager.pes["tail_b"].speaks = False
     manager.run(200)
     manager.pes["tail_a"].hears = False
     began_ns = manager.run(200)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_a"], "lost when one of two does not hear")
+    equal([one.pe for one in manager.told(events.PeLost, began_ns)], ["tail_a"], "lost when one of two does not hear")
 
 
 def a_manager_that_hears_no_pe_sends_nothing() -> None:
@@ -338,7 +339,7 @@ def a_manager_that_hears_no_pe_sends_nothing() -> None:
     term = manager.lease().term
     last_ns = _silence(manager, "flight", "tail_a", "tail_b")
     manager.run(300)
-    demand(bool(manager.told("hears_nobody", last_ns)), "it hears no PE, and goes on")
+    demand(bool(manager.told(events.HearsNobody, last_ns)), "it hears no PE, and goes on")
     began_ns = manager.run(5000)
     equal(manager.heard(began_ns, *Command), [], "commands of a manager that hears no PE")
     manager.pes["flight"].speaks = True
@@ -356,7 +357,7 @@ def a_manager_that_hears_no_pe_puts_none_in_quarantine() -> None:
     demand("tail_b" in manager.has_available(), "a PE that has restarted is not available again")
     began_ns = _silence(manager, "flight", "tail_a", "tail_b")
     manager.run(300)
-    lost = [one["pe"] for one in manager.told("pe_lost", began_ns)]
+    lost = [one.pe for one in manager.told(events.PeLost, began_ns)]
     equal(sorted(lost), ["flight", "tail_a", "tail_b"], "PEs that are lost")
     equal(manager.disk.opened().quarantined, {}, "PEs in quarantine after a restart")
 
@@ -367,8 +368,8 @@ def a_manager_that_most_pes_refuse_falls_silent() -> None:
     for pe in manager.pes.values():
         pe.hears = False
     began_ns = manager.run(3000)
-    refused = [one["t_ns"] for one in manager.told("refused", began_ns)]
-    began = [began_ns, *(one["t_ns"] for one in manager.told("taken_over", began_ns))]
+    refused = [one.t_ns for one in manager.told(events.Refused, began_ns)]
+    began = [began_ns, *(one.t_ns for one in manager.told(events.TakenOver, began_ns))]
     for number, (first_ns, last_ns) in enumerate(zip(began, refused, strict=False)):
         wanted_ns = LEASE_NS << number
         lasted_ns = last_ns - first_ns
@@ -378,7 +379,7 @@ def a_manager_that_most_pes_refuse_falls_silent() -> None:
     for pe in manager.pes.values():
         pe.hears = False
     manager.run(400)
-    lasted_ns = manager.told("refused")[0]["t_ns"] - manager.said(Lease)[0][0]
+    lasted_ns = manager.told(events.Refused)[0].t_ns - manager.said(Lease)[0][0]
     demand(lasted_ns <= LEASE_NS + 2 * PERIOD_NS, f"a manager that was never heard sends for {lasted_ns} ns")
 
 
@@ -427,7 +428,7 @@ def of_two_managers_the_lower_term_gives_way() -> None:
         own = manager.main.since(began_ns, [management_id(126, Command.LEASE)])
         equal(not own, ends, f"silent after {said} of {by} at {at_ms} ms")
         equal(manager.manager.stopped is not None, ends, f"ended after {said} of {by} at {at_ms} ms")
-        equal(len(manager.told("second_manager")), int(ends), "told of a second manager")
+        equal(len(manager.told(events.SecondManager)), int(ends), "told of a second manager")
     manager = ManagerUnderTest().flies()
     frame = command_frame(Lease(9, 0, Step.PREPARED, 0), other)
     manager.main.say(frame._replace(data=frame.data[:7]), frame._replace(extended=True))
@@ -464,7 +465,7 @@ def other_frames_mean_nothing() -> None:
         manager.main.say(wrong)
         manager.run(10)
     manager.run(60)
-    (lost,) = manager.told("pe_lost", last_ns)
-    equal(lost["pe"], "tail_b", "PEs that are lost")
-    after_ns = lost["t_ns"] - last_ns
+    (lost,) = manager.told(events.PeLost, last_ns)
+    equal(lost.pe, "tail_b", "PEs that are lost")
+    after_ns = lost.t_ns - last_ns
     demand(64 * MS < after_ns < 66 * MS, f"it is lost {after_ns / MS} ms after its last word")

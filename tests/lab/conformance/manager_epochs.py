@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 
+from heronry_manager import events
 from heronry_manager.core.vocabulary import ClearElement, FailElement
 from heronry_tools.sim.world.disk import Disk
 from heronry_wire.frame import Frame
@@ -25,7 +26,7 @@ from lab.conformance.player import MS, demand, equal
 def _asks_anew(manager: ManagerUnderTest, pe: str = "tail_a") -> int:
     """Let a PE be lost, so that another epoch follows; gives the moment."""
     manager.pes[pe].speaks = False
-    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - MS)), 100, "no PE is lost")
+    manager.until(lambda: bool(manager.told(events.PeLost, manager.now_ns - MS)), 100, "no PE is lost")
     return manager.now_ns
 
 
@@ -44,7 +45,7 @@ def every_pe_gets_its_slice() -> None:
         equal({body.epoch_low for body in bodies} | {head.epoch_low}, {prepare.epoch & 0xFF}, "their epoch")
     equal(prepare.term, manager.lease().term, "its term")
     equal(len(manager.said(Prepare)), 1, "PREPAREs while no PE is late")
-    equal([one["step"] for one in manager.told("epoch_step")], ["GO_ALL"], "steps of the first epoch")
+    equal([one.step for one in manager.told(events.EpochStep)], ["GO_ALL"], "steps of the first epoch")
     equal((manager.lease().epoch, manager.lease().digest), (prepare.epoch, prepare.digest), "what LEASE repeats")
     equal(manager.lease().step, Step.GO_ALL, "the step that LEASE repeats")
     equal({(pe.state, pe.epoch) for pe in manager.pes.values()}, {(PeState.ACTIVE, prepare.epoch)}, "what the PEs run")
@@ -87,9 +88,9 @@ def a_pe_that_does_not_stage_is_asked_again() -> None:
     times = [t_ns for t_ns, one in heads if one.epoch_low == epoch_low]
     waits = [round((b - a) / PERIOD_NS) for a, b in pairwise(times)]
     equal(waits, [1, 2, 4, 8, 8], "periods between two requests")
-    lost = [one for one in manager.told("pe_lost", began_ns) if one["pe"] == "tail_b"]
-    equal([one["cause"] for one in lost], ["it does not acknowledge"], "why it is given up")
-    after_ns = lost[0]["t_ns"] - times[0]
+    lost = [one for one in manager.told(events.PeLost, began_ns) if one.pe == "tail_b"]
+    equal([one.cause for one in lost], ["it does not acknowledge"], "why it is given up")
+    after_ns = lost[0].t_ns - times[0]
     demand(
         0 <= after_ns - 25 * PERIOD_NS < PERIOD_NS + 3 * MS,
         f"it is given up after {after_ns / MS} ms",
@@ -120,13 +121,13 @@ def a_pe_that_does_not_take_a_step_is_asked_again() -> None:
     manager = ManagerUnderTest()
     manager.pes["tail_b"].steps = False
     manager.run(450)
-    demand(not manager.told("reconfigured"), "a PE does not take the step, and the epoch is done")
+    demand(not manager.told(events.Reconfigured), "a PE does not take the step, and the epoch is done")
     times = [t_ns for t_ns, _ in manager.said(Activate)]
     waits = [round((b - a) / PERIOD_NS) for a, b in pairwise(times)]
     equal(waits, [1, 2, 4, 8], "periods between ACTIVATEs")
     manager.run(400)
-    equal([one["pe"] for one in manager.told("pe_lost")], ["tail_b"], "PEs that are failed")
-    demand(bool(manager.told("reconfigured")), "nothing runs without the PE that was failed")
+    equal([one.pe for one in manager.told(events.PeLost)], ["tail_b"], "PEs that are failed")
+    demand(bool(manager.told(events.Reconfigured)), "nothing runs without the PE that was failed")
 
 
 def a_pe_that_misses_frames_gets_them_again() -> None:
@@ -144,7 +145,7 @@ def a_pe_that_misses_frames_gets_them_again() -> None:
     late.stages = True
     late.take(manager.said(SliceHead)[-1][1])
     manager.run(60)
-    demand(bool(manager.told("reconfigured")), "after that it does not go on")
+    demand(bool(manager.told(events.Reconfigured)), "after that it does not go on")
 
 
 def a_pe_that_refuses_is_failed() -> None:
@@ -164,7 +165,7 @@ def a_pe_that_refuses_is_failed() -> None:
         manager = ManagerUnderTest()
         manager.pes["tail_b"].refuses = reason
         manager.run(250)
-        lost = [(one["pe"], one["cause"]) for one in manager.told("pe_lost")]
+        lost = [(one.pe, one.cause) for one in manager.told(events.PeLost)]
         wanted = [("tail_b", f"it cannot stage its slice: {reason.name}")] if fails else []
         equal(lost, wanted, f"PEs that are failed when one reports {reason.name}")
 
@@ -198,7 +199,7 @@ def a_change_before_activate_gives_the_number_up() -> None:
     changed_ns = manager.now_ns
     manager.pes["tail_b"].stages = True
     manager.run(300)
-    equal([one["epoch"] for one in manager.told("epoch_abandoned", began_ns)], [given_up], "epochs given up")
+    equal([one.epoch for one in manager.told(events.EpochAbandoned, began_ns)], [given_up], "epochs given up")
     later = {one.epoch for _, one in manager.said(Prepare, changed_ns + MS)}
     demand(bool(later) and min(later) == given_up + 1, f"epochs after {given_up}: {later}")
     demand(all(a.epoch != given_up for _, a in manager.said(Activate)), "an epoch that was given up is activated")
@@ -216,12 +217,12 @@ def what_is_driven_breaks_before_it_makes() -> None:
     steps = {one.step for _, one in manager.said(Activate, began_ns)}
     equal(steps, {Step.BREAK}, "steps while the driver has not broken")
     equal(manager.lease().step, Step.BREAK, "step that LEASE repeats")
-    equal(manager.told("epoch_step", began_ns)[0]["waiting_for"], ["tail_a"], "PEs that are waited for")
+    equal(manager.told(events.EpochStep, began_ns)[0].waiting_for, ("tail_a",), "PEs that are waited for")
     driver.steps = True
     manager.run(60)
-    steps_in_order = [one["step"] for one in manager.told("epoch_step", began_ns)]
+    steps_in_order = [one.step for one in manager.told(events.EpochStep, began_ns)]
     equal(steps_in_order, ["BREAK", "GO_ALL"], "steps")
-    equal(len(manager.told("reconfigured", began_ns)), 1, "reconfigurations")
+    equal(len(manager.told(events.Reconfigured, began_ns)), 1, "reconfigurations")
 
 
 def what_is_late_frees_nothing() -> None:
@@ -240,7 +241,7 @@ def what_is_late_frees_nothing() -> None:
         began_ns = manager.now_ns
         manager.accept(FailElement("device:elevator_servo_2"))
         manager.run(200)
-        steps = [(one["step"], one["waiting_for"]) for one in manager.told("epoch_step", began_ns)]
+        steps = [(one.step, one.waiting_for) for one in manager.told(events.EpochStep, began_ns)]
         equal(steps[0], ("BREAK", ["tail_b"]), f"the first step after a page that is {behind} behind")
 
 
@@ -250,7 +251,7 @@ def a_silent_driver_is_given_t_lease() -> None:
     manager.pes["tail_b"].holds = True
     began_ns = _asks_anew(manager, "tail_a")
     manager.run(400)
-    steps = [(one["t_ns"], one["step"]) for one in manager.told("epoch_step", began_ns)]
+    steps = [(one.t_ns, one.step) for one in manager.told(events.EpochStep, began_ns)]
     equal([step for _, step in steps], ["GO", "GO_ALL"], "steps")
     node = manager.pes["tail_a"].node
     named_ns = max(t_ns for t_ns, alive in manager.said(Alive) if node in alive.nodes)
@@ -277,11 +278,11 @@ def a_pe_that_has_only_staged_what_is_adopted_is_given_t_lease_too() -> None:
     manager.manager.planning = lambda _: None  # no plan comes between
     for name in ("flight", "tail_b"):
         manager.pes[name].goes_on_as(before.pes[name])
-    manager.until(lambda: bool(manager.told("adopted")), 300, "what runs is not adopted")
+    manager.until(lambda: bool(manager.told(events.Adopted)), 300, "what runs is not adopted")
     manager.run(25)
     manager.manager.planning = manager.plans
     manager.pes["tail_a"].speaks = False
-    manager.until(lambda: bool(manager.told("pe_lost")), 100, "no PE is lost")
+    manager.until(lambda: bool(manager.told(events.PeLost)), 100, "no PE is lost")
     began_ns = manager.now_ns
     manager.run(400)
     _goes_t_lease_after(manager, manager.said(Alive, began_ns - MS)[0][0])
@@ -294,7 +295,7 @@ def an_alive_that_waits_leaves_no_pe_out() -> None:
     manager.run_into_next_period(15)
     manager.manager.wire(transmit_failed=True)
     manager.run(60)
-    equal([one["pe"] for one in manager.told("pe_lost")], ["tail_a"], "PEs that are lost")
+    equal([one.pe for one in manager.told(events.PeLost)], ["tail_a"], "PEs that are lost")
     manager.manager.wire(transmit_failed=False)
     heard_ns = manager.run(500)
     node = manager.pes["tail_a"].node
@@ -315,7 +316,7 @@ def what_is_remembered_and_newer_is_not_given_up_for_what_is_seen() -> None:
         pe.epoch, pe.digest, pe.state, pe.runs = older[name]
     manager.pes["tail_b"].speaks = False
     manager.run(500)
-    equal(manager.told("adopted"), [], "epochs that are adopted")
+    equal(manager.told(events.Adopted), [], "epochs that are adopted")
     demand(manager.lease().epoch > newest, f"epoch {manager.lease().epoch} runs, and {newest} is remembered")
     _goes_t_lease_after(manager, manager.said(Alive)[0][0])
 
@@ -333,18 +334,18 @@ def a_pe_that_may_still_accept_another_mastership_is_given_t_lease() -> None:
             manager.pes[name].goes_on_as(ran)
         silent = manager.pes["tail_a"]
         silent.hears = hears
-        manager.until(lambda m=manager: bool(m.told("adopted")), 300, "what runs is not adopted")  # type: ignore[misc]
+        manager.until(lambda m=manager: bool(m.told(events.Adopted)), 300, "what runs is not adopted")  # type: ignore[misc]
         manager.run_into_next_period(15)
         silent.epoch += epoch
         manager.run(20)
         silent.speaks = False
-        manager.until(lambda m=manager: bool(m.told("pe_lost")), 100, "no PE is lost")  # type: ignore[misc]
-        left_out_ns = manager.told("pe_lost")[0]["t_ns"]
+        manager.until(lambda m=manager: bool(m.told(events.PeLost)), 100, "no PE is lost")  # type: ignore[misc]
+        left_out_ns = manager.told(events.PeLost)[0].t_ns
         for servo in servos:
             manager.accept(ClearElement(servo))
         manager.run(300)
         goes_ns = next(
-            one["t_ns"] for one in manager.told("reconfigured", left_out_ns) if "servo_driver_2" in one["started"]
+            one.t_ns for one in manager.told(events.Reconfigured, left_out_ns) if "servo_driver_2" in one.started
         )
         took_ms = (goes_ns - left_out_ns) / MS
         demand((took_ms > 99) is waits, f"hearing {hears}, {epoch} epochs on: the DEMUX goes after {took_ms} ms")
@@ -386,7 +387,7 @@ def a_pe_that_sends_and_is_given_up_is_given_t_lease_too() -> None:
     manager.pes[host].steps = False
     manager.accept(FailElement(f"pe:{host}"))
     began_ns = manager.run(400)
-    steps = [(one["t_ns"], one["step"]) for one in manager.told("epoch_step", began_ns)]
+    steps = [(one.t_ns, one.step) for one in manager.told(events.EpochStep, began_ns)]
     equal([step for _, step in steps], ["BREAK", "GO_ALL"], "steps")
     named_ns = max(t_ns for t_ns, alive in manager.said(Alive) if manager.pes[host].node in alive.nodes)
     waited_ns = steps[1][0] - named_ns
@@ -405,7 +406,7 @@ def a_jump_of_the_clock_frees_nothing() -> None:
     manager.run(1)
     manager.manager.jump(5 * PERIOD_NS // 2)
     began_ns = manager.run(5)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], [host.name], "PEs that are lost immediately")
+    equal([one.pe for one in manager.told(events.PeLost, began_ns)], [host.name], "PEs that are lost immediately")
     manager.run(400)
     steps = [(t_ns - silent_since_ns, one.step) for t_ns, one in manager.said(Activate, began_ns)]
     equal([step for _, step in steps], [Step.BREAK, Step.GO_ALL], "steps")
@@ -418,8 +419,8 @@ def a_pe_that_runs_nothing_any_more_is_not_waited_for() -> None:
     host = next(pe for pe in manager.pes.values() if pe.name in ("left", "right") and pe.runs[1] > 0)
     host.state, host.epoch, host.digest, host.steps = PeState.UNCONFIGURED, NO_EPOCH, 0, False
     began_ns = manager.run(400)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], [host.name], "PEs that are lost")
-    equal([one["step"] for one in manager.told("epoch_step", began_ns)], ["GO_ALL"], "steps")
+    equal([one.pe for one in manager.told(events.PeLost, began_ns)], [host.name], "PEs that are lost")
+    equal([one.step for one in manager.told(events.EpochStep, began_ns)], ["GO_ALL"], "steps")
 
 
 def a_silent_stranger_may_drive_anything_that_could_be_placed_there() -> None:
@@ -434,7 +435,7 @@ def a_silent_stranger_may_drive_anything_that_could_be_placed_there() -> None:
     began_ns = _asks_anew(manager, stranger.name)
     manager.pes["tail_b"].holds = True
     manager.run(400)
-    equal([one["step"] for one in manager.told("epoch_step", began_ns)], ["GO", "GO_ALL"], "steps")
+    equal([one.step for one in manager.told(events.EpochStep, began_ns)], ["GO", "GO_ALL"], "steps")
 
 
 def a_pe_that_has_let_go_is_not_waited_for() -> None:
@@ -448,7 +449,7 @@ def a_pe_that_has_let_go_is_not_waited_for() -> None:
     manager.pes["flight"].reboot()
     manager.pes["flight"].beat()
     manager.run(400)
-    steps = [one["step"] for one in manager.told("epoch_step", began_ns)]
+    steps = [one.step for one in manager.told(events.EpochStep, began_ns)]
     demand(bool(steps) and "GO" not in steps, f"steps after a PE that has let go was lost: {steps}")
 
 
@@ -467,7 +468,7 @@ def a_pe_that_comes_late_to_what_runs_is_admitted() -> None:
     equal((late.state, late.epoch), (PeState.ACTIVE, epoch), "what the late PE runs")
     equal({one.node for _, one in manager.said(SliceHead, began_ns)}, {late.node}, "nodes that get a slice")
     equal(manager.said(Activate, began_ns), [], "ACTIVATEs")
-    equal(len(manager.told("plan_unchanged", began_ns)), 1, "plans that change nothing")
+    equal(len(manager.told(events.PlanUnchanged, began_ns)), 1, "plans that change nothing")
 
 
 def a_pe_that_has_staged_what_was_given_up_gets_a_newer_epoch() -> None:
@@ -502,8 +503,8 @@ def a_pe_that_runs_what_no_manager_commanded_is_failed() -> None:
         for name, value in change.items():
             setattr(stray, name, value)
         began_ns = manager.run(45)
-        lost = manager.told("pe_lost", began_ns)
-        demand(bool(lost) and lost[0]["pe"] == "tail_b" and cause in lost[0]["cause"], f"after {change}: {lost}")
+        lost = manager.told(events.PeLost, began_ns)
+        demand(bool(lost) and lost[0].pe == "tail_b" and cause in lost[0].cause, f"after {change}: {lost}")
         demand("pe:tail_b" in manager.plan_requests()[-1].now.down, "it is not planned around")
 
 
@@ -515,7 +516,7 @@ def a_manager_adopts_what_runs() -> None:
     for name, ran in first.pes.items():
         manager.pes[name].goes_on_as(ran)
     manager.run(400)
-    equal([one["epoch"] for one in manager.told("adopted")], [lease.epoch], "adopted")
+    equal([one.epoch for one in manager.told(events.Adopted)], [lease.epoch], "adopted")
     equal(manager.said(Prepare), [], "PREPAREs")
     equal((manager.lease().epoch, manager.lease().digest), (lease.epoch, lease.digest), "what LEASE repeats")
     equal(manager.lease().step, Step.GO_ALL, "its step")
@@ -532,7 +533,7 @@ def what_is_adopted_is_newest_even_if_the_pes_that_ran_it_are_gone() -> None:
     runs, played = first.pes["flight"], manager.pes["flight"]
     played.epoch, played.digest, played.state, played.runs = 40, runs.digest, runs.state, runs.runs
     manager.run(5500)
-    equal([one["epoch"] for one in manager.told("adopted")], [40], "adopted")
+    equal([one.epoch for one in manager.told(events.Adopted)], [40], "adopted")
     began_ns = _asks_anew(manager, "flight")
     manager.pes["tail_a"].speaks = True
     manager.run(600)
@@ -550,7 +551,7 @@ def a_manager_adopts_nothing_that_is_not_clean() -> None:
         for name, value in change.items():
             setattr(manager.pes["tail_a"], name, value)
         manager.run(600)
-        equal(manager.told("adopted"), [], f"adopted with {change}")
+        equal(manager.told(events.Adopted), [], f"adopted with {change}")
         epochs = [one.epoch for _, one in manager.said(Prepare)]
         demand(bool(epochs) and min(epochs) > max(first.lease().epoch, change.get("epoch", 0)), f"epochs {epochs}")
 

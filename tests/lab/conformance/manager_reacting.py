@@ -7,6 +7,7 @@ from itertools import pairwise
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.vocabulary import (
     AskStatus,
     ChannelsLost,
@@ -57,8 +58,8 @@ def a_fault_is_latched_and_acknowledged() -> None:
         acknowledgement = (node, Operation.ACKNOWLEDGE, _DEVICE, 1)
         equal(_told(manager, began_ns, Operation.ACKNOWLEDGE), [acknowledgement], "acknowledgements")
     equal([one.now.down for one in manager.plan_requests(before)], [{"device:elevator_servo_1"}], "plans requested")
-    fault = manager.told("fault_reported")
-    equal([(f["element"], f["by"], f["detail"]) for f in fault], [("device:elevator_servo_1", "tail_a", 7)], "latched")
+    fault = manager.told(events.FaultReported)
+    equal([(f.element, f.by, f.detail) for f in fault], [("device:elevator_servo_1", "tail_a", 7)], "latched")
     manager.run(300)
     began_ns = manager.now_ns
     reply = manager.accept(ClearElement("device:elevator_servo_1"))
@@ -173,14 +174,14 @@ def what_is_no_fault_is_not_latched() -> None:
         equal(found, [answer] * acknowledged, f"acknowledgements of {code.name} {kind.name} {index}")
     manager.main.say(Frame(emcy_id(93), b"\x03\xff\x81\x01"), Frame(emcy_id(93), b"\x77\x77\x81\x01\0\1\0\0"))
     manager.run(5)
-    equal(manager.told("fault_reported"), [], "latched")
+    equal(manager.told(events.FaultReported), [], "latched")
     equal(len(manager.plan_requests()), before, "plans requested")
-    equal(len(manager.told("module_restarted")), 1, "restarts told")
+    equal(len(manager.told(events.ModuleRestarted)), 1, "restarts told")
     for gap_ms, told in ((30, 1), (90, 1), (150, 2)):  # within T_lease: the same EMCY
         manager.run(gap_ms - 5)
         manager.emergency("tail_a", _MODULE, 1, 1, FaultCode.MODULE_RESTARTED)
         manager.run(5)
-        equal(len(manager.told("module_restarted")), told, f"restarts told, {gap_ms} ms after the one before")
+        equal(len(manager.told(events.ModuleRestarted)), told, f"restarts told, {gap_ms} ms after the one before")
 
 
 def a_pe_that_was_failed_stays_out() -> None:
@@ -255,7 +256,7 @@ def pes_and_the_operator_change_the_phase() -> None:
         known = index < len(phases)
         wanted = [(manager.pes[by].node, Operation.ACKNOWLEDGE, _PHASE, detail)] if known else []
         equal(said, wanted, f"acknowledgements of phase {index}, {detail:#x}")
-        changes = [one["phase"] for one in manager.told("phase_changed", began_ns)]
+        changes = [one.phase for one in manager.told(events.PhaseChanged, began_ns)]
         manager.run(300)
         return changes
 
@@ -300,7 +301,7 @@ def a_pe_of_unknown_incarnation_is_not_answered() -> None:
         equal(bool(said), answered, "whether a request is answered")
         pe.speaks = True
         manager.run(50)
-    equal([one["phase"] for one in manager.told("phase_changed")], [list(manager.spec.phases)[1]], "phases entered")
+    equal([one.phase for one in manager.told(events.PhaseChanged)], [list(manager.spec.phases)[1]], "phases entered")
 
 
 def what_is_cleared_and_fails_again_within_a_beat_is_announced_with_the_next() -> None:
@@ -367,9 +368,9 @@ def a_critical_function_that_adoption_leaves_unserved_is_planned_immediately() -
     for name, ran in before.pes.items():
         manager.pes[name].goes_on_as(ran)
     manager.run(500)
-    equal(len(manager.told("adopted")), 1, "epochs that are adopted")
+    equal(len(manager.told(events.Adopted)), 1, "epochs that are adopted")
     demand(not manager.plan_requests()[0].in_background, "what is critical, and wanted, is planned in the background")
-    equal(len(manager.told("reconfigured")), 1, "reconfigurations")
+    equal(len(manager.told(events.Reconfigured)), 1, "reconfigurations")
 
 
 def a_manager_announces_what_it_holds() -> None:
@@ -402,7 +403,7 @@ def a_request_that_fails_is_made_again() -> None:
     equal(len(manager.plan_requests()), 1, "requests within a second")
     manager.run_until(1200 * MS)
     equal(len(manager.plan_requests()), 2, "requests after a second")
-    equal(len(manager.told("plan_failed")), 2, "failures reported")
+    equal(len(manager.told(events.PlanFailed)), 2, "failures reported")
     manager.accept(FailElement("device:elevator_servo_2"))
     manager.run(5)
     equal(len(manager.plan_requests()), 3, "requests after a change")
@@ -420,7 +421,7 @@ def a_request_that_fails_is_made_again() -> None:
     manager.manager.tell(right)
     manager.run(200)
     equal(len({one.epoch for _, one in manager.said(Prepare)}), 1, "epochs after one answer that came twice")
-    demand(bool(manager.told("reconfigured")), "the answer is not carried out")
+    demand(bool(manager.told(events.Reconfigured)), "the answer is not carried out")
 
 
 def an_immediate_plan_is_improved_in_the_background() -> None:
@@ -440,7 +441,7 @@ def an_immediate_plan_is_improved_in_the_background() -> None:
     manager.manager.planning = immediate
     manager.run(900)
     equal([one.in_background for one in manager.plan_requests()], [False, True], "requests")
-    equal(len(manager.told("reconfigured")), 2, "reconfigurations")
+    equal(len(manager.told(events.Reconfigured)), 2, "reconfigurations")
     keeping = ManagerUnderTest()
 
     def the_same(request: RequestPlan) -> PlanReady:
@@ -450,11 +451,11 @@ def an_immediate_plan_is_improved_in_the_background() -> None:
 
     keeping.manager.planning = the_same
     keeping.run(900)
-    equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
+    equal(len(keeping.told(events.PlanKept)), 1, "plans that are no better")
     equal([one.in_background for one in keeping.plan_requests()], [False, True], "requests")
-    equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
-    equal(len(keeping.told("reconfigured")), 1, "reconfigurations")
-    equal(manager.told("reconfigured")[1]["causes"], ["a better plan"], "causes of the second one")
+    equal(len(keeping.told(events.PlanKept)), 1, "plans that are no better")
+    equal(len(keeping.told(events.Reconfigured)), 1, "reconfigurations")
+    equal(manager.told(events.Reconfigured)[1].causes, ("a better plan",), "causes of the second one")
     moving = ManagerUnderTest()
 
     def elsewhere(request: RequestPlan) -> PlanReady:
@@ -466,8 +467,8 @@ def an_immediate_plan_is_improved_in_the_background() -> None:
 
     moving.manager.planning = elsewhere
     moving.run(900)
-    equal(len(moving.told("plan_kept")), 1, "plans that are no better, and move a branch")
-    equal(len(moving.told("reconfigured")), 1, "reconfigurations for a plan that is no better")
+    equal(len(moving.told(events.PlanKept)), 1, "plans that are no better, and move a branch")
+    equal(len(moving.told(events.Reconfigured)), 1, "reconfigurations for a plan that is no better")
     failing = ManagerUnderTest()
     failing.manager.planning = lambda request: failing.fails(request) if request.in_background else the_same(request)
     failing.run(2900)
@@ -488,7 +489,7 @@ _LINK = GATEWAY_IDS[0]
 def _flying_with_a_radio() -> ManagerUnderTest:
     manager = ManagerUnderTest(example("radio_link"))
     manager.run(1500)
-    demand(bool(manager.told("reconfigured")), "no configuration is deployed")
+    demand(bool(manager.told(events.Reconfigured)), "no configuration is deployed")
     return manager
 
 
@@ -523,7 +524,7 @@ def a_radio_is_planned_with_in_steps() -> None:
         for _ in range(times):
             _report(manager, sequence, usable)
             sequence += 1
-        shares = [one["share"] for one in manager.told("link_limited", began_ns)]
+        shares = [one.share for one in manager.told(events.LinkLimited, began_ns)]
         equal(shares, [f"{limit / 10:g}%" for limit in limits], f"limits after {times} reports of {usable}")
     equal(manager.plan_requests()[-1].now.limits, {"bus:radio": Fraction(0)}, "limits that are planned with")
 
@@ -539,14 +540,14 @@ def a_radio_that_gets_better_is_used_after_a_hold_down() -> None:
             sequence += 1
         manager.run(200)
         began_ns = manager.now_ns
-        while not manager.told("link_limited", began_ns):
+        while not manager.told(events.LinkLimited, began_ns):
             _report(manager, sequence, 1000 if sequence % 3 else 900)
             sequence += 1
             demand(manager.now_ns - began_ns < 60_000 * MS, "a radio that is well again is not used")
-        took_ms = (manager.told("link_limited", began_ns)[0]["t_ns"] - began_ns) / MS
+        took_ms = (manager.told(events.LinkLimited, began_ns)[0].t_ns - began_ns) / MS
         wanted_ms = hold_periods * period_ms
         demand(wanted_ms - 10 < took_ms < wanted_ms + 210, f"used after {took_ms} ms, and not after {wanted_ms}")
-        equal(manager.told("link_limited", began_ns)[0]["share"], "80%", "the step it rises to")
+        equal(manager.told(events.LinkLimited, began_ns)[0].share, "80%", "the step it rises to")
 
 
 def a_radio_that_is_gone_takes_the_pes_beyond() -> None:
@@ -560,17 +561,17 @@ def a_radio_that_is_gone_takes_the_pes_beyond() -> None:
     began_ns = manager.now_ns
     _report(manager, 3, 0, gone=True)
     _report(manager, 4, 0, gone=True)
-    equal(len(manager.told("link_gone", began_ns)), 1, "how often it is gone")
-    lost = manager.told("pe_lost", began_ns)
-    equal([one["pe"] for one in lost], ["ground"], "PEs that are lost with it")
-    demand(lost[0]["t_ns"] - began_ns < 5 * MS, "a PE beyond is not lost immediately")
+    equal(len(manager.told(events.LinkGone, began_ns)), 1, "how often it is gone")
+    lost = manager.told(events.PeLost, began_ns)
+    equal([one.pe for one in lost], ["ground"], "PEs that are lost with it")
+    demand(lost[0].t_ns - began_ns < 5 * MS, "a PE beyond is not lost immediately")
     began_ns = manager.now_ns
     for sequence, usable, share in ((5, 420, "40%"), (6, 260, "25%"), (7, 1000, "100%")):
         _report(manager, sequence, usable)
-        equal(manager.told("link_limited", began_ns)[-1]["share"], share, f"limit after {usable}, no PE beyond")
-    equal(len(manager.told("link_back", began_ns)), 1, "how often it is back")
+        equal(manager.told(events.LinkLimited, began_ns)[-1].share, share, f"limit after {usable}, no PE beyond")
+    equal(len(manager.told(events.LinkBack, began_ns)), 1, "how often it is back")
     _report(manager, 8, 0, gone=True)
-    equal(len(manager.told("link_gone", began_ns)), 1, "how often it is gone again, before a PE is back")
+    equal(len(manager.told(events.LinkGone, began_ns)), 1, "how often it is gone again, before a PE is back")
 
 
 def reports_that_are_old_or_of_others_do_not_count() -> None:
@@ -585,10 +586,10 @@ def reports_that_are_old_or_of_others_do_not_count() -> None:
         _report(manager, sequence, 100, node=manager.pes["nav"].node)
     manager.main.say(Frame(_LINK, b"\1\2\3"))
     manager.run(10)
-    equal(manager.told("link_limited", began_ns), [], "limits")
+    equal(manager.told(events.LinkLimited, began_ns), [], "limits")
     for sequence in (14, 15):
         _report(manager, sequence, 100)
-    equal(len(manager.told("link_limited", began_ns)), 1, "limits after a gateway that has begun anew")
+    equal(len(manager.told(events.LinkLimited, began_ns)), 1, "limits after a gateway that has begun anew")
 
 
 def what_the_journal_reports_is_passed_on() -> None:
@@ -600,14 +601,14 @@ def what_the_journal_reports_is_passed_on() -> None:
         status = manager.accept(AskStatus()).status
         assert status is not None
         equal(status["manager"]["journal"], problem, "the journal in the status")
-    equal(len(manager.told("journal_failed")), 1, "failures reported")
-    equal(len(manager.told("journal_kept")), 1, "recoveries reported")
+    equal(len(manager.told(events.JournalFailed)), 1, "failures reported")
+    equal(len(manager.told(events.JournalKept)), 1, "recoveries reported")
     manager.manager.tell(ChannelsLost(frozenset((1,))))
     manager.manager.tell(ChannelsLost(frozenset((1, 2))))
     manager.manager.tell(ChannelsLost(frozenset()))
     manager.run(1)
-    equal([one["channel"] for one in manager.told("channel_lost")], ["can0.1", "can0.2"], "channels lost")
-    equal([one["channel"] for one in manager.told("channel_back")], ["can0.1", "can0.2"], "channels back")
+    equal([one.channel for one in manager.told(events.ChannelLost)], ["can0.1", "can0.2"], "channels lost")
+    equal([one.channel for one in manager.told(events.ChannelBack)], ["can0.1", "can0.2"], "channels back")
 
 
 def an_advising_manager_sends_nothing() -> None:
@@ -615,18 +616,18 @@ def an_advising_manager_sends_nothing() -> None:
     manager = ManagerUnderTest(advise=True)
     manager.run(1000)
     equal(manager.main.heard, [], "frames of a manager that advises")
-    equal(len(manager.told("advice")), 1, "advice")
+    equal(len(manager.told(events.Advice)), 1, "advice")
     active_manager = ManagerUnderTest().flies()
     for name, ran in active_manager.pes.items():
         manager.pes[name].goes_on_as(ran)
     manager.run(100)
-    equal([one["epoch"] for one in manager.told("adopted")], [active_manager.lease().epoch], "epochs that it follows")
+    equal([one.epoch for one in manager.told(events.Adopted)], [active_manager.lease().epoch], "epochs that it follows")
     manager.pes["tail_a"].speaks = False
     began_ns = manager.now_ns
     manager.main.command(Lease(5, 1, active_manager.lease().step, 1), manager=127)
     manager.run(300)
-    advice = manager.told("advice", began_ns)
-    demand(bool(advice) and "servo_driver_2" in advice[-1]["started"], f"advice when a driver is lost: {advice}")
+    advice = manager.told(events.Advice, began_ns)
+    demand(bool(advice) and "servo_driver_2" in advice[-1].started, f"advice when a driver is lost: {advice}")
     equal(manager.main.heard, [], "frames of a manager that advises")
     demand(bool(manager.accept(AskStatus()).status), "it has no status")
 
@@ -640,7 +641,7 @@ def an_advising_manager_waits_for_no_answer() -> None:
     manager.run(300)
     manager.pes["tail_b"].reboot()
     manager.run(3000)
-    equal([one["cause"] for one in manager.told("pe_lost")], ["it rebooted (incarnation 2)"], "why a PE is lost")
+    equal([one.cause for one in manager.told(events.PeLost)], ["it rebooted (incarnation 2)"], "why a PE is lost")
 
 
 def commands_keep_their_order() -> None:

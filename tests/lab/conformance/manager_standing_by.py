@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from heronry_manager import events
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.vocabulary import AskStatus, FailElement, UnlockPe
@@ -74,7 +75,7 @@ def _standing_by() -> tuple[ManagerUnderTest, _ActiveManager]:
     active_manager = _ActiveManager(manager)
     manager.run_until(505 * MS)
     equal(manager.heard(-1, *Command), [], "commands of a manager that stands by")
-    equal([one["node"] for one in manager.told("standing_by")], [126], "the manager that it reports to follow")
+    equal([one.node for one in manager.told(events.StandingBy)], [126], "the manager that it reports to follow")
     return manager, active_manager
 
 
@@ -104,8 +105,8 @@ def a_standby_takes_over_when_the_pes_hear_no_manager() -> None:
     leases = manager.said(Lease, began_ns)
     demand(bool(leases), "most hear no manager, and it does not take over")
     equal(leases[0][1].term, 2, "its term")
-    equal(len(manager.told("taken_over")), 1, "how often it takes over")
-    equal(manager.told("plan_requested")[0]["causes"], ["no manager was active"], "why it requests a plan")
+    equal(len(manager.told(events.TakenOver)), 1, "how often it takes over")
+    equal(manager.told(events.PlanRequested)[0].causes, ("no manager was active",), "why it requests a plan")
 
 
 def a_standby_waits_for_the_lease_to_expire() -> None:
@@ -208,19 +209,21 @@ def a_deposed_manager_is_not_believed() -> None:
     manager.main.command(Lease(1, 5, Step.GO_ALL, 5), manager=126)
     manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 1), manager=126)
     manager.run(30)
-    equal(manager.told("fault_reported"), [], "faults that a deposed term holds")
+    equal(manager.told(events.FaultReported), [], "faults that a deposed term holds")
     manager.main.command(Control(3, 0, Operation.HOLDS, ElementKind.DEVICE, 1), manager=126)
     manager.run(30)
     equal(
-        [one["element"] for one in manager.told("fault_reported")], ["device:elevator_servo_1"], "faults that it holds"
+        [one.element for one in manager.told(events.FaultReported)],
+        ["device:elevator_servo_1"],
+        "faults that it holds",
     )
     manager.main.command(Control(3, 0, Operation.CLEAR, ElementKind.DEVICE, 1), manager=126)
     manager.run(30)
-    equal([one["element"] for one in manager.told("fault_cleared")], ["device:elevator_servo_1"], "faults cleared")
+    equal([one.element for one in manager.told(events.FaultCleared)], ["device:elevator_servo_1"], "faults cleared")
     for operation in (Operation.HOLDS, Operation.CLEAR):
         manager.main.command(Control(3, 0, operation, ElementKind.MODULE, 0), manager=126)
         manager.run(5)
-    equal(len(manager.told("fault_cleared")), 2, "faults cleared")
+    equal(len(manager.told(events.FaultCleared)), 2, "faults cleared")
     reply = manager.accept(FailElement("pe:flight"))
     demand(not reply.done and "126" in reply.sentence, "a standby manager executes an order")
     status = manager.accept(AskStatus()).status
@@ -233,14 +236,14 @@ def what_is_held_no_more_is_cleared() -> None:
     manager, _ = _standing_by()
     manager.main.command(*(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, index) for index in (1, 2)), manager=126)
     manager.run(20)
-    equal(len(manager.told("fault_reported")), 2, "faults that it holds")
+    equal(len(manager.told(events.FaultReported)), 2, "faults that it holds")
     began_ns = manager.now_ns
     for _ in range(10):
         manager.run(5 * 20)
         manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 2), manager=126)
-    cleared = manager.told("fault_cleared", began_ns)
-    equal([one["element"] for one in cleared], ["device:elevator_servo_1"], "faults that it holds no more")
-    waited = (cleared[0]["t_ns"] - began_ns) / PERIOD_NS
+    cleared = manager.told(events.FaultCleared, began_ns)
+    equal([one.element for one in cleared], ["device:elevator_servo_1"], "faults that it holds no more")
+    waited = (cleared[0].t_ns - began_ns) / PERIOD_NS
     demand(44 <= waited <= 47, f"a fault that is not announced is given up after {waited} beats")
 
 
@@ -254,10 +257,10 @@ def a_place_is_held_and_cleared_by_its_node() -> None:
         manager.main.command(Control(1, 0, Operation.HOLDS, a, index), manager=126)
     manager.run(20)
     places = [f"module:elevator_control@{pe}" for pe in ("flight", "tail_a")]
-    equal([one["element"] for one in manager.told("fault_reported")], places, "places that it holds")
+    equal([one.element for one in manager.told(events.FaultReported)], places, "places that it holds")
     manager.main.command(Control(1, 0, Operation.CLEAR, ElementKind.MODULE | tail_a << 8, control), manager=126)
     manager.run(20)
-    equal([one["element"] for one in manager.told("fault_cleared")], places[1:], "places that are cleared")
+    equal([one.element for one in manager.told(events.FaultCleared)], places[1:], "places that are cleared")
     _its_mastership_ends(manager, active_manager, 500)
     manager.emergency("flight", ElementKind.MODULE, control, 0, FaultCode.MODULE_EXCEPTION)
     manager.emergency("tail_b", ElementKind.MODULE, control, 0, FaultCode.MODULE_EXCEPTION)
@@ -289,7 +292,7 @@ def a_request_that_another_manager_has_executed_is_not_executed_again() -> None:
         manager.run(50)
         answers = [one.b for one in manager.acknowledged(began_ns) if one.operation is Operation.ACKNOWLEDGE]
         demand(number in answers, f"request {number} is not answered: {answers}")
-        equal(len(manager.told("phase_changed", began_ns)), entered, f"phases entered by request {number}")
+        equal(len(manager.told(events.PhaseChanged, began_ns)), entered, f"phases entered by request {number}")
 
 
 def an_answer_counts_right_behind_the_phase_alone() -> None:
@@ -311,7 +314,7 @@ def an_answer_counts_right_behind_the_phase_alone() -> None:
     began_ns = manager.now_ns
     manager.emergency("flight", ElementKind.PHASE, 1, 1, FaultCode.PHASE_REQUEST)
     manager.run(50)
-    equal(len(manager.told("phase_changed", began_ns)), 1, "phases entered by a request")
+    equal(len(manager.told(events.PhaseChanged, began_ns)), 1, "phases entered by a request")
 
 
 def a_standby_that_came_late_to_a_keyed_mastership_knows_which_requests_were_executed() -> None:
@@ -328,7 +331,7 @@ def a_standby_that_came_late_to_a_keyed_mastership_knows_which_requests_were_exe
     for to, operation, value in ((0, Operation.HOLDS, 1), (node, Operation.ACKNOWLEDGE, 1), (0, Operation.HOLDS, 0)):
         manager.main.command(Control(1, to, operation, ElementKind.PHASE, value), manager=126)
         manager.run(5)
-    equal(len(manager.told("phase_changed")), 2, "phases that it has heard of")
+    equal(len(manager.told(events.PhaseChanged)), 2, "phases that it has heard of")
     for prover in provers.values():
         prover.asks = True
     _its_mastership_ends(manager, active_manager, 800)
@@ -340,7 +343,7 @@ def a_standby_that_came_late_to_a_keyed_mastership_knows_which_requests_were_exe
     manager.run(100)
     answers = [one.b for one in manager.acknowledged(began_ns) if one.operation is Operation.ACKNOWLEDGE]
     demand(1 in answers, "the request is not answered")
-    equal(manager.told("phase_changed", began_ns), [], "phases entered by a request that was executed before")
+    equal(manager.told(events.PhaseChanged, began_ns), [], "phases entered by a request that was executed before")
 
 
 def with_a_key_only_a_manager_with_the_key_says_what_runs() -> None:
@@ -392,10 +395,10 @@ def what_was_overheard_is_adopted() -> None:
     said.sort(key=lambda one: _LATE_HEADS.get(type(one), len(_LATE_HEADS)))
     manager.main.command(*said, manager=126)
     for phase, entered in ((0, 0), (99, 0), (1, 1), (1, 0), (0, 1)):
-        before = len(manager.told("phase_changed"))
+        before = len(manager.told(events.PhaseChanged))
         manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, phase), manager=126)
         manager.run(5)
-        equal(len(manager.told("phase_changed")) - before, entered, f"phases entered when {phase} is held")
+        equal(len(manager.told(events.PhaseChanged)) - before, entered, f"phases entered when {phase} is held")
     _adopts(manager, active_manager, first)
 
 
@@ -423,7 +426,7 @@ def _adopts(manager: ManagerUnderTest, active_manager: _ActiveManager, first: Ma
         manager.pes[name].goes_on_as(ran)
     manager.run(200)
     _its_mastership_ends(manager, active_manager, 150)
-    equal([one["epoch"] for one in manager.told("adopted")], [first.lease().epoch], "adopted")
+    equal([one.epoch for one in manager.told(events.Adopted)], [first.lease().epoch], "adopted")
     own = manager.main.since(-1, [management_id(127, Command.PREPARE)])
     equal(own, [], "PREPAREs after a take-over")
     equal(manager.lease().epoch, first.lease().epoch, "the epoch that LEASE repeats")
@@ -447,13 +450,13 @@ def an_inherited_pe_may_drive_anything() -> None:
         pe.hears = False
     manager.run(80)
     driver.speaks = False
-    manager.until(lambda: bool(manager.told("taken_over")), 100, "it does not take over")
+    manager.until(lambda: bool(manager.told(events.TakenOver)), 100, "it does not take over")
     manager.run(1)
     demand("tail_a" in manager.has_available(), "a PE that was available to the previous manager is not inherited")
     manager.manager.planning = manager.plans
     for pe in manager.pes.values():
         pe.hears = True
-    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - 5 * MS)), 100, "no PE is lost")
+    manager.until(lambda: bool(manager.told(events.PeLost, manager.now_ns - 5 * MS)), 100, "no PE is lost")
     lost_ns = manager.now_ns
     manager.run(400)
     goes = [t_ns for t_ns, one in manager.said(Activate, lost_ns) if one.step is Step.GO_ALL]
@@ -476,7 +479,7 @@ def what_is_no_configuration_is_not_remembered() -> None:
         manager.main.command(Activate(1, epoch, Step.GO_ALL, 0x77), manager=126)
         manager.run(30)
     _its_mastership_ends(manager, active_manager, 250)
-    equal(manager.told("adopted"), [], "adopted")
+    equal(manager.told(events.Adopted), [], "adopted")
     demand(bool(manager.said(Prepare)), "it does not plan anew")
 
 
@@ -488,7 +491,7 @@ def the_active_manager_stands_by_before_a_higher_term() -> None:
     began_ns = manager.now_ns
     manager.run(80)
     equal(manager.heard(began_ns, *Command), [], "commands after a higher term was heard")
-    equal([one["term"] for one in manager.told("stepped_down")], [2], "steps down before")
+    equal([one.term for one in manager.told(events.SteppedDown)], [2], "steps down before")
     for pe in manager.pes.values():
         pe.hears = False
     began_ns = manager.run(200)
@@ -559,7 +562,7 @@ def every_command_is_tagged() -> None:
     """A command has a tag by the key, with its number in this term, from 0 on; WELCOME has the nonce it answers."""
     manager, _ = _keyed()
     manager.run(800)
-    demand(bool(manager.told("reconfigured")), "with a key nothing is deployed")
+    demand(bool(manager.told(events.Reconfigured)), "with a key nothing is deployed")
     checker = CommandSigner(KEY, 126, 1)
     frames = [one.frame for one in manager.main.heard if 200 <= one.frame.can_id < 208]
     tags = [frame for frame in frames if frame.can_id == 207]
@@ -581,13 +584,13 @@ def a_state_counts_when_it_is_proven() -> None:
     equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "available PEs")
     provers["tail_b"].proves = False
     began_ns = manager.run(100)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "PEs lost when they prove nothing")
+    equal([one.pe for one in manager.told(events.PeLost, began_ns)], ["tail_b"], "PEs lost when they prove nothing")
     manager.run(100)
     renewed = [one.node for one in manager.acknowledged(began_ns) if one.operation is Operation.RENEW]
     demand(renewed[:1] == [94], f"PEs that are told to begin anew: {renewed}")
-    equal(manager.told("states_unproven", began_ns), [], "unproven after one renewal")
+    equal(manager.told(events.StatesUnproven, began_ns), [], "unproven after one renewal")
     manager.run(500)
-    equal([one["pe"] for one in manager.told("states_unproven", began_ns)], ["tail_b"], "unproven after some")
+    equal([one.pe for one in manager.told(events.StatesUnproven, began_ns)], ["tail_b"], "unproven after some")
     provers["tail_b"].proves = True
     manager.run(800)
     demand("tail_b" in manager.has_available(), "a PE that proves itself again is not available again")
@@ -616,13 +619,13 @@ def an_emergency_counts_when_it_is_proven() -> None:
     began_ns = manager.now_ns
     manager.main.say(Frame(emcy_id(93), said))
     manager.run(100)
-    equal(manager.told("fault_reported", began_ns), [], "faults that no page 0 has proven")
+    equal(manager.told(events.FaultReported, began_ns), [], "faults that no page 0 has proven")
     provers["tail_a"].emergency = said
     manager.main.say(Frame(emcy_id(93), said))
     manager.run(200)
-    equal(manager.told("pe_lost", began_ns), [], "lost while a fault is pending, which every page 0 proves again")
+    equal(manager.told(events.PeLost, began_ns), [], "lost while a fault is pending, which every page 0 proves again")
     provers["tail_a"].emergency = NO_EMERGENCY
-    equal([one["element"] for one in manager.told("fault_reported")], ["device:elevator_servo_1"], "proven faults")
+    equal([one.element for one in manager.told(events.FaultReported)], ["device:elevator_servo_1"], "proven faults")
     demand(
         any(one.operation is Operation.ACKNOWLEDGE for one in manager.acknowledged(began_ns)), "it is not acknowledged"
     )
@@ -637,7 +640,7 @@ def a_page_1_counts_when_it_is_proven() -> None:
     began_ns = manager.now_ns
     manager.main.say(Frame(state_id(94), page.encode()))
     manager.run(10)
-    equal(manager.told("pe_lost", began_ns), [], "PEs that are failed for a page 1 that is not proven")
+    equal(manager.told(events.PeLost, began_ns), [], "PEs that are failed for a page 1 that is not proven")
     status = manager.accept(AskStatus()).status
     assert status is not None
     equal(status["pes"]["tail_b"]["authentic"]["refused_states"], 1, "states that it has refused")
@@ -653,12 +656,12 @@ def a_pe_whose_tags_are_guessed_at_needs_two_states_in_a_row() -> None:
         manager.main.say(Frame(state_id(94), replace(page, digest=number + 1, sequence=number).encode()))
         manager.run(1)
     began_ns = manager.now_ns
-    equal(len(manager.told("states_doubted")), 1, "how often an event reports that states are doubted")
+    equal(len(manager.told(events.StatesDoubted)), 1, "how often an event reports that states are doubted")
     status = manager.accept(AskStatus()).status
     assert status is not None
     demand(status["pes"]["tail_b"]["authentic"]["refused_states"] >= 12, "states that were refused are not counted")
     manager.run(300)
-    equal(manager.told("pe_lost", began_ns), [], "PEs that are lost while tags are guessed")
+    equal(manager.told(events.PeLost, began_ns), [], "PEs that are lost while tags are guessed")
     demand("tail_b" in manager.has_available(), "a PE whose tags are guessed at is not available")
 
 
@@ -680,7 +683,7 @@ def guesses_are_counted_and_forgiven() -> None:
         manager.run(periods * PERIOD_NS / MS)
         provers["tail_b"].stride = stride
         began_ns = manager.run(150)
-        found = [one["pe"] for one in manager.told("pe_lost", began_ns)]
+        found = [one.pe for one in manager.told(events.PeLost, began_ns)]
         equal(found, lost, f"lost {periods} periods after {guesses}, when states are {stride} apart")
 
 
@@ -709,10 +712,10 @@ def a_pe_that_was_available_and_dies_unproven_is_not_waited_for() -> None:
 
 def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
     """Demand that tail_b was given up when it had been silent since a moment for as long as allowed."""
-    (absent,) = manager.told("pe_absent")
-    told = absent["pe"], absent["cause"]
+    (absent,) = manager.told(events.PeAbsent)
+    told = absent.pe, absent.cause
     equal(told, ("tail_b", "not heard any more, before it could be believed"), "PEs that are absent")
-    silent_ns = absent["t_ns"] - since_ns
+    silent_ns = absent.t_ns - since_ns
     demand(65 * MS <= silent_ns < 66 * MS, f"it is given up after {silent_ns} ns")
 
 
@@ -731,8 +734,8 @@ def _takes_over_from_a_keyed_mastership(
         prover.asks = False
     for name, pe in manager.pes.items():
         pe.hears, pe.speaks = False, name not in silent
-    manager.until(lambda: bool(manager.told("taken_over")), 300, "it does not take over")
-    return manager, provers, manager.told("taken_over")[0]["t_ns"]
+    manager.until(lambda: bool(manager.told(events.TakenOver)), 300, "it does not take over")
+    return manager, provers, manager.told(events.TakenOver)[0].t_ns
 
 
 def the_lock_is_opened_by_order() -> None:
@@ -757,7 +760,7 @@ def what_a_pe_refuses_is_reported() -> None:
         page = StatePage3(PeState.ACTIVE, PeFlags.HEARS_LEASE, manager.lease().digest, unproven, other)
         manager.main.say(Frame(state_id(94), page.encode()))
         manager.run(5)
-        return len(manager.told("commands_refused", began_ns))
+        return len(manager.told(events.CommandsRefused, began_ns))
 
     equal([says(5, 0), says(5, 2), says(6, 2)], [1, 0, 0], "events within a second")
     manager.run(1000)
@@ -775,7 +778,7 @@ def lost_states_cost_nothing() -> None:
     manager.run(800)
     provers["tail_b"].stride = 7
     began_ns = manager.run(2000)
-    equal(manager.told("pe_lost", began_ns), [], "PEs that are lost because states were lost")
+    equal(manager.told(events.PeLost, began_ns), [], "PEs that are lost because states were lost")
 
 
 def a_replay_of_its_own_frames_is_no_other_manager() -> None:
@@ -842,8 +845,8 @@ def an_advising_manager_that_was_started_late_reports_what_it_does_not_know() ->
     equal(
         [(sorted(one.now.down), one.running) for one in manager.plan_requests()], [([_UNUSED], None)], "plans requested"
     )
-    equal(manager.told("advice"), [], "advice while what runs is not known")
-    equal([one["epoch"] for one in manager.told("unknown_epoch")], [7], "epochs that it reports as unknown")
+    equal(manager.told(events.Advice), [], "advice while what runs is not known")
+    equal([one.epoch for one in manager.told(events.UnknownEpoch)], [7], "epochs that it reports as unknown")
     status = manager.accept(AskStatus()).status
     assert status is not None
     equal((status["epoch"], status["unknown_epoch"]), (None, 7), "the epoch in the status")
@@ -858,11 +861,11 @@ def an_advising_manager_that_was_started_late_reports_what_it_does_not_know() ->
     assert status is not None
     equal((status["epoch"], status["unknown_epoch"]), (first.lease().epoch, None), "the epoch in the status, later")
     demand(status["functions"]["elevator"]["served"], "the elevator is served, and it does not know")
-    equal(manager.told("advice"), [], "advice where nothing is to be done")
+    equal(manager.told(events.Advice), [], "advice where nothing is to be done")
     reply = manager.accept(FailElement("device:elevator_servo_1"))
     demand(reply.done and "only advises" in reply.sentence, f"an order is answered with '{reply.sentence}'")
     fly(5)
-    equal(len(manager.told("fault_reported")), 2, "faults, with the one that the operator supposes")
-    equal(manager.told("fault_cleared"), [], "faults that it gives up")
-    demand("servo_driver_1" in manager.told("advice")[-1]["stopped"], "it does not advise upon what is supposed")
+    equal(len(manager.told(events.FaultReported)), 2, "faults, with the one that the operator supposes")
+    equal(manager.told(events.FaultCleared), [], "faults that it gives up")
+    demand("servo_driver_1" in manager.told(events.Advice)[-1].stopped, "it does not advise upon what is supposed")
     equal(manager.heard(-1, *Command), [], "commands of a manager that advises")

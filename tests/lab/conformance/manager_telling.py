@@ -7,6 +7,7 @@ from zlib import crc32
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, hosts_when_all_is_up
 from heronry_dg.traffic import identifiers
+from heronry_manager import events
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.memory import Latched
 from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement
@@ -89,7 +90,7 @@ def a_lost_channel_is_reported() -> None:
     manager.run(50)
     manager.emergency(pe, ElementKind.CHANNEL, 0, 1, FaultCode.CHANNEL_LOST)
     manager.run(5)
-    equal(manager.told("channel_lost"), [], "lost channels that a listening manager reports")
+    equal(manager.told(events.ChannelLost), [], "lost channels that a listening manager reports")
     manager.flies()
     bus = manager.spec.manager.bus
     before = len(manager.plan_requests())
@@ -100,23 +101,23 @@ def a_lost_channel_is_reported() -> None:
 
     tell(1)
     tell(1)
-    equal([one["channel"] for one in manager.told("channel_lost")], [f"{bus}.1"], "channels lost")
+    equal([one.channel for one in manager.told(events.ChannelLost)], [f"{bus}.1"], "channels lost")
     equal(_status(manager)["channels"][f"{bus}.1"], [pe], "nodes that lack it")
     for number, index in ((0, 0), (3, 0), (1, 7)):
         tell(number, index=index)
-    equal(len(manager.told("channel_lost")), 1, "channels lost, after some that there are not")
+    equal(len(manager.told(events.ChannelLost)), 1, "channels lost, after some that there are not")
     tell(1, FaultCode.CHANNEL_BACK)
     tell(1, FaultCode.CHANNEL_BACK)
-    equal([one["channel"] for one in manager.told("channel_back")], [f"{bus}.1"], "channels back")
+    equal([one.channel for one in manager.told(events.ChannelBack)], [f"{bus}.1"], "channels back")
     tell(2)
     told_ns = manager.now_ns - 5 * MS
     manager.run_until(told_ns + 3480 * MS)
     equal(_status(manager)["channels"][f"{bus}.2"], [pe], "nodes that lack it after 3.48 s")
     manager.run_until(told_ns + 3530 * MS)
     equal(_status(manager)["channels"][f"{bus}.2"], [], "nodes that lack it after 3.53 s")
-    equal(len(manager.told("channel_back")), 2, "channels back")
+    equal(len(manager.told(events.ChannelBack)), 2, "channels back")
     equal(len(manager.plan_requests()), before, "plans requested")
-    equal(manager.told("fault_reported"), [], "faults")
+    equal(manager.told(events.FaultReported), [], "faults")
 
 
 def a_restart_goes_on_with_what_runs() -> None:
@@ -139,7 +140,7 @@ def a_restart_goes_on_with_what_runs() -> None:
             played.state, played.epoch, played.digest = change.get(name, (pe.state, pe.epoch, pe.digest))
             played.runs = pe.runs if played.epoch else (0, 0)
         manager.run(600)
-        told = [one["epoch"] for one in manager.told("adopted")]
+        told = [one.epoch for one in manager.told(events.Adopted)]
         equal(told, [lease.epoch] if adopted else [], f"adopted with {change}")
         equal(manager.lease().term, 3, "term after a restart")
         epochs = [one.epoch for _, one in manager.said(Prepare)]
@@ -363,19 +364,19 @@ def events_tell_the_course_of_a_reconfiguration() -> None:
     manager.run(400)
     manager.pes["tail_a"].speaks = False
     began_ns = manager.run(400)
-    kinds = [one["event"] for one in manager.events if one["t_ns"] > began_ns]
+    kinds = [one.kind for one in manager.events if one.t_ns > began_ns]
     wanted = ["pe_suspected", "pe_lost", "plan_requested", "plan_ready", "epoch_prepared", "epoch_step", "epoch_step"]
     equal(kinds, [*wanted, "reconfigured"], "events")
-    decide_ns = manager.told("plan_ready", began_ns)[0]["decide_ns"]
+    decide_ns = manager.told(events.PlanReady, began_ns)[0].decide_ns
     demand(MS <= decide_ns < 2 * MS, f"the plan is there after {decide_ns} ns")
-    done = manager.told("reconfigured", began_ns)[0]
-    equal(done["causes"], ["pe:tail_a: silent for 3 heartbeat periods"], "causes")
-    times = done["times_ns"]
-    demand(64 * MS < times["detect"] < 67 * MS, f"detected in {times['detect']} ns")
-    demand(MS <= times["decide"] < 2 * MS, f"decided in {times['decide']} ns")
-    demand(0 < times["distribute"] < 10 * MS, f"distributed in {times['distribute']} ns")
-    demand(20 * MS < times["activate"] < 100 * MS, f"activated in {times['activate']} ns, with T_lease to wait for")
-    equal((done["moved"], done["started"], done["stopped"]), ([], ["servo_driver_2"], ["servo_driver_1"]), "changes")
+    done = manager.told(events.Reconfigured, began_ns)[0]
+    equal(done.causes, ("pe:tail_a: silent for 3 heartbeat periods",), "causes")
+    detect_ns, decide_ns, distribute_ns, activate_ns = (ns or 0 for ns in done.times_ns.by_name().values())
+    demand(64 * MS < detect_ns < 67 * MS, f"detected in {detect_ns} ns")
+    demand(MS <= decide_ns < 2 * MS, f"decided in {decide_ns} ns")
+    demand(0 < distribute_ns < 10 * MS, f"distributed in {distribute_ns} ns")
+    demand(20 * MS < activate_ns < 100 * MS, f"activated in {activate_ns} ns, with T_lease to wait for")
+    equal((done.moved, done.started, done.stopped), ((), ("servo_driver_2",), ("servo_driver_1",)), "changes")
 
 
 def why_a_module_failed_is_read_from_its_pe_and_told() -> None:
@@ -390,8 +391,8 @@ def why_a_module_failed_is_read_from_its_pe_and_told() -> None:
     for _ in range(3):
         manager.emergency("tail_a", ElementKind.MODULE, index, 1, FaultCode.MODULE_RESTARTED)
         manager.run(20)
-    (told,) = manager.told("module_failed")
-    equal((told["element"], told["by"], told["text"]), ("module:servo_driver_1", "tail_a", text.decode()), "the reason")
+    (told,) = manager.told(events.ModuleFailed)
+    equal((told.element, told.by, told.text), ("module:servo_driver_1", "tail_a", text.decode()), "the reason")
     (kept,) = _status(manager)["failures"]
     equal(kept["text"], text.decode(), "the reason in the status")
     demand(40 * MS < kept["for_ns"] < 62 * MS, f"told {kept['for_ns']} ns before the status")
@@ -416,12 +417,12 @@ def standstills_are_read_from_a_pe_that_was_not_heard() -> None:
     stood_still(0, 0, 0)
     manager.flies()
     misses_a_beat()
-    equal(manager.told("stood_still"), [], "told, though the PE has not stood still since it joined")
+    equal(manager.told(events.StoodStill), [], "told, though the PE has not stood still since it joined")
     stood_still(1, 44, 44)
     misses_a_beat()
     stood_still(2, 300, 300)
     misses_a_beat()
-    told = [(one["by"], one["for_ns"] // MS, one["times"]) for one in manager.told("stood_still")]
+    told = [(one.by, one.for_ns // MS, one.times) for one in manager.told(events.StoodStill)]
     equal(told, [("tail_b", 44, 1), ("tail_b", 300, 2)], "the standstills")
     objects.values.clear()
     pe.speaks = False
@@ -430,7 +431,7 @@ def standstills_are_read_from_a_pe_that_was_not_heard() -> None:
     manager.run(100)  # it is heard again, and gives no answer
     stood_still(3, 500, 500)
     manager.run(300)
-    equal(manager.told("stood_still")[-1]["for_ns"], 500 * MS, "told when the PE joins")
+    equal(manager.told(events.StoodStill)[-1].for_ns, 500 * MS, "told when the PE joins")
     standstills = _status(manager)["pes"]["tail_b"]["standstills"]
     equal(standstills, {"times": 3, "long_times": 3, "last_long_ms": 500, "longest_ms": 500}, "in the status")
 

@@ -5,10 +5,11 @@ The test decides what the manager's planner answers, and when (`planning`): by d
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from heronry_dg import loader
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.memory import NOTHING, Memory
 from heronry_manager.core.planning_policy import FromPlanner, PlannerAnswered
 from heronry_manager.core.vocabulary import ManagerEvent, Order, PlanFailed, PlanReady, Reply, RequestPlan
@@ -198,6 +199,9 @@ class _Manager(SimulatedManager):
         self._told(event)
 
 
+_E = TypeVar("_E", bound=events.Event)
+
+
 class ManagerUnderTest(UnderTest):
     """The manager under test, and its aircraft."""
 
@@ -222,7 +226,7 @@ class ManagerUnderTest(UnderTest):
         super().__init__(PERIOD_NS)
         self.node = node
         self.main = Player(self.clock, spec.manager.bus, spec.buses[spec.manager.bus].bitrate)
-        self.events: list[dict[str, Any]] = []
+        self.events: list[events.Event] = []
         self.disk = Disk(spec) if disk is None else disk
         self._objects = objects
         self._node_of_request = {sdo_request_id(pe.node_id): pe.node_id for pe in spec.pes.values()}
@@ -293,7 +297,7 @@ class ManagerUnderTest(UnderTest):
     def flies(self) -> "ManagerUnderTest":
         """Let the first configuration be deployed; gives this object."""
         self.run(600)
-        demand(bool(self.told("reconfigured")), "no configuration is deployed")
+        demand(bool(self.told(events.Reconfigured)), "no configuration is deployed")
         return self
 
     # What it sends
@@ -302,9 +306,9 @@ class ManagerUnderTest(UnderTest):
         """Give the manager's commands of a kind, with their times, in nanoseconds."""
         return [(t_ns, message) for t_ns, message in self.hears if isinstance(message, kind) and t_ns > since_ns]
 
-    def told(self, event: str, since_ns: int = -1) -> list[dict[str, Any]]:
+    def told(self, kind: type[_E], since_ns: int = -1) -> list[_E]:
         """Give the manager's events of a kind."""
-        return [one for one in self.events if one["event"] == event and one["t_ns"] > since_ns]
+        return [one for one in self.events if isinstance(one, kind) and one.t_ns > since_ns]
 
     def has_available(self) -> set[str]:
         """Give the PEs that the manager's last ALIVE names."""

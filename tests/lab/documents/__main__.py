@@ -29,7 +29,13 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "times": protocol_tables.times,
     "room to grow": protocol_tables.room,
     "objects": canopen_tables.objects,
-    "events": event_table.events,
+    "events of a manager": event_table.of_managers,
+    "events about PEs": event_table.of_pes,
+    "events about the situation": event_table.of_the_situation,
+    "events about plans and epochs": event_table.of_epochs,
+    "events of a demo": event_table.of_the_demo,
+    "events of a feed": event_table.of_feeds,
+    "records in events": event_table.records,
 }
 
 DIAGRAMS: Mapping[str, Callable[[], str]] = {

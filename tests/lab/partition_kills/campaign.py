@@ -19,20 +19,21 @@ import os
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from random import Random
-from typing import Any
 
+from heronry_dg.configuration import Running
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.vocabulary import ClearElement
 from heronry_manager.shell.control_client import call
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
-from lab.partition_kills.declared import Declared, DeclaredOracle
+from lab.partition_kills.declared import Declared, DeclaredOracle, Failure
 
 PATIENCE_S = 60.0
 _WAYS = ("partition killed", "partition hangs", "agent killed")
@@ -53,8 +54,8 @@ class Campaign:
         entries = [entry for pe in spec.pes for entry in Compiler(spec).table(pe).modules]
         self._declared = {entry.name: Declared(entry.partition, entry.restarts) for entry in entries}
         self._oracle = DeclaredOracle(self._declared)
-        self._plan: dict[str, Any] = {}  # the modules that run
-        self._planned: dict[str, Any] = {}
+        self._plan: Mapping[str, Running] = {}  # the modules that run
+        self._planned: Mapping[str, Running] = {}
         self._available: set[str] = set()
         self._killed: str | None = None
         self._failed: set[str] = set()  # elements
@@ -130,27 +131,28 @@ class Campaign:
         with suppress(ProcessLookupError):
             os.kill(victim, signal_number)
         end_s = time.monotonic() + PATIENCE_S
-        told: set[str] = set()
+        told: set[type[events.Event]] = set()
         while time.monotonic() < end_s:
             told |= self._told_of(pe, name, self._take_events())
             became = self._became_of(victim, pe, name, told)
             if became is not None:
                 return became
+        kinds = sorted(kind.KIND for kind in told)
         self._own_failures.append(
-            f"no outcome of the fault in partition {name} of {pe}: reported {', '.join(sorted(told)) or 'nothing'}"
+            f"no outcome of the fault in partition {name} of {pe}: reported {', '.join(kinds) or 'nothing'}"
         )
         return _UNANSWERED
 
-    def _told_of(self, pe: str, name: str, events: list[dict[str, Any]]) -> set[str]:
+    def _told_of(self, pe: str, name: str, come: list[events.Event]) -> set[type[events.Event]]:
         """Give the kinds of a PE's events about the modules of a partition."""
         return {
-            event["event"]
-            for event in events
-            if event.get("by") == pe and (declared := self._declared.get(event.get("element", "").partition(":")[2]))
-            if declared.partition == name
+            type(event)
+            for event in come
+            if isinstance(event, Failure) and event.by == pe
+            if (declared := self._declared.get(event.element.partition(":")[2])) and declared.partition == name
         }
 
-    def _became_of(self, victim: int, pe: str, name: str, told: set[str]) -> str | None:
+    def _became_of(self, victim: int, pe: str, name: str, told: set[type[events.Event]]) -> str | None:
         """Give the outcome of a fault in a partition; None while there is no outcome yet."""
         if not told:
             if self._works(pe, name) and pe in self._available:
@@ -161,7 +163,7 @@ class Campaign:
         living = self._partitions()
         if victim in living:
             return None
-        if "fault_reported" in told:
+        if events.FaultReported in told:
             given_up = {element.removeprefix("module:") for element in self._failed}
             return None if given_up & self._plan.keys() else "given up"
         follows = (self._agents[pe], name) in living.values() or not self._works(pe, name)
@@ -169,14 +171,14 @@ class Campaign:
 
     def _works(self, pe: str, name: str) -> bool:
         """Tell whether a partition of a PE has modules that run in the manager's plan."""
-        return any(one["pe"] == pe and self._declared[module].partition == name for module, one in self._plan.items())
+        return any(one.pe == pe and self._declared[module].partition == name for module, one in self._plan.items())
 
     def _kill_agent(self, pe: str) -> str:
         self._killed = pe
         agent = self._agents[pe]
         self._oracle.agent_killed(pe)
         self._fleet.kill_pe(pe)
-        gone = self._comes_true(lambda: pe not in self._available and all(m["pe"] != pe for m in self._plan.values()))
+        gone = self._comes_true(lambda: pe not in self._available and all(m.pe != pe for m in self._plan.values()))
         alone = self._comes_true(lambda: agent not in {owner for owner, _ in self._partitions().values()})
         self._agents[pe] = self._fleet.start_pe(pe)
         back = gone and self._comes_true(lambda: pe in self._available)
@@ -198,27 +200,28 @@ class Campaign:
             self._take_events()
         return condition()
 
-    def _take_events(self, wait_s: float = _LOOK_S) -> list[dict[str, Any]]:
+    def _take_events(self, wait_s: float = _LOOK_S) -> list[events.Event]:
         """Note and give the events that have come."""
-        events = self._stream.take(wait_s)
-        for event in events:
+        come = self._stream.take(wait_s)
+        for event in come:
             self._note(event)
-        return events
+        return come
 
-    def _note(self, event: dict[str, Any]) -> None:
-        match event["event"]:
-            case "fault_reported" | "module_restarted" as kind:
+    def _note(self, event: events.Event) -> None:
+        match event:
+            case events.FaultReported(element=element):
                 self._oracle.heard(event, time.monotonic())
-                if kind == "fault_reported":
-                    self._failed.add(event["element"])
-            case "pe_lost":
-                self.lost_unkilled += event["pe"] != self._killed
-                self._available.discard(event["pe"])
-            case "pe_joined":
-                self._available.add(event["pe"])
-            case "plan_ready":
-                self._planned = event["plan"]["modules"]
-            case "reconfigured" | "plan_unchanged":
+                self._failed.add(element)
+            case events.ModuleRestarted():
+                self._oracle.heard(event, time.monotonic())
+            case events.PeLost(pe=pe):
+                self.lost_unkilled += pe != self._killed
+                self._available.discard(pe)
+            case events.PeJoined(pe=pe):
+                self._available.add(pe)
+            case events.PlanReady(plan=plan):
+                self._planned = plan.modules
+            case events.Reconfigured() | events.PlanUnchanged():
                 self._plan = self._planned
             case _:
                 pass

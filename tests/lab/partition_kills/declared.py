@@ -14,7 +14,8 @@ not sent. A partition that was stopped while it loaded its code is noticed when 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+
+from heronry_manager import events
 
 LATELY_S = 30.0
 FORGIVEN_S = 60.0
@@ -38,6 +39,9 @@ class _Count:
     until_s: float
 
 
+Failure = events.ModuleRestarted | events.FaultReported
+
+
 class DeclaredOracle:
     """Checks the events of one flight; `failures` are sentences."""
 
@@ -55,15 +59,15 @@ class DeclaredOracle:
         """Forget the counts of this PE, since its next agent starts without them."""
         self._counts = {key: count for key, count in self._counts.items() if key[0] != pe}
 
-    def heard(self, event: Mapping[str, Any], now_s: float) -> None:
+    def heard(self, event: Failure, now_s: float) -> None:
         """Check an event about a module."""
-        kind, _, module = event["element"].partition(":")
-        pe, times = event["by"], event.get("times", 0)
+        kind, _, module = event.element.partition(":")
+        pe, times = event.by, event.times if isinstance(event, events.ModuleRestarted) else 0
         if kind != "module" or self._is_told_again(self._counts.get((pe, module)), times, now_s):
             return
         if now_s - self._injected_s.get((pe, self._modules[module].partition), -LATELY_S) >= LATELY_S:
             self.failures.append(f"{module} failed on {pe} without a fault injected there: {_words(event)}")
-        if event["event"] == "module_restarted":
+        if isinstance(event, events.ModuleRestarted):
             self._restarted(pe, module, times, now_s)
         else:
             self._given_up(pe, module, now_s)
@@ -93,7 +97,7 @@ class DeclaredOracle:
             self.failures.append(f"{module} was given up on {pe} after {before.times} of {most} restarts")
 
 
-def _words(event: Mapping[str, Any]) -> str:
-    if event["event"] == "module_restarted":
-        return f"restarted, {event['times']}"
-    return f"given up, {event['code']}"
+def _words(event: Failure) -> str:
+    if isinstance(event, events.ModuleRestarted):
+        return f"restarted, {event.times}"
+    return f"given up, {event.code}"

@@ -6,6 +6,7 @@ from time import monotonic_ns
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_manager import events
 from lab.benches import kills, many_pes
 from lab.benches.kills import Kill, Quarter
 from lab.benches.processes import busy_s, busy_share, children, open_descriptors
@@ -14,12 +15,12 @@ from lab.benches.processes import busy_s, busy_share, children, open_descriptors
 def test_a_kill_is_answered_by_what_is_settled_after_its_loss() -> None:
     quarter = Quarter()
     kill = Kill("wing", quarter)
-    done = {"event": "reconfigured", "t_ns": kill.killed_ns + 90, "times_ns": {"distribute": 20, "activate": 10}}
+    done = events.Reconfigured(kill.killed_ns + 90, 2, ("x",), events.Times(1, 1, 20, 10), (), (), ())
     kill.take(done)  # of a change before
-    kill.take({"event": "pe_lost", "pe": "air", "t_ns": kill.killed_ns + 40})
+    kill.take(events.PeLost(kill.killed_ns + 40, "air", "silent", None))
     kill.take(done)
     assert not kill.is_answered
-    kill.take({"event": "pe_lost", "pe": "wing", "t_ns": kill.killed_ns + 50})
+    kill.take(events.PeLost(kill.killed_ns + 50, "wing", "silent", None))
     kill.take(done)
     kill.take(done)
     assert kill.is_answered
@@ -30,8 +31,8 @@ def test_a_kill_is_answered_by_what_is_settled_after_its_loss() -> None:
 def test_a_loss_that_changes_no_plan_is_an_answer_without_times() -> None:
     quarter = Quarter()
     kill = Kill("wing", quarter)
-    kill.take({"event": "pe_lost", "pe": "wing", "t_ns": monotonic_ns()})
-    kill.take({"event": "plan_unchanged"})
+    kill.take(events.PeLost(monotonic_ns(), "wing", "silent", None))
+    kill.take(events.PlanUnchanged(monotonic_ns(), 2))
     assert kill.is_answered
     assert not any(quarter.times_ms.values())
 

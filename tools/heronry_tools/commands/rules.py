@@ -33,6 +33,7 @@ An editor with the YAML language server completes and checks specs that begin wi
 examples:
   heronry schema -o dg.schema.json
   heronry schema pcs -o pcs.schema.json
+  heronry schema events -o events.schema.json
 """
 
 
@@ -64,10 +65,10 @@ def add_parsers(subparsers: Any) -> None:
 
     schema = subparsers.add_parser(
         "schema",
-        description="Write the JSON schema (draft 7) of a spec, or of a component graph.",
+        description="Write the JSON schema of a spec, of a component graph, or of a line of events.",
         epilog=_SCHEMA_EPILOG,
     )
-    schema.add_argument("format", nargs="?", choices=("dg", "pcs"), default="dg", help="default: dg, a spec")
+    schema.add_argument("format", nargs="?", choices=("dg", "pcs", "events"), default="dg", help="default: dg, a spec")
     add_output_file(schema, "JSON", ".json")
     schema.set_defaults(run=run_schema)
 
@@ -116,9 +117,11 @@ def _fields(rule: "Rule") -> dict[str, object]:
 
 
 def run_schema(arguments: argparse.Namespace) -> int:
-    """Write the JSON schema of a spec or of a component graph; returns the exit code."""
+    """Write the JSON schema of a spec, a component graph or a line of events; returns the exit code."""
     from heronry_dg.check import json_schema as of_specs  # noqa: PLC0415
+    from heronry_manager.events import schema as of_events  # noqa: PLC0415
     from heronry_pcs import json_schema as of_graphs  # noqa: PLC0415
 
-    sys.stdout.write((of_graphs if arguments.format == "pcs" else of_specs).schema_text())
+    texts = {"dg": of_specs.schema_text, "pcs": of_graphs.schema_text, "events": of_events.schema_text}
+    sys.stdout.write(texts[arguments.format]())
     return 0

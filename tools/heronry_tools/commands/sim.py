@@ -310,8 +310,8 @@ def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
     end = f"{outcome.virtual_ns / 1e9:.1f} s, {outcome.frames} frames, digest {outcome.digest}"
     lines = [f"seed {scenario.seed}: {faults or 'no fault'} ({end})"]
     for told in outcome.reconfigurations if arguments.runs == 1 else ():
-        times = "  ".join(f"{name} {ns / 1e6:6.1f}" for name, ns in told["times_ns"].items())
-        lines.append(f"  {told['t_ns'] / 1e9:8.3f} s  epoch {told['epoch']:<4} {times} ms  {told['causes'][-1]}")
+        times = "  ".join(f"{name} {ns / 1e6:6.1f}" for name, ns in told.times_ns.by_name().items() if ns is not None)
+        lines.append(f"  {told.t_ns / 1e9:8.3f} s  epoch {told.epoch:<4} {times} ms  {told.causes[-1]}")
     if outcome.violations:
         lines += [f"  VIOLATION {violation}" for violation in outcome.violations]
         lines.append(f"  replay with: {_replay(arguments, scenario)}")
@@ -327,7 +327,8 @@ def _document(arguments: argparse.Namespace, outcome: "Outcome") -> dict[str, An
         "digest": outcome.digest,
         "hits": [{"kind": kind, "state": state, "count": n} for (kind, state), n in sorted(outcome.hits.items())],
         "reconfigurations": [
-            {key: told[key] for key in ("t_ns", "epoch", "causes", "times_ns")} for told in outcome.reconfigurations
+            {"t_ns": told.t_ns, "epoch": told.epoch, "causes": told.causes, "times_ns": told.times_ns.by_name()}
+            for told in outcome.reconfigurations
         ],
         "violations": [{"t_ns": v.t_ns, "rule": v.rule, "story": v.story} for v in outcome.violations],
         "replay": _replay(arguments, outcome.scenario),

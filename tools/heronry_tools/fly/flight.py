@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from heronry_agent.module import Value
 from heronry_dg.model import Spec
 from heronry_manager.core.vocabulary import EnterPhase
+from heronry_manager.events import Reconfigured
 from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.avionics.flight_management import Stage
 from heronry_tools.fly.bus_loads import BusLoads
@@ -47,7 +48,7 @@ class ReleasedPlant:
         If none runs at 5 s of the simulator's time, the plant's time starts then. The simulation is run in steps of
         `look_ns`. Return the simulator's time (ns) at which the plant's time starts.
         """
-        while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
+        while not simulation.events_of(Reconfigured) and simulation.now_ns < _LONGEST_START_NS:
             simulation.run_for(look_ns)
         self._origin_ns = simulation.now_ns
         return simulation.now_ns

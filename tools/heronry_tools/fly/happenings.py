@@ -4,9 +4,10 @@ In the record, a fault or a reconfiguration is a mark at one time. A phase is a 
 which a module runs on one PE in one mode is a stretch, too.
 """
 
-from typing import Any, cast
+from typing import cast
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.mission import Blow
 from heronry_tools.fly.plant import NS_PER_S
@@ -61,10 +62,10 @@ class Happenings:
 
         begin_ns: time of the simulator at which the flight began.
         """
-        events = self._simulation.events
-        for event in events[self._seen_events :]:
-            self._note(event, max(event["t_ns"] - begin_ns, 0) / NS_PER_S)
-        self._seen_events = len(events)
+        told = self._simulation.events
+        for event in told[self._seen_events :]:
+            self._note(event, max(event.t_ns - begin_ns, 0) / NS_PER_S)
+        self._seen_events = len(told)
 
     def _inject(self, blow: Blow) -> None:
         simulation = self._simulation
@@ -78,17 +79,17 @@ class Happenings:
         else:
             simulation.fail_device(name, cast("Failure", blow.how))
 
-    def _note(self, event: dict[str, Any], time_s: float) -> None:
-        match event["event"]:
-            case "plan_ready":
-                self.places = place_labels(event["plan"])
-            case "phase_changed":
-                self.phases.append((event["phase"], time_s))
-                self._recorder.state(time_s, "phase", "phase", event["phase"])
-            case "reconfigured":
+    def _note(self, event: events.Event, time_s: float) -> None:
+        match event:
+            case events.PlanReady(plan=plan):
+                self.places = place_labels(plan)
+            case events.PhaseChanged(phase=phase):
+                self.phases.append((phase, time_s))
+                self._recorder.state(time_s, "phase", "phase", phase)
+            case events.Reconfigured(epoch=epoch, causes=causes):
                 self.reconfigured_s.append(time_s)
-                why = "; ".join(event["causes"]) if time_s > 0.0 else "start"
-                self._recorder.mark(time_s, "reconfigured", f"configuration {event['epoch']} runs ({why})")
+                why = "; ".join(causes) if time_s > 0.0 else "start"
+                self._recorder.mark(time_s, "reconfigured", f"configuration {epoch} runs ({why})")
                 for module in self._spec.modules:
                     self._recorder.state(time_s, "place", module, self.places.get(module))
             case _:

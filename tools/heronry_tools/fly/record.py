@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
+from heronry_dg.plan_document import PlanDocument
 from heronry_tools.fly.acceptance import Cause, Site, Touchdown, causes
 from heronry_tools.fly.plant import Truth
 
@@ -185,12 +186,9 @@ class Recorder:
         self._stretches.append(Stretch(kind, subject, label, start_s, end_s))
 
 
-def place_labels(plan: Mapping[str, Any]) -> dict[str, str]:
-    """Return, by name of each module in a plan, its PE and mode as the label `PE (MODE)`.
-
-    plan: a plan as JSON data.
-    """
-    return {name: f"{one['pe']} ({one['mode']})" for name, one in plan["modules"].items()}
+def place_labels(plan: PlanDocument) -> dict[str, str]:
+    """Return, by name of each module in a plan, its PE and mode as the label `PE (MODE)`."""
+    return {name: f"{one.pe} ({one.mode})" for name, one in plan.modules.items()}
 
 
 def is_wheel(contact: str) -> bool:

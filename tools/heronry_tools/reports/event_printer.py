@@ -5,16 +5,16 @@ ended), the line is dropped. A message on standard error reports that, except if
 """
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
-from heronry_manager.core.events import to_line
+from heronry_manager.events import Event
+from heronry_manager.events.line import to_line
 
-Teller = Callable[[Mapping[str, Any]], None]
+Teller = Callable[[Event], None]
 
 
-def print_event(event: Mapping[str, Any]) -> None:
+def print_event(event: Event) -> None:
     """Print one event."""
     sys.stdout.write(to_line(event) + "\n")
     sys.stdout.flush()
@@ -27,7 +27,7 @@ def surviving(tell: Teller) -> Teller:
     """
     is_said = False
 
-    def tell_if_possible(event: Mapping[str, Any]) -> None:
+    def tell_if_possible(event: Event) -> None:
         nonlocal is_said
         try:
             tell(event)

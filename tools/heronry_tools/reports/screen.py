@@ -7,10 +7,11 @@ within the sentences (`story`) count from the first configuration.
 import sys
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
-from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_tools.reports.story import Line, Story, Tone
+from heronry_manager.events import Event
+from heronry_tools.reports.plain_lines import Line, Tone
+from heronry_tools.reports.story import Story
 from heronry_wire.clock_of_day import time_of_day
 
 _STYLES: Mapping[Tone, str] = {
@@ -23,12 +24,12 @@ _STYLES: Mapping[Tone, str] = {
 }
 
 
-def screen(spec: Spec) -> Callable[[Mapping[str, Any]], None]:
+def screen(spec: Spec) -> Callable[[Event], None]:
     """Return a function that prints the lines of an event."""
     story, show = Story(spec), _printer()
 
-    def tell(event: Mapping[str, Any]) -> None:
-        begin = f"{time_of_day(event['t_ns'])} "
+    def tell(event: Event) -> None:
+        begin = f"{time_of_day(event.t_ns)} "
         for line in story.tell(event):
             show(Line(begin + line.text, line.tone))
             begin = " " * len(begin)

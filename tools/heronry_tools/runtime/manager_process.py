@@ -12,12 +12,11 @@ import time
 from contextlib import ExitStack, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.wire_limits import require_wire_limits
+from heronry_manager import events
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.core.events import event
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.on_board import ContingencyNumbers, on_board
@@ -88,7 +87,6 @@ def mastership(arguments: argparse.Namespace) -> int:
                 return stack.enter_context(PlannerClient(spec, file, niceness=_PRE_PLANNER_NICENESS))
 
             told = _bus_event(spec.manager.bus, arguments)
-            place = {"bus": {key: told[key] for key in ("name", "interface", "channel")}, "file": str(file.resolve())}
             tell(told)
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
             if journal is not None and journal.warning is not None:
@@ -115,7 +113,8 @@ def mastership(arguments: argparse.Namespace) -> int:
                 service=service,
                 spec=spec,
                 emit=tell,
-                place=place,
+                place=events.Place(told.name, told.interface, told.channel),
+                file=str(file.resolve()),
                 in_order=not arguments.json,
             )
             for number in (signal.SIGTERM, signal.SIGINT):
@@ -168,8 +167,8 @@ def default_state_dir(spec_name: str) -> Path:
     return Path(home) / "heronry" / spec_name
 
 
-def _bus_event(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
+def _bus_event(name: str, arguments: argparse.Namespace) -> events.Bus:
     interface = getattr(arguments, "interface", None) or "can.conf's interface"
     channel = str(getattr(arguments, "channel", None) or "")
     models = f"{name}: {what_it_models(interface, channel)}"
-    return event("bus", time.monotonic_ns(), name=name, interface=interface, channel=channel, models=models)
+    return events.Bus(time.monotonic_ns(), name, interface, channel, models)

@@ -3,50 +3,45 @@
 These are the functions and modules, the budgets of the PEs, the planned loads of the buses, and the graph.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any
 
 from heronry_dg import model
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
-from heronry_dg.plan import PlanError, configuration_of
+from heronry_dg.plan_document import PlanDocument
+from heronry_dg.plan_report import PeReport
 from heronry_dg.situation import Situation
 from heronry_pcs.control_paths import control_paths
 from heronry_tools.watch.graph_marks import LiveGraphs, is_degraded
 from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Place, Plant, Snapshot, Wire
 
 _NOTHING = "nothing runs yet"
+_UNUSED = PeReport(0, 0, 0)
 _UNAVAILABLE = frozenset({"down", "returning"})
 
 
 @dataclass(frozen=True, slots=True)
 class RunningPlan:
-    """A configuration, with the report of its plan (`heronry_dg.plan`) as plain data."""
+    """A configuration, with the plan that it is of; None: it is not known what runs."""
 
     configuration: Configuration = field(default_factory=Configuration)
-    report: Mapping[str, Any] = field(default_factory=dict)
+    plan: PlanDocument | None = None
 
     @classmethod
-    def of_document(cls, spec: Spec, document: Mapping[str, Any] | None) -> "RunningPlan":
-        """Make a running plan from a plan document.
+    def of(cls, spec: Spec, plan: PlanDocument | None) -> "RunningPlan":
+        """Make a running plan; `plan` is None where it is not known what runs, so that there is no module.
 
-        A module is left out if the spec lacks the module, its mode or its PE. If `document` is None or cannot be read,
-        the running plan has no module.
+        A module is left out if the spec lacks the module, its mode or its PE.
         """
-        if document is None:
-            return NOTHING_RUNS
-        try:
-            read = configuration_of(dict(document))
-        except PlanError:
+        if plan is None:
             return NOTHING_RUNS
         known = {
             name: running
-            for name, running in read.modules.items()
+            for name, running in plan.modules.items()
             if name in spec.modules and running.mode in spec.modules[name].modes and running.pe in spec.pes
         }
-        return cls(Configuration({name: known[name] for name in spec.modules if name in known}), document)
+        return cls(Configuration({name: known[name] for name in spec.modules if name in known}), plan)
 
     def places(self) -> dict[str, Place]:
         """Give the PE and mode of each module."""
@@ -88,6 +83,7 @@ class Situations:
         the graph.
         """
         now = self._situation(snapshot)
+        loads = {} if running.plan is None else running.plan.buses
         return replace(
             snapshot,
             down=tuple(sorted(now.down)),
@@ -95,7 +91,7 @@ class Situations:
             modules=self._modules(snapshot, now, running),
             pes=self._pes(snapshot, running),
             buses={
-                name: replace(bus, planned=running.report.get("buses", {}).get(name, {}).get("load"))
+                name: replace(bus, planned=loads[name].load if name in loads else None)
                 for name, bus in snapshot.buses.items()
             },
             graph=self._graphs.graph(now, running.configuration),
@@ -110,12 +106,13 @@ class Situations:
         return Situation(frozenset(down), limits, snapshot.phase, snapshot.priorities)
 
     def _functions(self, snapshot: Snapshot, now: Situation, running: RunningPlan) -> dict[str, Function]:
-        report, unknown = running.report.get("functions", {}), snapshot.unknown_epoch
+        report = {} if running.plan is None else running.plan.functions
+        unknown = snapshot.unknown_epoch
         why = _NOTHING if unknown is None else f"the configuration of epoch {unknown}, which runs, is not known"
         found = {}
         for name, function in self._spec.functions.items():
             before, told, wanted = snapshot.functions[name], report.get(name), now.priority_of(function) > 0
-            served = told["served"] if told is not None else None if unknown is not None else False
+            served = told.served if told is not None else None if unknown is not None else False
             serving = next((one for one in function.outputs if one in running.configuration.modules), None)
             is_missing = wanted and served is False
             found[name] = replace(
@@ -125,9 +122,9 @@ class Situations:
                 priority=now.priority_of(function),
                 served=served,
                 degraded=bool(served and serving and is_degraded(self._spec, running.configuration, serving)),
-                mode=None if told is None else told["mode"],
-                value=0 if told is None and served is False else None if told is None else told["value"],
-                why_not=why if told is None else told["why_not"],
+                mode=None if told is None else told.mode,
+                value=0 if told is None and served is False else None if told is None else told.value,
+                why_not=why if told is None else told.why_not,
                 not_since_ns=(before.not_since_ns or snapshot.t_ns) if is_missing else None,
             )
         return found
@@ -153,15 +150,15 @@ class Situations:
         }
 
     def _pes(self, snapshot: Snapshot, running: RunningPlan) -> dict[str, Pe]:
-        used = running.report.get("pes", {})
+        used = {} if running.plan is None else running.plan.pes
         found = {}
         for name, pe in self._spec.pes.items():
-            here = used.get(name, {})
+            here = used.get(name, _UNUSED)
             found[name] = replace(
                 snapshot.pes[name],
-                cpu=Budget(here.get("cpu_millis", 0), pe.cpu_millis),
-                ram=Budget(here.get("ram", 0), pe.ram),
-                flash=Budget(here.get("flash", 0), pe.flash),
+                cpu=Budget(here.cpu_millis, pe.cpu_millis),
+                ram=Budget(here.ram, pe.ram),
+                flash=Budget(here.flash, pe.flash),
                 modules=tuple(m for m, runs in running.configuration.modules.items() if runs.pe == name),
             )
         return found

@@ -6,16 +6,16 @@ the time to detect begins with the last frame of that PE, and the time to decide
 """
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import make_plan
+from heronry_dg.plan_document import PlanDocument
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.core.topology import reached_by_wire
 from heronry_tools.sim.oracles.commanded import Commanded, Epoch
-from heronry_tools.watch.observations import observation
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import Command
 from heronry_wire.management import Activate, Lease, ManagementMessage, Step, decode_command
@@ -52,7 +52,7 @@ class EpochsOnTheBus:
         self._reported.pop(node, None)
         self._lost = t_ns, t_ns if last_heard_ns is None else last_heard_ns
 
-    def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[dict[str, Any]]:
+    def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[events.Event]:
         """Take a command of a manager; yields the events that follow from it.
 
         An event reports one of these: another manager or term, an epoch of unknown content, an epoch that every PE
@@ -67,7 +67,7 @@ class EpochsOnTheBus:
         self._note_active(message)
         yield from self._done(t_ns)
 
-    def page_0(self, t_ns: int, node: int, page: StatePage0) -> Iterator[dict[str, Any]]:
+    def page_0(self, t_ns: int, node: int, page: StatePage0) -> Iterator[events.Event]:
         """Take page 0 of a PE's state.
 
         Yields an event if the epoch that was activated last now runs on every PE that is heard, and if this
@@ -80,21 +80,21 @@ class EpochsOnTheBus:
         """Note from page 1 of a PE's state how far the PE has staged an epoch."""
         self._commanded.staged(node, page)
 
-    def _lease(self, t_ns: int, node: int, lease: Lease) -> Iterator[dict[str, Any]]:
+    def _lease(self, t_ns: int, node: int, lease: Lease) -> Iterator[events.Event]:
         said = node, lease.term
         if said != self._manager:
             self._manager = said
-            yield observation("manager_seen", t_ns, node=node, term=lease.term)
+            yield events.ManagerSeen(t_ns, node, lease.term)
         is_known = lease.epoch in self._commanded.epochs
         if lease.epoch and not is_known and lease.step is Step.GO_ALL and self._unknown != lease.epoch:
             self._unknown = lease.epoch
-            yield {"v": 1, "t_ns": t_ns, "event": "unknown_epoch", "epoch": lease.epoch}
+            yield events.UnknownEpoch(t_ns, lease.epoch)
 
     def _note_active(self, message: ManagementMessage) -> None:
         if isinstance(message, Activate | Lease) and message.step is not Step.PREPARED:
             self._active = self._commanded.epochs.get(message.epoch, self._active)
 
-    def _done(self, t_ns: int) -> Iterator[dict[str, Any]]:
+    def _done(self, t_ns: int) -> Iterator[events.Event]:
         epoch = self._active
         if epoch is None or epoch.activated_ns is None or (epoch.number, epoch.digest) == self._told:
             return
@@ -106,19 +106,19 @@ class EpochsOnTheBus:
         self._told = epoch.number, epoch.digest
         plan = None if epoch.configuration is None else self._plan(epoch.configuration)
         times, began_ns = self._times(epoch, t_ns)
-        yield observation("epoch_seen", t_ns, epoch=epoch.number, plan=plan, began_ns=began_ns, times_ns=times)
+        yield events.EpochSeen(t_ns, epoch.number, plan, began_ns, times)
 
-    def _times(self, epoch: Epoch, t_ns: int) -> tuple[dict[str, int | None], int]:
+    def _times(self, epoch: Epoch, t_ns: int) -> tuple[events.Times, int]:
         activated_ns = epoch.activated_ns or epoch.prepared_ns
-        times: dict[str, int | None] = {"detect": None, "decide": None}
+        detect_ns = decide_ns = None
         began_ns, lost = epoch.prepared_ns, self._lost
         if lost is not None and 0 <= epoch.prepared_ns - lost[0] < _FOLLOWS_NS:
             began_ns = lost[1]
-            times = {"detect": lost[0] - lost[1], "decide": epoch.prepared_ns - lost[0]}
+            detect_ns, decide_ns = lost[0] - lost[1], epoch.prepared_ns - lost[0]
         self._lost = None
-        return {**times, "distribute": activated_ns - epoch.prepared_ns, "activate": t_ns - activated_ns}, began_ns
+        return events.Times(detect_ns, decide_ns, activated_ns - epoch.prepared_ns, t_ns - activated_ns), began_ns
 
-    def _plan(self, configuration: Configuration) -> dict[str, object]:
+    def _plan(self, configuration: Configuration) -> PlanDocument:
         now = self._now()
         worth = score(self._spec, now, configuration, None)
-        return make_plan(self._spec, now, configuration, worth, optimal=False).document()
+        return make_plan(self._spec, now, configuration, worth, optimal=False).told()

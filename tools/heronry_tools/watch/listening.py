@@ -14,16 +14,18 @@ All times are those of the frames: before a frame is handled, all deadlines up t
 same frames give the same events.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import Emit, ManagerAction
-from heronry_tools.runtime.witness import Outage, Witness
+from heronry_manager.events import Event
+from heronry_tools.runtime.witness import Witness
 from heronry_tools.watch.epochs_on_the_bus import EpochsOnTheBus
-from heronry_tools.watch.observations import observation
 from heronry_tools.watch.traffic import SLOT_NS, TELL_SLOTS, Traffic
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
@@ -35,16 +37,44 @@ from heronry_wire.state_frames import PeFlags, StatePage0, StatePage1, decode_st
 if TYPE_CHECKING:
     from heronry_manager.core.manager import ManagerCore
 
-Event = Mapping[str, Any]
-
-_TOLD = frozenset(
-    {"pe_suspected", "pe_answered", "pe_lost", "pe_absent", "pe_heard_again", "pe_joined", "fault_reported"}
-    | {"fault_cleared", "link_limited", "link_gone", "link_back", "channel_lost", "channel_back", "phase_changed"}
-    | {"priority_changed", "module_restarted", "disagreement", "agreement", "unknown_element", "unknown_output"}
+_TOLD = (
+    events.PeSuspected,
+    events.PeAnswered,
+    events.PeLost,
+    events.PeAbsent,
+    events.PeHeardAgain,
+    events.PeJoined,
+    events.FaultReported,
+    events.FaultCleared,
+    events.LinkLimited,
+    events.LinkGone,
+    events.LinkBack,
+    events.ChannelLost,
+    events.ChannelBack,
+    events.PhaseChanged,
+    events.PriorityChanged,
+    events.ModuleRestarted,
+    events.Disagreement,
+    events.Agreement,
+    events.UnknownElement,
+    events.UnknownOutput,
 )
 _COMMANDS = {management_id(node, command): (node, command) for node in MANAGER_NODES for command in Command}
 _TELL_NS = SLOT_NS * TELL_SLOTS
-_NOTHING_REPORTED: Mapping[str, Any] = dict.fromkeys(("incarnation", "epoch", "runs", "hears_manager", "load_percent"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Reported:
+    """What the states of a PE have said so far; None: nothing yet."""
+
+    incarnation: int | None = None
+    epoch: int | None = None
+    runs: str | None = None
+    hears_manager: bool | None = None
+    load_percent: int | None = None
+
+
+_NOTHING_REPORTED = _Reported()
 
 
 class Listening:
@@ -70,7 +100,7 @@ class Listening:
         self._traffic = {bus.name: Traffic(bus.name, bus.bitrate) for bus in spec.buses.values()}
         self._witness = Witness(spec)
         self._states = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
-        self._reported: dict[str, Mapping[str, Any]] = {}  # by PE
+        self._reported: dict[str, _Reported] = {}  # by PE
         self._heard: dict[str, int] = {}  # since the last observation `heard`
         self._silent_since_ns: dict[str, int] = {}  # by function: when the last reported silence began
         self._tell_ns = begins_ns + _TELL_NS
@@ -123,29 +153,28 @@ class Listening:
 
     def _told(self, actions: list[ManagerAction]) -> Iterator[Event]:
         for action in actions:
-            if isinstance(action, Emit) and action.event["event"] in _TOLD:
+            if isinstance(action, Emit) and isinstance(action.event, _TOLD):
                 event = action.event
-                if event["event"] == "pe_lost":
-                    node = self._spec.pes[event["pe"]].node_id
-                    self._epochs.lost(event["t_ns"], event["last_heard_ns"], node)
+                if isinstance(event, events.PeLost):
+                    self._epochs.lost(event.t_ns, event.last_heard_ns, self._spec.pes[event.pe].node_id)
                 yield event
 
     def _state(self, t_ns: int, pe: str, frame: Frame) -> Iterator[Event]:
         page = decode_state(frame.data)
         self._heard[pe] = t_ns
         before = self._reported.get(pe, _NOTHING_REPORTED)
-        said: dict[str, Any] = {}
+        after = before
         if isinstance(page, StatePage1):
             if self._core is not None:
                 self._epochs.page_1(self._spec.pes[pe].node_id, page)
-            said = {"load_percent": page.load}
+            after = replace(before, load_percent=page.load)
         elif isinstance(page, StatePage0):
             hears = PeFlags.HEARS_LEASE in page.flags
-            said = {"incarnation": page.incarnation, "epoch": page.epoch or None, "runs": page.state.name}
-            said["hears_manager"] = hears
-        after = {**before, **said}
-        if after != before and after["incarnation"] is not None:
-            yield observation("pe_seen", t_ns, pe=pe, **after)
+            after = _Reported(page.incarnation, page.epoch or None, page.state.name, hears, before.load_percent)
+        if after != before and after.incarnation is not None:
+            yield events.PeSeen(
+                t_ns, pe, after.incarnation, after.epoch, after.runs, after.hears_manager, after.load_percent
+            )
         self._reported[pe] = after
         if isinstance(page, StatePage0) and self._core is not None:
             yield from self._epochs.page_0(t_ns, self._spec.pes[pe].node_id, page)
@@ -156,17 +185,17 @@ class Listening:
         The observation has the PEs that were heard since the last observation, and all functions that were ever heard.
         A silence of a function gives an event when it is found, and another event when it has ended.
         """
-        functions = {}
+        functions: dict[str, tuple[int, bool]] = {}
         for name in self._spec.functions:
             output = self._witness.last_output(name)
             if output is not None:
-                functions[name] = [output.t_ns, self._witness.served(name, t_ns)]
-        yield observation("heard", t_ns, pes=self._heard, functions=functions)
+                functions[name] = output.t_ns, self._witness.served(name, t_ns)
+        yield events.Heard(t_ns, self._heard, functions)
         self._heard = {}
         for outage in self._witness.outages(t_ns):
             if outage.to_ns is not None or self._silent_since_ns.get(outage.function) != outage.from_ns:
                 self._silent_since_ns[outage.function] = outage.from_ns
-                yield _outage(t_ns, outage)
+                yield events.Outage(t_ns, outage.function, outage.from_ns, outage.to_ns, gathered=False)
         self._witness.forget()
 
 
@@ -174,8 +203,3 @@ def _advising_core(spec: Spec, begins_ns: int, key: Key | None) -> "ManagerCore"
     from heronry_manager.core.manager import ManagerCore  # noqa: PLC0415 - loads slowly, and is not needed beside a manager
 
     return ManagerCore(spec, FIRST_MANAGER, NOTHING, begins_ns, advise=True, key=key)
-
-
-def _outage(t_ns: int, outage: Outage) -> Event:
-    silence = {"function": outage.function, "from_ns": outage.from_ns, "to_ns": outage.to_ns, "gathered": False}
-    return {"v": 1, "t_ns": t_ns, "event": "outage", **silence}

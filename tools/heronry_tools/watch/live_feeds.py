@@ -10,12 +10,15 @@ meanwhile `trouble` says that the manager is gone.
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
 from heronry_dg.model import Spec
+from heronry_manager.events import Event, Place, Status
+from heronry_manager.events import Feed as FeedEvent
+from heronry_manager.events.reading import events_in, read_event
 from heronry_manager.shell.control_client import follow
 from heronry_manager.shell.control_place import ControlError
 from heronry_tools.console.errors import UserError
@@ -23,15 +26,12 @@ from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.watch.listening import Listening
-from heronry_tools.watch.observations import observation
 from heronry_tools.watch.snapshot import Source
 from heronry_wire.authentication import Key
 from heronry_wire.bus_opening import LinkError
 from heronry_wire.errors import HeronryError
 from heronry_wire.frame import LoggedFrame
 from heronry_wire.pe_table import PeTable
-
-Event = Mapping[str, Any]
 
 _AGAIN_NS = 1_000_000_000
 _LATE_NS = 20_000_000  # a frame may be read up to this long after its end
@@ -122,9 +122,9 @@ class FollowedManager:
             raise
         self._line.setblocking(False)
         self._events: list[Event] = [first]
-        self.spec_file: Path | None = Path(first["file"])
+        self.spec_file: Path | None = Path(first.file)
         self._try_again_ns = 0
-        self._buses = self._opened(first["bus"]) if hears_bus else None
+        self._buses = self._opened(first.bus) if hears_bus else None
 
     def readers(self) -> Sequence[Any]:
         """Give the descriptors that become readable when an event of the manager, or a frame of the bus, has come."""
@@ -149,7 +149,7 @@ class FollowedManager:
         if self._buses is not None:
             self._buses.close()
 
-    def _first(self) -> dict[str, Any]:
+    def _first(self) -> Status:
         while b"\n" not in self._rest:
             try:
                 chunk = self._line.recv(1 << 16)
@@ -161,11 +161,11 @@ class FollowedManager:
                 )
             self._rest += chunk
         line, _, self._rest = self._rest.partition(b"\n")
-        first: dict[str, Any] = json.loads(line)
-        if first.get("event") != "status":
+        first = read_event(line)
+        if not isinstance(first, Status):
             raise ControlError(
-                f"the manager on {self._path} cannot be followed: {first.get('sentence', first)}; if it is of another "
-                "version of heronry, restart it with this version"
+                f"the manager on {self._path} cannot be followed: {_refusal(line)}; if it is of another version of "
+                "heronry, restart it with this version"
             )
         return first
 
@@ -182,7 +182,7 @@ class FollowedManager:
                 break
             self._rest += chunk
         *lines, self._rest = self._rest.split(b"\n")
-        return [json.loads(line) for line in lines]
+        return list(events_in(lines))
 
     def _again(self) -> None:
         if time.monotonic_ns() < self._try_again_ns:
@@ -194,12 +194,12 @@ class FollowedManager:
             line.setblocking(False)
             self._line, self._rest, self.trouble = line, b"", None
 
-    def _opened(self, bus: Mapping[str, str]) -> HeardBuses | None:
+    def _opened(self, bus: Place) -> HeardBuses | None:
         """Open the manager's bus; None if it cannot be opened, which is no error: the feed then has no traffic."""
-        model = self.spec.buses[bus["name"]]
-        if not bus["channel"] or " " in bus["interface"]:  # only the manager's can.conf names the channel
+        model = self.spec.buses[bus.name]
+        if not bus.channel or " " in bus.interface:  # only the manager's can.conf names the channel
             return None
-        choice = BusChoice(bus["name"], bus["interface"], bus["channel"], None, is_ours=False, channels=model.channels)
+        choice = BusChoice(bus.name, bus.interface, bus.channel, None, is_ours=False, channels=model.channels)
         with suppress(HeronryError):
             return HeardBuses(self.spec, [choice], Listening(self.spec, time.monotonic_ns(), tells_why=True))
         return None
@@ -225,8 +225,7 @@ class ListenedBuses:
         self.frames: list[LoggedFrame] = []
         now_ns = time.monotonic_ns()
         self._buses = HeardBuses(spec, choices, Listening(spec, now_ns, key=key, tables=tables))
-        named = {"spec": spec.name, "spec_digest": spec.digest}
-        self._events: list[Event] = [observation("feed", now_ns, source="bus", knows_why=False, **named)]
+        self._events: list[Event] = [FeedEvent(now_ns, "bus", knows_why=False, spec=spec.name, spec_digest=spec.digest)]
 
     def readers(self) -> Sequence[Any]:
         """Give the descriptors that become readable when a frame has come."""
@@ -243,14 +242,25 @@ class ListenedBuses:
         self._buses.close()
 
 
-def _spec_of(first: Mapping[str, Any]) -> Spec:
+def _spec_of(first: Status) -> Spec:
     """Load the spec with which a manager flies.
 
     Raises UserError if the file has changed since the manager loaded it.
     """
-    spec, digest = load_spec(first["file"]), first["status"]["spec_digest"]
+    spec, digest = load_spec(first.file), first.status["spec_digest"]
     if spec.digest != digest:
         raise UserError(
-            f"{first['file']} has changed since the manager was started: undo the change, or restart the manager"
+            f"{first.file} has changed since the manager was started: undo the change, or restart the manager"
         )
     return spec
+
+
+def _refusal(line: bytes) -> str:
+    """Give the sentence in the answer of a manager that cannot be followed; if it has none, the answer itself."""
+    with suppress(ValueError):
+        match json.loads(line):
+            case {"sentence": str(sentence)}:
+                return sentence
+            case _:
+                pass
+    return line.decode(errors="replace")

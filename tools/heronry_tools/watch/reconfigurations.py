@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
+from heronry_manager.events import EpochSeen, Reconfigured
 from heronry_tools.watch.sentences import sentence_of
 from heronry_tools.watch.snapshot import (
     KEPT_RECONFIGURATIONS,
@@ -18,28 +18,28 @@ from heronry_tools.watch.snapshot import (
 _KEPT_OUTAGES = 200
 
 
-def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapshot:
+def done(before: Snapshot, after: Snapshot, event: Reconfigured | EpochSeen) -> Snapshot:
     """Return the snapshot `after` with a new reconfiguration at the end of its list.
 
     before: the snapshot with the configuration that ran before the reconfiguration.
     after: the snapshot with the configuration that runs now.
     event: the event that reports the reconfiguration, `reconfigured` or `epoch_seen`.
     """
-    times = {key: event["times_ns"].get(key) for key in ("detect", "decide", "distribute", "activate")}
-    t_ns = event["t_ns"]
-    began_ns = event.get("began_ns") or t_ns - sum(ns for ns in times.values() if ns is not None)
+    times, t_ns = event.times_ns, event.t_ns
+    known_ns = event.began_ns if isinstance(event, EpochSeen) else 0
+    began_ns = known_ns or t_ns - sum(ns for ns in times.by_name().values() if ns is not None)
     was, now = _served(before), _served(after)
     known = after.reconfigurations[-1].after if after.reconfigurations else {}
     old, new = _places(before, known), _places(after, known)
     sentence = sentence_of(event)
     one = Reconfiguration(
         number=after.reconfigurations[-1].number + 1 if after.reconfigurations else 1,
-        epoch=event["epoch"],
+        epoch=event.epoch,
         term=after.manager.term,
         began_ns=began_ns,
         done_ns=t_ns,
-        times_ns=Times(**times),
-        causes=tuple(event.get("causes", ())),
+        times_ns=Times(**times.by_name()),
+        causes=event.causes if isinstance(event, Reconfigured) else (),
         sentence="" if sentence is None else sentence[1],
         moved=tuple(sorted(name for name in old.keys() & new.keys() if old[name].pe != new[name].pe)),
         started=tuple(sorted(new.keys() - old.keys())),

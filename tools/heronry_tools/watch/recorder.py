@@ -10,16 +10,17 @@ afterwards.
 
 import json
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from heronry_dg.model import Spec
+from heronry_manager.events import Event, Resumed
+from heronry_manager.events.line import to_line
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.replay.recorded_folder import EVENTS_SUFFIX, FORMAT, FRAMES_SUFFIX, HEAD
-from heronry_tools.watch.observations import observation
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Source, document
 from heronry_wire.command_parser import program_version
@@ -51,7 +52,7 @@ class Recorder:
         self._begin_folder(spec, source, spec_text)
         self._begin_pair()
 
-    def write(self, frames: Iterable[LoggedFrame], events: Iterable[Mapping[str, Any]]) -> None:
+    def write(self, frames: Iterable[LoggedFrame], events: Iterable[Event]) -> None:
         """Write frames and events; raises UserError where the disk does not take them."""
         try:
             for logged in frames:
@@ -59,7 +60,7 @@ class Recorder:
                 self._put(self._frames, format_log_line(date))
             for event in events:
                 self._state = self._reducer.after(self._state, event)
-                self._put(self._events, json.dumps(event, separators=(",", ":")))
+                self._put(self._events, to_line(event))
             self._frames.flush()
             self._events.flush()
             if self._written >= self._pair_bytes:
@@ -111,9 +112,8 @@ class Recorder:
         self._frames = name.with_suffix(FRAMES_SUFFIX).open("wb")
         self._events = name.with_suffix(EVENTS_SUFFIX).open("wb")
         if self._number > 1:
-            view, plan = self._state.snapshot, self._state.running.report or None
-            resumed = observation("resumed", view.t_ns, snapshot=document(view), plan=plan)
-            self._put(self._events, json.dumps(resumed, separators=(",", ":")))
+            view, plan = self._state.snapshot, self._state.running.plan
+            self._put(self._events, to_line(Resumed(view.t_ns, document(view), plan)))
 
     def _end_pair(self) -> None:
         for stream in (self._frames, self._events):

@@ -6,8 +6,7 @@ a log that begins before the manager starts, and a core that decides as recorded
 hold, the feed has no causes. A folder has the events that were recorded in flight.
 """
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
@@ -15,6 +14,8 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_manager.core.compilation import Compiler
+from heronry_manager.events import Event, Feed, ManagerStarted
+from heronry_manager.events.reading import events_in
 from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
@@ -23,15 +24,12 @@ from heronry_tools.sim.replay.proven import is_tagged, proven
 from heronry_tools.sim.replay.recorded_folder import events_of, expect_spec_of, is_recorded_folder, log_of, spec_of
 from heronry_tools.sim.replay.recording import Mastership, masterships, on_the_managers_bus, read_recording
 from heronry_tools.watch.listening import Listening
-from heronry_tools.watch.observations import observation
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Source
 from heronry_tools.watch.timeline import Timeline
 from heronry_wire.authentication import Key
 from heronry_wire.frame import LoggedFrame
 from heronry_wire.pe_table import PeTable
-
-Event = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +67,9 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
     loaded = load_spec(spec)
     if path.suffix == ".jsonl":
         events = list(read_events(path))
-        for told in (one for one in events if "spec_digest" in one):
-            expect_spec_of(told, loaded, "name the spec of the flight", str(path))
+        for told in events:
+            if isinstance(told, ManagerStarted | Feed):
+                expect_spec_of(told.spec, told.spec_digest, loaded, "name the spec of the flight", str(path))
         return Recording(loaded, [], events, "record")
     frames, _ = read_recording(path)
     return Recording(loaded, frames, events_of_log(loaded, frames, key, str(path)), "log")
@@ -94,12 +93,11 @@ def _flown(path: Path) -> Recording:
     fly(script, is_compared=False, watch=watch)
     frames.sort(key=lambda logged: logged.time_ns)
     events = _with_frames(script.spec, frames, flights[0].events, Listening(script.spec, 0, tells_why=True))
-    first = observation("feed", 0, source="simulator", knows_why=True, **_named(script.spec))
-    return Recording(script.spec, frames, [first, *events], "simulator")
+    return Recording(script.spec, frames, [_first(script.spec, 0, "simulator", knows_why=True), *events], "simulator")
 
 
-def _named(spec: Spec) -> dict[str, str]:
-    return {"spec": spec.name, "spec_digest": spec.digest}
+def _first(spec: Spec, begins_ns: int, source: Source, *, knows_why: bool) -> Feed:
+    return Feed(begins_ns, source, knows_why, spec.name, spec.digest)
 
 
 def _with_frames(spec: Spec, frames: list[LoggedFrame], told: Sequence[Event], listening: Listening) -> Iterator[Event]:
@@ -109,21 +107,16 @@ def _with_frames(spec: Spec, frames: list[LoggedFrame], told: Sequence[Event], l
     """
     bus_of = _buses(spec, frames)
     seen = [one for frame in frames for one in listening.take(bus_of[frame.channel], frame.time_ns, frame.frame)]
-    return merge(told, seen, key=lambda event: event["t_ns"])
+    return merge(told, seen, key=lambda event: event.t_ns)
 
 
 def read_events(path: Path) -> Iterator[Event]:
     """Read events, one JSON object a line; other lines are left out. Raises UserError if there is no event."""
     found = False
     with path.open(encoding="utf-8", errors="replace") as lines:
-        for line in lines:
-            try:
-                event = json.loads(line)
-            except ValueError:
-                continue
-            if isinstance(event, dict) and isinstance(event.get("t_ns"), int) and "event" in event:
-                found = True
-                yield event
+        for event in events_in(lines):
+            found = True
+            yield event
     if not found:
         raise UserError(f"{path} holds no event; give the output of 'heronry manager --json' or 'heronry demo --json'")
 
@@ -145,7 +138,7 @@ def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: 
     told = _why(spec, found)
     begins_ns = frames[0].time_ns
     listening = Listening(spec, begins_ns, tells_why=told is not None, key=key, tables=tables_of(spec))
-    first = observation("feed", begins_ns, source="log", knows_why=told is not None, **_named(spec))
+    first = _first(spec, begins_ns, "log", knows_why=told is not None)
     return [first, *_with_frames(spec, frames, told or (), listening)]
 
 
@@ -193,4 +186,4 @@ def _why(spec: Spec, found: Sequence[Mastership]) -> list[Event] | None:
         if compared(mastership, rerun).differences():
             return None
         events += rerun.events
-    return sorted(events, key=lambda event: event["t_ns"])
+    return sorted(events, key=lambda event: event.t_ns)

@@ -4,14 +4,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from heronry_manager.events import Status as StatusEvent
 from heronry_tools.watch.snapshot import Bus, Fault, Manager, Module, Pe, Script, Snapshot
 
 _STAGES: Mapping[str | None, Any] = {None: "starting", "done": "running"}
 
 
-def from_status(snapshot: Snapshot, event: Mapping[str, Any]) -> Snapshot:
+def from_status(snapshot: Snapshot, event: StatusEvent) -> Snapshot:
     """Return the snapshot with the content of a `status` event; facts that only other events give stay unchanged."""
-    status, t_ns = event["status"], event["t_ns"]
+    status, t_ns = event.status, event.t_ns
     manager = status["manager"]
     keys = ("node", "term", "state", "advises", "key", "journal")
     return replace(

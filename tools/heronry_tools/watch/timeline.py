@@ -5,10 +5,10 @@ events, so that a jump to another time is fast, and little memory is used.
 """
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import accumulate
-from typing import Any
 
+from heronry_manager.events import EpochSeen, Event, Reconfigured
 from heronry_tools.watch.reducer import Reducer, State
 from heronry_tools.watch.snapshot import Snapshot, Source
 
@@ -18,9 +18,9 @@ _EVERY = 256  # events between two states that are kept
 class Timeline:
     """The events of a recording, in the order of the feed, and the state at any time."""
 
-    def __init__(self, reducer: Reducer, events: Sequence[Mapping[str, Any]], source: Source = "log") -> None:
+    def __init__(self, reducer: Reducer, events: Sequence[Event], source: Source = "log") -> None:
         self.events, self.reducer = events, reducer
-        self.times_ns = list(accumulate((event["t_ns"] for event in events), max))  # a late event gets the time before
+        self.times_ns = list(accumulate((event.t_ns for event in events), max))  # a late event gets the time before
         self._kept: list[State] = [reducer.start(source)]  # before event 0, _EVERY, 2 * _EVERY, ...
 
     @property
@@ -43,7 +43,7 @@ class Timeline:
 
     def reconfigurations(self) -> list[int]:
         """Give the times at which reconfigurations were complete."""
-        return [event["t_ns"] for event in self.events if event["event"] in ("reconfigured", "epoch_seen")]
+        return [event.t_ns for event in self.events if isinstance(event, Reconfigured | EpochSeen)]
 
     def events_until(self, t_ns: int) -> int:
         """Give the number of events up to and including `t_ns`."""

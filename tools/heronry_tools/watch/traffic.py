@@ -7,9 +7,8 @@ All times are those of the frames, so a recording gives the same figures as the 
 from collections import Counter, deque
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
 
-from heronry_tools.watch.observations import observation
+from heronry_manager.events import BusSeen
 from heronry_wire.controller import read_error_frame
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Use, classify
@@ -76,7 +75,7 @@ class Traffic:
         if self._next_tell is None:
             self._next_tell = number + TELL_SLOTS
 
-    def until(self, t_ns: int) -> list[dict[str, Any]]:
+    def until(self, t_ns: int) -> list[BusSeen]:
         """Return, in a list, the `bus_seen` event that is due at `t_ns` or earlier; an empty list if none is due.
 
         If several events are due after a pause, only the last of them is returned.
@@ -88,12 +87,11 @@ class Traffic:
         self._next_tell = end + TELL_SLOTS
         return [self._figures(end)]
 
-    def _figures(self, end: int) -> dict[str, Any]:
+    def _figures(self, end: int) -> BusSeen:
         last = [slot for slot in self._slots if end - SLOTS <= slot.number < end]
         bits = sum((slot.bits for slot in last), Counter[str]())
         busiest = max((slot.bits.total() for slot in last), default=0)
-        return observation(
-            "bus_seen",
+        return BusSeen(
             end * SLOT_NS,
             bus=self.bus,
             load=round(bits.total() / self._bit_rate, 4),

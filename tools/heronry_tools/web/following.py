@@ -16,9 +16,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from heronry_manager.events import Event
 from heronry_manager.shell.control_place import ControlError
 from heronry_tools.console.errors import as_user_error
-from heronry_tools.watch.live_feeds import Event, Feed, FollowedManager
+from heronry_tools.watch.live_feeds import Feed, FollowedManager
 from heronry_tools.web.live import Live
 
 _LOOK_S: Final = 0.2

@@ -8,33 +8,34 @@ last ten minutes.
 """
 
 import asyncio
-import json
 import time
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, Final
 from zlib import compress, decompress
 
+from heronry_manager import events
+from heronry_manager.events import Event
+from heronry_manager.events.line import to_line
 from heronry_tools.watch.reducer import Reducer, State
 from heronry_tools.watch.snapshot import Snapshot, Source
 
 KEPT_LINES: Final = 5_000
 KEPT_LOADS: Final = 600  # of each bus: ten minutes
 _LOADS_APART_NS: Final = 950_000_000  # a feed tells them twice a second, and each is the load of a whole second
-BY_THE_CLOCK: Final = frozenset({"bus_seen", "heard"})  # told also where nothing is heard any more
-NOT_LISTED: Final = frozenset({"bus_seen", "heard", "pe_seen", "feed", "status", "runs"})  # too many, or no events
+BY_THE_CLOCK: Final = (events.BusSeen, events.Heard)  # told also where nothing is heard any more
+NOT_LISTED: Final = (*BY_THE_CLOCK, events.PeSeen, events.Feed, events.Status, events.Runs)  # too many, or no events
 
-Event = Mapping[str, Any]
 Load = dict[str, Any]
 
 
-def load_of(number: int, event: Event) -> Load:
+def load_of(number: int, event: events.BusSeen) -> Load:
     """Give the load of a bus in a `bus_seen` event, in the form that a page reads.
 
     number: the number of the event in the feed.
     """
-    keys = ("bus", "load", "peak", "bits_per_s")
-    return {"number": number, "t_ns": event["t_ns"], **{key: event[key] for key in keys}}
+    seen = {"bus": event.bus, "load": event.load, "peak": event.peak, "bits_per_s": event.bits_per_s}
+    return {"number": number, "t_ns": event.t_ns, **seen}
 
 
 class DrawnLoads:
@@ -43,9 +44,9 @@ class DrawnLoads:
     def __init__(self) -> None:
         self._last_ns: dict[str, int] = {}  # by bus
 
-    def takes(self, event: Event) -> bool:
-        """Tell whether the page shows the load of `event`, a `bus_seen` event; if so, remember its time."""
-        bus, t_ns = event["bus"], event["t_ns"]
+    def takes(self, event: events.BusSeen) -> bool:
+        """Tell whether the page shows the load of `event`; if so, remember its time."""
+        bus, t_ns = event.bus, event.t_ns
         if 0 <= t_ns - self._last_ns.get(bus, t_ns - _LOADS_APART_NS) < _LOADS_APART_NS:
             return False
         self._last_ns[bus] = t_ns
@@ -74,7 +75,7 @@ class Live:
         """Give the time in seconds since an event, the connection or the bus last showed that the system is there."""
         return time.monotonic() - self._last_came_s
 
-    def take_all(self, events: Iterable[Event], trouble: str | None, *, is_alive: bool) -> None:
+    def take_all(self, come: Iterable[Event], trouble: str | None, *, is_alive: bool) -> None:
         """Take the events of one poll of a feed.
 
         trouble: why nothing comes at present; None if all is well.
@@ -83,19 +84,18 @@ class Live:
         if is_alive:
             self._last_came_s = time.monotonic()
         self.trouble = trouble
-        for event in events:
+        for event in come:
             self.take(event)
 
     def take(self, event: Event) -> None:
         """Take the next event of the feed."""
         self._state = self._reducer.after(self._state, event)
-        kind = event.get("event")
-        if kind not in BY_THE_CLOCK:
+        if not isinstance(event, BY_THE_CLOCK):
             self._last_came_s = time.monotonic()
-        if kind == "bus_seen" and self._drawn.takes(event):
+        if isinstance(event, events.BusSeen) and self._drawn.takes(event):
             self._loads.append(load_of(self._state.snapshot.events, event))
-        if kind not in NOT_LISTED:
-            self._lines.append(compress(json.dumps(event, separators=(",", ":")).encode(), 1))
+        if not isinstance(event, NOT_LISTED):
+            self._lines.append(compress(to_line(event).encode(), 1))
         self._wake()
 
     def waits(self, sentence: str) -> None:

@@ -1,9 +1,10 @@
 """A recorded flight as the page shows it: its timeline with marks, its loads, and a file of its events."""
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+from heronry_manager.events import BusSeen, Event
+from heronry_manager.events.line import to_line
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Source
 from heronry_tools.watch.timeline import Timeline
@@ -13,15 +14,16 @@ from heronry_tools.web.live import KEPT_LOADS, NOT_LISTED, DrawnLoads, Load, loa
 class Recording(Timeline):
     """The timeline of a recorded flight, with the loads that the page draws and a mark at each reconfiguration."""
 
-    def __init__(self, reducer: Reducer, events: Sequence[Mapping[str, Any]], source: Source) -> None:
+    def __init__(self, reducer: Reducer, events: Sequence[Event], source: Source) -> None:
         super().__init__(reducer, events, source)
         drawn = DrawnLoads()
-        seen = ((number, one) for number, one in enumerate(events, 1) if one["event"] == "bus_seen")
+        seen = ((number, one) for number, one in enumerate(events, 1) if isinstance(one, BusSeen))
         self._loads = [load_of(number, one) for number, one in seen if drawn.takes(one)]
+        done = self.last().reconfigurations
         self.marks: list[dict[str, Any]] = [  # the reconfigurations, for the slider
-            {"number": one.number, "epoch": one.epoch, "t_ns": one.done_ns, "what": one.sentence}
-            for one in self.last().reconfigurations
+            {"number": one.number, "epoch": one.epoch, "t_ns": one.done_ns, "what": one.sentence} for one in done
         ]
+        self._first_ns = done[0].done_ns if done else self.begins_ns
 
     @property
     def first_configuration_ns(self) -> int:
@@ -29,7 +31,7 @@ class Recording(Timeline):
 
         A page begins at this time.
         """
-        return int(self.marks[0]["t_ns"]) if self.marks else self.begins_ns
+        return self._first_ns
 
     def loads(self, after: int, until: int) -> list[Load]:
         """Give the loads of the buses in the events numbered above `after` and up to `until`.
@@ -42,5 +44,5 @@ class Recording(Timeline):
     def lines(self) -> Iterator[str]:
         """Give every event that the page lists (all except `NOT_LISTED`), a line of JSON each."""
         for event in self.events:
-            if event["event"] not in NOT_LISTED:
-                yield json.dumps(event, separators=(",", ":"))
+            if not isinstance(event, NOT_LISTED):
+                yield to_line(event)

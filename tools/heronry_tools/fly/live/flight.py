@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager.events import PlanReady
 from heronry_tools.console.errors import UserError
 from heronry_tools.fly.live.driver import FOLDER, READINGS
 from heronry_tools.fly.live.shared_readings import Reader
@@ -22,7 +23,7 @@ from heronry_tools.fly.mission import Blow, Mission
 from heronry_tools.fly.plant import NS_PER_S
 from heronry_tools.fly.record import place_labels
 from heronry_tools.runtime.demo.buses import choose, hub_paths
-from heronry_tools.runtime.demo.event_stream import EventStream
+from heronry_tools.runtime.demo.event_stream import EventStream, LineStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.scenario.bad_radios import KINDS, BadRadios
@@ -94,7 +95,7 @@ class _Plant:
         )
         self._readings = folder / READINGS
         assert self._process.stdout is not None
-        self._messages = EventStream(self._process.stdout)
+        self._messages = LineStream(self._process.stdout)
         begun_s = time.monotonic()
         while not self._readings.exists():
             if self._process.poll() is not None or time.monotonic() - begun_s > _LONGEST_START_S:
@@ -133,7 +134,7 @@ class _Plant:
             raise UserError(
                 "the plant process has ended during the flight; its message, if it wrote one, stands above; fly again"
             )
-        return messages
+        return [json.loads(message) for message in messages]
 
 
 class _Flight:
@@ -161,8 +162,8 @@ class _Flight:
                     return {**line, "places": self._places}
                 self._released_ns = line["released_ns"]
             for event in self._events.take():
-                if event["event"] == "plan_ready":
-                    self._places = place_labels(event["plan"])
+                if isinstance(event, PlanReady):
+                    self._places = place_labels(event.plan)
             problem = self._fleet.ended()
             if problem is None and self._released_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
                 problem = f"not every control surface was driven within {_LONGEST_START_S:.0f} s of the start"

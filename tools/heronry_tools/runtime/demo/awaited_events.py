@@ -5,11 +5,13 @@ An event that does not come in time, or a manager that has ended, ends the bench
 
 import time
 from collections import deque
-from typing import IO, Any
+from typing import IO, TypeVar
 
+from heronry_manager import events
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
 
+_E = TypeVar("_E", bound=events.Event)
 LONGEST_S = 60.0  # Python and the solver may take long to load; nothing else does
 
 
@@ -19,9 +21,9 @@ class AwaitedEvents:
     def __init__(self, fleet: Fleet, stream: IO[bytes]) -> None:
         """Begin to read `stream`, the events of a manager of `fleet`; nothing else may read this stream from now on."""
         self._fleet, self._stream = fleet, EventStream(stream)
-        self._come: deque[dict[str, Any]] = deque()
+        self._come: deque[events.Event] = deque()
 
-    def wait(self, *kinds: str, pe: str | None = None) -> dict[str, Any]:
+    def wait(self, *kinds: type[_E], pe: str | None = None) -> _E:
         """Return the next event of one of `kinds`, about this PE if one is named.
 
         Raises SystemExit if no such event comes within LONGEST_S seconds.
@@ -30,17 +32,17 @@ class AwaitedEvents:
         while True:
             while self._come:
                 told = self._come.popleft()
-                last = told["event"]
-                if last in kinds and pe in (None, told.get("pe")):
+                last = told.kind
+                if isinstance(told, kinds) and (pe is None or _is_about(told, pe)):
                     return told
             if time.monotonic() > until_s:
-                wanted = " or ".join(f"'{kind}'" for kind in kinds)
+                wanted = " or ".join(f"'{kind.KIND}'" for kind in kinds)
                 raise SystemExit(
                     f"the benchmark ends here: no event {wanted} came in {LONGEST_S:g} s; the last event was '{last}'"
                 )
             self._read(max(0.0, until_s - time.monotonic()))
 
-    def take(self) -> list[dict[str, Any]]:
+    def take(self) -> list[events.Event]:
         """Return the events that have come since the last call; raises SystemExit where the manager has ended."""
         self._read(0.0)
         come = list(self._come)
@@ -52,3 +54,7 @@ class AwaitedEvents:
         if self._stream.has_ended:
             why = self._fleet.ended() or "a manager has closed its output of events; repeat the benchmark"
             raise SystemExit(f"the benchmark ends here: {why}")
+
+
+def _is_about(told: events.Event, pe: str) -> bool:
+    return isinstance(told, events.PeLost | events.PeJoined) and told.pe == pe

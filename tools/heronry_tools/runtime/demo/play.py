@@ -7,8 +7,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_manager.contingency.contingencies import Contingencies
-from heronry_manager.core.events import event
 from heronry_manager.shell.ordered_telling import Tell
 from heronry_tools.analysis.made_ahead import Ahead, Source, can_plan_ahead, contingencies_of, kept_contingencies
 from heronry_tools.console.errors import UserError
@@ -79,10 +79,10 @@ def play(arguments: argparse.Namespace) -> int:
         tell = print_event if arguments.json else screen(flown)
         own_ns = spec.buses[spec.manager.bus].heartbeat_ns
         period_ns = flown.buses[spec.manager.bus].heartbeat_ns
-        tell(event("heartbeat", time.monotonic_ns(), late_ns=late_ns, period_ns=period_ns, of_spec_ns=own_ns))
-        tell(event("logs", time.monotonic_ns(), folder=str(folder), kept=False))
+        tell(events.Heartbeat(time.monotonic_ns(), late_ns=late_ns, period_ns=period_ns, of_spec_ns=own_ns))
+        tell(events.Logs(time.monotonic_ns(), folder=str(folder), kept=False))
         flags = f"--of {called}" if called is not None else f"--socket {fleet.control_socket()}"
-        tell(event("orders", time.monotonic_ns(), flags=flags))
+        tell(events.Orders(time.monotonic_ns(), flags=flags))
         if behind is not None:
             stack.callback(behind.close)
         show = Show(flown, fleet, choices, tell, behind, page=page)
@@ -112,7 +112,7 @@ def _run(show: Show, fleet: Fleet, tell: Tell, run: Callable[[], int]) -> int:
     except UserError as error:
         raise UserError(f"{error}; the logs are kept in {fleet.keep_logs()}") from None
     if code or show.saw_failure:
-        tell(event("logs", time.monotonic_ns(), folder=str(fleet.keep_logs()), kept=True))
+        tell(events.Logs(time.monotonic_ns(), folder=str(fleet.keep_logs()), kept=True))
     return code
 
 

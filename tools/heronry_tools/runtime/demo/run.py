@@ -9,12 +9,14 @@ Reports on served functions come from the witness, which reads frames. Reports o
 
 import select
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import IO, Any
+from dataclasses import replace
+from typing import IO, Any, Concatenate, Literal, ParamSpec
 
 from heronry_dg.model import Spec
-from heronry_manager.core.events import event as make_event
+from heronry_dg.plan_document import PlanDocument
+from heronry_manager import events
 from heronry_manager.core.vocabulary import EnterPhase
 from heronry_manager.shell.ordered_telling import HELD_NS, OrderedTelling, Tell
 from heronry_tools.console.errors import UserError
@@ -39,6 +41,8 @@ LONG_SILENCE_NS = 1_000_000_000  # a silence of this length is reported while it
 _LOOK_S = 0.1  # period of the check for outages
 _WAITS_NS = 1_000_000_000  # a wait for a processor this long before a PE is lost counts as a cause; at least T_lease
 
+_NOT_MEASURED = events.Waited("", 0, 0)
+_Fields = ParamSpec("_Fields")
 _MOST_ALONE = 3  # outages at a time that are reported one by one; more are reported in one line
 
 
@@ -74,7 +78,7 @@ class Show:
         self._held_outages = (HeldOutages(are_over=False), HeldOutages(are_over=True))
         self._start_ns: int | None = None  # the first configuration runs
         self._pending: str | None = "the first configuration"  # what is under way
-        self._plan: Mapping[str, Any] = {}
+        self._plan: PlanDocument | None = None
         self._day_offset_ns = time.time_ns() - time.monotonic_ns()  # of the record, which has dates
         self._events: EventStream  # of the manager that is followed
         self._managers: dict[int, EventStream] = {}  # by node
@@ -104,7 +108,7 @@ class Show:
             ears = {n: stack.enter_context(Ear(choice, self._spec.buses[n])) for n, choice in self._choices.items()}
             for choice in self._choices.values():
                 self._emit(
-                    "bus",
+                    events.Bus,
                     name=choice.name,
                     interface=choice.interface,
                     channel=choice.channel,
@@ -116,7 +120,7 @@ class Show:
             if has_standby:
                 self._managers[LAST_MANAGER] = EventStream(self._fleet.start_manager(LAST_MANAGER, standby=True))
             for pe in self._spec.pes:
-                self._emit("process", pe=pe, pid=self._fleet.start_pe(pe), what="started")
+                self._emit(events.Process, pe=pe, pid=self._fleet.start_pe(pe), what="started")
             self._loop(ears, record)
             return self._summary()
 
@@ -155,7 +159,7 @@ class Show:
         now_ns = time.monotonic_ns()
         late = meter.woke(now_ns, time.thread_time_ns())
         if late is not None and self._standstills.count(late, now_ns):
-            self._emit("stood_still", by="the demo", for_ns=late.for_ns, times=self._standstills.long_times)
+            self._emit(events.StoodStill, by="the demo", for_ns=late.for_ns, times=self._standstills.long_times)
 
     def _over(self) -> bool:
         """Tell whether the demo may end.
@@ -169,7 +173,7 @@ class Show:
         awaited = self._awaited()
         if awaited and not self._is_waiting_told:
             self._is_waiting_told = True
-            self._emit("overtime", awaited=awaited, at_most_s=GRACE_S)
+            self._emit(events.Overtime, awaited=tuple(awaited), at_most_s=GRACE_S)
         return not awaited or self._show_s() >= self._seconds + GRACE_S
 
     def _awaited(self) -> list[str]:
@@ -192,62 +196,63 @@ class Show:
             return _LOOK_S
         return max(0.0, min(_LOOK_S, self._actions[0].at_s - self._show_s()))
 
-    def _follow(self, one: dict[str, Any]) -> None:
-        self._mute = self._mute and one["event"] != "taken_over"  # a standby manager repeats events of the active one
+    def _follow(self, one: events.Event) -> None:
+        self._mute = self._mute and not isinstance(
+            one, events.TakenOver
+        )  # a standby manager repeats events of the active one
         if self._mute:
             return
-        if one["event"] != "bus":  # the demo has reported it
+        if not isinstance(one, events.Bus):  # the demo has reported it
             self._telling.take(self._noted(one))
-        self.saw_failure |= one["event"] in ("module_restarted", "module_failed")
-        match one["event"]:
-            case "pe_joined" if one["t_ns"] >= self._down_since_ns.get(one["pe"], 0):  # else it is an old event
-                if one["pe"] in self._coming_back:  # else the manager has not noticed the kill yet
-                    self._coming_back.discard(one["pe"])
-                    del self._down_since_ns[one["pe"]]
-            case "plan_requested":
+        self.saw_failure |= isinstance(one, events.ModuleRestarted | events.ModuleFailed)
+        match one:
+            case events.PeJoined(pe=pe) if one.t_ns >= self._down_since_ns.get(pe, 0):  # else it is an old event
+                if pe in self._coming_back:  # else the manager has not noticed the kill yet
+                    self._coming_back.discard(pe)
+                    del self._down_since_ns[pe]
+            case events.PlanRequested():
                 self._pending = "a plan"
-            case "plan_ready":
-                self._plan = one["plan"]
-            case "plan_unchanged" | "plan_kept":
+            case events.PlanReady(plan=plan):
+                self._plan = plan
+            case events.PlanUnchanged() | events.PlanKept():
                 self._pending = None
-            case "epoch_prepared":
-                self._pending = f"epoch {one['epoch']}"
-            case "reconfigured":
-                if self._pending == f"epoch {one['epoch']}":
+            case events.EpochPrepared(epoch=epoch):
+                self._pending = f"epoch {epoch}"
+            case events.Reconfigured(epoch=epoch):
+                if self._pending == f"epoch {epoch}":
                     self._pending = None
-                self._begin(one["t_ns"])
+                self._begin(one.t_ns)
             case _:
                 pass
 
-    def _noted(self, one: dict[str, Any]) -> dict[str, Any]:
-        """Give an event of the manager; if a PE was lost although its process runs, add the field `waited`.
+    def _noted(self, one: events.Event) -> events.Event:
+        """Give an event of the manager; if a PE was lost although its process runs, fill the field `waited`.
 
-        The field is None until `_pass_on` fills it with the longest time for which a process has waited for a
+        `_pass_on` replaces what is in the field now by the longest time for which a process has waited for a
         processor.
         """
-        if one["event"] == "pe_lost" and one["t_ns"] < self._down_since_ns.get(one["pe"], one["t_ns"] + 1):
-            return one | {"waited": None}
+        if isinstance(one, events.PeLost) and one.t_ns < self._down_since_ns.get(one.pe, one.t_ns + 1):
+            return replace(one, waited=_NOT_MEASURED)
         return one
 
-    def _pass_on(self, one: Mapping[str, Any]) -> None:
-        """Pass on an event of the manager; if `_noted` has added the field `waited` to it, fill this field before.
+    def _pass_on(self, one: events.Event) -> None:
+        """Pass on an event of the manager; if `_noted` has filled its field `waited`, set this field before.
 
         The field gets the longest time for which a process has waited for a processor. The processes of the lost
         PE, of the managers and of the buses count, since each may be the reason for the loss (`_waited`).
         """
-        if one["event"] == "pe_lost" and "waited" in one:
-            one = {**one, "waited": self._waited([one["pe"]])}
+        if isinstance(one, events.PeLost) and one.waited is _NOT_MEASURED:
+            one = replace(one, waited=self._waited([one.pe]))
         self._tell(one)
 
-    def _waited(self, pes: Sequence[str]) -> dict[str, Any]:
-        """Give the longest time for which a process has waited for a processor, as the fields of an event.
+    def _waited(self, pes: Sequence[str]) -> events.Waited:
+        """Give the longest time for which a process has waited for a processor, as events name it.
 
         The processes of these PEs, of the managers and of the buses count: each of them may have made a PE silent.
-        Fields: `who` waited, for how long (`for_ns`), within how much time (`of_ns`).
         """
         now_ns, processes = time.monotonic_ns(), self._fleet.processes()
         longest = max((self._waits.longest(now_ns, pe, processes) for pe in pes), key=lambda wait: wait.for_ns)
-        return {"who": longest.who, "for_ns": longest.for_ns, "of_ns": longest.of_ns}
+        return events.Waited(longest.who, longest.for_ns, longest.of_ns)
 
     def _begin(self, now_ns: int) -> None:
         """Start the demo's clock, since the first configuration runs; later calls have no effect.
@@ -260,7 +265,7 @@ class Show:
         if self._has_default_actions:
             self._actions = [*default_actions(self._plan, self._seconds)]
         if self._behind is not None:
-            self._emit("planned_ahead", sentence=self._behind.start())
+            self._emit(events.PlannedAhead, sentence=self._behind.start())
 
     def _watch(self, name: str, ear: Ear, record: IO[str] | None) -> None:
         for time_ns, frame in ear.hear():
@@ -288,7 +293,7 @@ class Show:
         if self._page is not None and any(one in ready for one in self._page.readers()):
             address = self._page.address()
             if address is not None:
-                self._emit("page", address=address)
+                self._emit(events.Page, address=address)
             else:
                 self._page.execute(self._do)
 
@@ -306,8 +311,8 @@ class Show:
         else:
             self._coming_back.add(pe)
             pid = self._fleet.start_pe(pe)
-        done = "killed" if what == "kill" else "restored"
-        self._emit("process", began_ns, pe=pe, pid=pid, what=done)
+        done: Literal["killed", "restored"] = "killed" if what == "kill" else "restored"
+        self._telling.take(events.Process(began_ns, pe, pid, done))
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
@@ -316,7 +321,7 @@ class Show:
         The demo ignores the events of the standby manager until this manager takes over.
         """
         victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
-        self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
+        self._telling.take(events.Process(began_ns, MANAGER, self._fleet.kill_manager(victim), "killed"))
         del self._managers[victim]
         (self._events,), self._mute = self._managers.values(), True
 
@@ -349,12 +354,12 @@ class Show:
         """
         gathered = len(outages) > _MOST_ALONE
         for one in outages:
-            self._emit("outage", function=one.function, from_ns=one.from_ns, to_ns=one.to_ns, gathered=gathered)
+            self._emit(events.Outage, function=one.function, from_ns=one.from_ns, to_ns=one.to_ns, gathered=gathered)
         if gathered:
             lengths = [(now_ns if one.to_ns is None else one.to_ns) - one.from_ns for one in outages]
             self._emit(
-                "outages",
-                functions=[*dict.fromkeys(one.function for one in outages)],
+                events.Outages,
+                functions=tuple(dict.fromkeys(one.function for one in outages)),
                 times=len(outages),
                 over=outages[0].to_ns is not None,
                 shortest_ns=min(lengths),
@@ -363,18 +368,18 @@ class Show:
 
     def _tell_plans(self, sentence: str | None) -> None:
         if sentence is not None:
-            self._emit("planned_ahead", sentence=sentence)
+            self._emit(events.PlannedAhead, sentence=sentence)
 
     def _unserved(self) -> list[str]:
         """Name the functions that the plan serves, but that are not served now as the witness observes it."""
         now_ns = time.monotonic_ns()
-        planned = (name for name, function in self._plan.get("functions", {}).items() if function["served"])
+        planned = [] if self._plan is None else self._plan.served()
         return [name for name in planned if not self._witness.served(name, now_ns)]
 
     def _driving(self, function: str) -> list[str]:
         """Give the PEs on which the plan runs output modules of a function."""
-        modules = self._plan["modules"]
-        return [modules[name]["pe"] for name in self._spec.functions[function].outputs if name in modules]
+        modules = {} if self._plan is None else self._plan.modules
+        return [modules[name].pe for name in self._spec.functions[function].outputs if name in modules]
 
     def _summary(self) -> int:
         unserved = self._unserved()
@@ -384,16 +389,19 @@ class Show:
         for held in self._held_outages:
             self._tell_outages(held.all(), time.monotonic_ns())
         self._tell_plans(None if self._behind is None else self._behind.close())
+        planned = [] if self._plan is None else self._plan.served()
         self._emit(
-            "summary",
-            served=[n for n, f in self._plan.get("functions", {}).items() if f["served"] and n not in unserved],
-            unserved=silent,
-            never=never,
+            events.Summary,
+            served=tuple(name for name in planned if name not in unserved),
+            unserved=tuple(silent),
+            never=tuple(never),
             waited=waited,
-            rivals=[f"{a.module} and {b.module}" for a, b in self._witness.rivals],
+            rivals=tuple(f"{a.module} and {b.module}" for a, b in self._witness.rivals),
             pending=self._pending,
         )
         return 1 if silent or self._witness.rivals or self._pending is not None else 0
 
-    def _emit(self, kind: str, at_ns: int | None = None, /, **data: Any) -> None:
-        self._telling.take(make_event(kind, time.monotonic_ns() if at_ns is None else at_ns, **data))
+    def _emit(
+        self, kind: Callable[Concatenate[int, _Fields], events.Event], *fields: _Fields.args, **named: _Fields.kwargs
+    ) -> None:
+        self._telling.take(kind(time.monotonic_ns(), *fields, **named))

@@ -9,11 +9,11 @@ SECONDS count from the moment at which the first configuration runs.
 
 import re
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from heronry_dg.model import Spec
+from heronry_dg.plan_document import PlanDocument
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
 from heronry_tools.console.errors import UserError
 
@@ -69,12 +69,12 @@ def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoA
     return sorted(actions)
 
 
-def default_actions(plan: Mapping[str, Any], seconds: float) -> list[DemoAction]:
+def default_actions(plan: PlanDocument | None, seconds: float) -> list[DemoAction]:
     """Give the usual actions: the PE with most modules is killed after 4 s, and restored after 9 s.
 
     Actions that are not due within the first `seconds` of the demo are left out.
     """
-    runs = Counter(module["pe"] for module in plan.get("modules", {}).values())
+    runs = Counter() if plan is None else Counter(running.pe for running in plan.modules.values())
     if not runs:
         return []
     busiest = max(runs, key=lambda pe: (runs[pe], pe))

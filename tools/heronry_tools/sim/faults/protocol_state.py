@@ -15,24 +15,24 @@ in the state already, the fault is injected shortly after the time of the fault 
 """
 
 from collections import Counter
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
 
+from heronry_manager import events
 from heronry_tools.sim.world.clock import Clock
 
 ORPHANED = "orphaned"
 STATES = ("idle", "suspect", "planning", "preparing", "activating", "going", "rejoining", ORPHANED)
 
-_FOLLOWS = {
-    "manager_started": "idle",
-    "taken_over": "idle",
-    "plan_requested": "planning",
-    "plan_unchanged": "idle",
-    "plan_kept": "idle",
-    "plan_failed": "idle",
-    "epoch_prepared": "preparing",
-    "epoch_abandoned": "planning",
-    "reconfigured": "idle",
+_FOLLOWS: Mapping[type[events.Event], str] = {
+    events.ManagerStarted: "idle",
+    events.TakenOver: "idle",
+    events.PlanRequested: "planning",
+    events.PlanUnchanged: "idle",
+    events.PlanKept: "idle",
+    events.PlanFailed: "idle",
+    events.EpochPrepared: "preparing",
+    events.EpochAbandoned: "planning",
+    events.Reconfigured: "idle",
 }
 # For this time after a PE was heard again it counts as rejoining; it may fall silent during its hold-down.
 _FORGOTTEN_AFTER_NS = 2_000_000_000
@@ -63,24 +63,28 @@ class ProtocolState:
         since_ns = self._clock.now_ns - _FORGOTTEN_AFTER_NS
         return "rejoining" if any(at_ns > since_ns for at_ns in self._returning.values()) else "idle"
 
-    def take(self, event: dict[str, Any]) -> None:
+    def take(self, event: events.Event) -> None:
         """Update the state by an event of a manager."""
-        kind = event["event"]
-        if kind in _FOLLOWS:
-            self._reconfiguring = _FOLLOWS[kind]
-        elif kind == "epoch_step":
-            self._reconfiguring = "going" if event["step"] == "GO_ALL" else "activating"
-        elif kind == "pe_suspected":
-            self._suspects.add(event["pe"])
-        elif kind in ("pe_answered", "pe_lost"):
-            self._suspects.discard(event["pe"])
-        if kind == "pe_heard_again":
-            self._returning[event["pe"]] = self._clock.now_ns
-        elif kind in ("pe_joined", "pe_lost"):
-            self._returning.pop(event["pe"], None)
-        if kind in ("manager_started", "taken_over"):
-            self._suspects.clear()
-            self._returning.clear()
+        self._reconfiguring = _FOLLOWS.get(type(event), self._reconfiguring)
+        match event:
+            case events.EpochStep(step=step):
+                self._reconfiguring = "going" if step == "GO_ALL" else "activating"
+            case events.PeSuspected(pe=pe):
+                self._suspects.add(pe)
+            case events.PeAnswered(pe=pe):
+                self._suspects.discard(pe)
+            case events.PeLost(pe=pe):
+                self._suspects.discard(pe)
+                self._returning.pop(pe, None)
+            case events.PeHeardAgain(pe=pe):
+                self._returning[pe] = self._clock.now_ns
+            case events.PeJoined(pe=pe):
+                self._returning.pop(pe, None)
+            case events.ManagerStarted() | events.TakenOver():
+                self._suspects.clear()
+                self._returning.clear()
+            case _:
+                pass
         self._moved()
 
     def set_active_manager(self, *, is_heard: bool) -> None:

@@ -9,6 +9,7 @@
 
 from collections.abc import Collection, Iterable
 
+from heronry_manager.events import Reconfigured
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
@@ -22,7 +23,7 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
     targets: all targets into which faults were injected.
     """
     targets = list(targets)
-    start_ns = next((event["t_ns"] for event in simulation.events_of("reconfigured")), simulation.now_ns)
+    start_ns = next((event.t_ns for event in simulation.events_of(Reconfigured)), simulation.now_ns)
     injections.heal()
     silences = simulation.checks.silences(injections.injected, simulation.now_ns)
     violations = simulation.settle()

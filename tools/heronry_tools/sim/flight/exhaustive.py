@@ -37,6 +37,7 @@ from dataclasses import dataclass
 from random import Random
 
 from heronry_dg.model import Spec
+from heronry_manager.events import Adopted, PlanUnchanged, Reconfigured
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import EVERYTHING, MANAGER, MANAGERS, Fault, possible_targets
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by
@@ -240,9 +241,9 @@ def _done_ns(simulation: Simulation) -> list[int]:
     Late PEs count as admitted three heartbeat periods after either of these events: a plan has changed nothing; an
     epoch was adopted.
     """
-    told = [event for kind in ("plan_unchanged", "adopted") for event in simulation.events_of(kind)]
-    admitted = [event["t_ns"] + _ADMITTED_NS for event in told]
-    return sorted([*admitted, *(event["t_ns"] for event in simulation.events_of("reconfigured"))])
+    told = [*simulation.events_of(PlanUnchanged), *simulation.events_of(Adopted)]
+    admitted = [event.t_ns + _ADMITTED_NS for event in told]
+    return sorted([*admitted, *(event.t_ns for event in simulation.events_of(Reconfigured))])
 
 
 def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFault]:
@@ -286,7 +287,7 @@ def begin(simulation: Simulation, story: str) -> Injections:
 
     The event happens as soon as the simulation continues. Raises UserError if the aircraft does not start.
     """
-    while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
+    while story != "start" and (not simulation.events_of(Reconfigured) or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
             why = next((one.story for one in simulation.unsettled()), "no configuration runs")

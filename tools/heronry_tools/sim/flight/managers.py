@@ -7,9 +7,10 @@ which stays when the manager dies.
 
 from collections.abc import Callable, Mapping
 from random import Random
-from typing import Any
+from typing import TypeVar
 
 from heronry_dg.model import Spec
+from heronry_manager import events
 from heronry_tools.sim.faults.protocol_state import ProtocolState
 from heronry_tools.sim.flight.wiring import Wiring
 from heronry_tools.sim.oracles.checks import Checks
@@ -21,14 +22,15 @@ from heronry_tools.sim.world.simulated_manager import SimulatedManager
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER
 
+_E = TypeVar("_E", bound=events.Event)
 _OF_A_STANDBY = (
-    "manager_started",
-    "standing_by",
-    "stepped_down",
-    "hears_nobody",
-    "refused",
-    "second_manager",
-    "stopped",
+    events.ManagerStarted,
+    events.StandingBy,
+    events.SteppedDown,
+    events.HearsNobody,
+    events.Refused,
+    events.SecondManager,
+    events.Stopped,
 )
 
 
@@ -61,7 +63,7 @@ class Managers:
         decide_ns: returns the time that the next planning run takes
         """
         self.running: dict[int, SimulatedManager] = {}
-        self.events: list[dict[str, Any]] = []
+        self.events: list[events.Event] = []
         self.protocol = ProtocolState(clock)
         self.are_two = are_two
         self.disks = disks
@@ -85,9 +87,9 @@ class Managers:
         manager = self.foremost
         return manager if manager is not None and manager.is_awake and manager.core.is_active else None
 
-    def events_of(self, kind: str) -> list[dict[str, Any]]:
+    def events_of(self, kind: type[_E]) -> list[_E]:
         """Return the events of one kind, from all managers, among the events that are kept."""
-        return [event for event in self.events if event["event"] == kind]
+        return [event for event in self.events if isinstance(event, kind)]
 
     def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
         """Start the manager on a seat (a computer, see the head of this file), with the journal on the seat's disk.
@@ -144,7 +146,7 @@ class Managers:
         )
         self.protocol.set_active_manager(is_heard=any(active_manager))
 
-    def _tell(self, seat: int, event: dict[str, Any]) -> None:
+    def _tell(self, seat: int, event: events.Event) -> None:
         """Keep an event of the manager that `running` has under the number `seat`.
 
         While another manager is the active one, keep the event only if its kind is in `_OF_A_STANDBY`.
@@ -152,7 +154,7 @@ class Managers:
         foremost = self.foremost
         self.see_active_manager()
         if foremost is not None and foremost.core.is_active and foremost is not self.running.get(seat):
-            if event["event"] not in _OF_A_STANDBY:
+            if not isinstance(event, _OF_A_STANDBY):
                 return
             self.events.append(event)
             return

@@ -7,9 +7,9 @@ to converge (`end_of_flight`).
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager.events import Reconfigured
 from heronry_tools.sim.faults.fault import KINDS, Fault
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, not_injected
 from heronry_tools.sim.flight.injection.schedule import Injections
@@ -55,7 +55,7 @@ class Outcome:
     digest: str
     frames: int
     virtual_ns: int
-    reconfigurations: tuple[dict[str, Any], ...]  # the events "reconfigured"
+    reconfigurations: tuple[Reconfigured, ...]
     violations: tuple[Violation, ...]
     hits: Counter[tuple[str, str]] = field(default_factory=Counter)
     entered: Counter[str] = field(default_factory=Counter)
@@ -113,7 +113,7 @@ def play(
         simulation.digest(),
         sum(bus.frames for bus in simulation.wiring.buses.values()),
         simulation.now_ns,
-        tuple(simulation.events_of("reconfigured")),
+        tuple(simulation.events_of(Reconfigured)),
         simulation.waivers.promised(violations),
         hits,
         simulation.managers.protocol.entered,
@@ -128,11 +128,11 @@ def _fly(
     begun: Callable[[Simulation, int], None],
     second_passed: Callable[[], None],
 ) -> list[Violation]:
-    while not simulation.events_of("reconfigured"):
+    while not simulation.events_of(Reconfigured):
         simulation.run_for(_MS)
         if simulation.now_ns > _LONGEST_START_NS:
             return [Violation(simulation.now_ns, "active", "no configuration has ever run")]
-    start_ns = simulation.events_of("reconfigured")[0]["t_ns"]
+    start_ns = simulation.events_of(Reconfigured)[0].t_ns
     injections = Injections(simulation, scenario.faults, start_ns)
     injections.hits = hits
     begun(simulation, start_ns)

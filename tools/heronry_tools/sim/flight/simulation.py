@@ -11,10 +11,11 @@ outputs, but no state of a core.
 from collections.abc import Callable, Collection
 from functools import partial
 from random import Random
-from typing import Any
+from typing import TypeVar
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import uplink_bus
+from heronry_manager.events import Event
 from heronry_tools.aircraft.plant import Failure, Plant, PlantOfDevices
 from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.flight.fleet import Fleet
@@ -44,6 +45,9 @@ DEFAULT_SKEW_PPM = 100  # largest error of a clock
 
 _LOOK_NS = 100 * MS
 _LATEST_START_NS = 200 * MS
+
+
+_E = TypeVar("_E", bound=Event)
 
 
 class Simulation:
@@ -138,11 +142,11 @@ class Simulation:
         return self.checks.witness
 
     @property
-    def events(self) -> list[dict[str, Any]]:
+    def events(self) -> list[Event]:
         """Return the events of the managers; of a standby manager only those about itself."""
         return self.managers.events
 
-    def events_of(self, kind: str) -> list[dict[str, Any]]:
+    def events_of(self, kind: type[_E]) -> list[_E]:
         """Return the events of one kind from all managers; of a standby manager only events about itself."""
         return self.managers.events_of(kind)
 

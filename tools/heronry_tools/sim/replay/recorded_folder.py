@@ -14,12 +14,13 @@ The log gives each frame with date and time. When it is read, this time is conve
 """
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager.events import Event
+from heronry_manager.events.reading import events_in
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
 from heronry_wire.frame import LoggedFrame, Malformed, parse_log_line
@@ -61,16 +62,16 @@ def spec_of(folder: Path, text: str | None = None) -> Spec:
     if text is None:
         return load_spec(str(folder / head["spec_file"]))
     spec = load_spec(text)
-    expect_spec_of(head, spec, f"{folder} has its own spec: leave SPEC out", str(folder))
+    expect_spec_of(head["spec"], head["spec_digest"], spec, f"{folder} has its own spec: leave SPEC out", str(folder))
     return spec
 
 
-def expect_spec_of(told: Mapping[str, Any], spec: Spec, remedy: str, name: str) -> None:
+def expect_spec_of(flown: str, digest: str, spec: Spec, remedy: str, name: str) -> None:
     """Raise UserError if the recording `name` was made with another spec.
 
-    told: the content of the recording's flight.json. remedy: what the user can do, for the message.
+    flown, digest: the name and the digest of the spec with which it was made.
+    remedy: what the user can do, for the message.
     """
-    flown, digest = told["spec"], told["spec_digest"]
     if digest != spec.digest:
         other = "another version of this spec" if flown == spec.name else f"'{spec.name}' ({_short(spec.digest)})"
         raise UserError(f"{name} is a flight of '{flown}' ({_short(digest)}), and SPEC is {other}; {remedy}")
@@ -94,12 +95,10 @@ def log_of(folder: Path) -> list[LoggedFrame]:
     return sorted(frames, key=lambda logged: logged.time_ns)
 
 
-def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
+def events_of(folder: Path) -> Iterator[Event]:
     """Return all events of a folder, in the order in which they were recorded."""
     for file in sorted(folder.glob(f"*{EVENTS_SUFFIX}")):
-        for line in _whole_lines(file):
-            with suppress(ValueError):
-                yield json.loads(line)
+        yield from events_in(_whole_lines(file))
 
 
 def _whole_lines(file: Path) -> list[str]:

@@ -21,7 +21,7 @@ The operator's orders are not on the bus, so they are not replayed. The replay s
 that only the recording has: those that the manager took because of an order, and those that depend on them.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -31,6 +31,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.verify import verify
+from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.planning_policy import (
@@ -43,6 +44,7 @@ from heronry_manager.core.planning_policy import (
     Source,
 )
 from heronry_manager.core.vocabulary import Emit, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_manager.events.by_kind import on
 from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_tools.sim.oracles.commanded import Commanded
@@ -53,18 +55,22 @@ from heronry_wire.management import decode_command
 from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send, Tick
 
+_TOLD: Mapping[type[events.Event], Callable[[Any], str]] = dict(
+    [
+        on(events.PeLost, lambda e: f"pe lost {e.pe}: {e.cause}"),
+        on(events.PeAbsent, lambda e: f"pe absent {e.pe}: {e.cause}"),
+        on(events.PeJoined, lambda e: f"pe joined {e.pe}: {e.cause}"),
+        on(events.FaultReported, lambda e: f"fault reported {e.element}: {e.by}"),
+        on(events.FaultCleared, lambda e: f"fault cleared {e.element}: {e.by}"),
+        on(events.PhaseChanged, lambda e: f"phase changed {e.phase}: {e.by}"),
+        on(events.PriorityChanged, lambda e: f"priority changed {e.function}: {e.by}"),
+        on(events.Adopted, lambda e: f"adopted {e.epoch}"),
+        on(events.EpochAbandoned, lambda e: f"epoch abandoned {e.epoch}: {e.reason}"),
+        on(events.PeRefused, lambda e: f"pe refused {e.pe}: {e.reason}"),
+        on(events.SecondManager, lambda e: f"second manager {e.node}"),
+    ]
+)
 _EARLY_NS = 20_000_000  # a recorded PREPARE may precede its request in the replay by so much (clocks, loops)
-_TOLD = {
-    "pe_lost",
-    "pe_absent",
-    "pe_joined",
-    "fault_reported",
-    "fault_cleared",
-    "phase_changed",
-    "priority_changed",
-    "adopted",
-}
-_TOLD |= {"epoch_abandoned", "pe_refused", "second_manager"}
 _NAMES = {
     Source.CONTINGENCIES: "the contingency",
     Source.PLANNER: "the best plan",
@@ -142,7 +148,7 @@ class Rerun:
     def __init__(self, planners: Planners, mastership: Mastership) -> None:
         self.decisions: list[Decision] = []
         self.remarks: list[Remark] = []
-        self.events: list[Mapping[str, Any]] = []  # that the core told, and (`runs`) the plan of each epoch
+        self.events: list[events.Event] = []  # that the core told, and (`runs`) the plan of each epoch
         self._planners, self._mastership = planners, mastership
         spec = planners.spec
         self._recorded = _configurations(planners, mastership)
@@ -203,21 +209,16 @@ class Rerun:
                 case Stop():
                     self._ended = True
 
-    def _tell(self, now_ns: int, told: Mapping[str, Any]) -> None:
-        if told["event"] in _TOLD:
-            subject = next(
-                (str(told[key]) for key in ("pe", "element", "phase", "function", "epoch", "node") if key in told), ""
-            )
-            detail = next((str(told[key]) for key in ("cause", "reason", "by") if key in told), "")
-            text = " ".join(filter(None, (told["event"].replace("_", " "), subject)))
-            self.remarks.append(Remark(now_ns, f"{text}: {detail}" if detail else text))
+    def _tell(self, now_ns: int, told: events.Event) -> None:
+        sentence = _TOLD.get(type(told))
+        if sentence is not None:
+            self.remarks.append(Remark(now_ns, sentence(told)))
 
-    def _keep(self, told: Mapping[str, Any]) -> None:
+    def _keep(self, told: events.Event) -> None:
         self.events.append(told)
         plan = self._core.plan
-        if told["event"] in ("reconfigured", "adopted") and plan is not None:
-            runs = {"event": "runs", "epoch": told["epoch"], "plan": plan.document()}
-            self.events.append({"v": told["v"], "t_ns": told["t_ns"], **runs})
+        if isinstance(told, events.Reconfigured | events.Adopted) and plan is not None:
+            self.events.append(events.Runs(told.t_ns, told.epoch, plan.told()))
 
     def _find_answer(self, now_ns: int, request: RequestPlan) -> _Answer | None:
         """Derive from the recording what the planner answered, and when; return None if this cannot be derived.

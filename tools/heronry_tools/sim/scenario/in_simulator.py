@@ -11,6 +11,7 @@ An exception of a core ends the flight, which then fails.
 
 from collections.abc import Callable, Iterator
 
+from heronry_manager.events import Reconfigured
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import MANAGERS
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, not_injected
@@ -130,7 +131,7 @@ def _missed(script: Script, injections: Injections) -> Iterator[str]:
 
 def _begin(flight: Simulation, script: Script) -> None:
     """Simulate until the first configuration runs; raises UserError if that takes too long."""
-    while not flight.events_of("reconfigured"):
+    while not flight.events_of(Reconfigured):
         flight.run_for(MS)
         if flight.now_ns > _LONGEST_START_NS:
             raise UserError(
@@ -141,7 +142,7 @@ def _begin(flight: Simulation, script: Script) -> None:
 
 def _start_ns(flight: Simulation) -> int:
     """Return the time (ns) at which the first configuration began to run; the present time if none has run."""
-    return next((event["t_ns"] for event in flight.events_of("reconfigured")), flight.now_ns)
+    return next((event.t_ns for event in flight.events_of(Reconfigured)), flight.now_ns)
 
 
 def _do(flight: Simulation, script: Script, deed: Deed) -> None:

@@ -20,12 +20,13 @@ When the flight ends, for whatever reason, all processes that it has started are
 import argparse
 import select
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from heronry_manager import events
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.demo.buses import choose, hub_paths
@@ -200,14 +201,14 @@ class _Show:
         next_ns = next_ns if radio_ns is None else min(next_ns, radio_ns)
         return max(0.0, min(_LONGEST_WAIT_S, (next_ns - elapsed_ns) / 1e9))
 
-    def _follow(self, event: Mapping[str, Any]) -> None:
+    def _follow(self, event: events.Event) -> None:
         line = event_line(event)
         if line is not None:
             self._trace.append(line)
-        if event["event"] == "plan_ready":
-            self._served = [name for name, function in event["plan"]["functions"].items() if function["served"]]
-        elif event["event"] == "reconfigured" and self._runs_ns is None:
-            self._runs_ns = event["t_ns"]
+        if isinstance(event, events.PlanReady):
+            self._served = event.plan.served()
+        elif isinstance(event, events.Reconfigured) and self._runs_ns is None:
+            self._runs_ns = event.t_ns
 
     def _begin(self) -> None:
         """Begin the script once every function that the newest plan serves was heard on the bus.

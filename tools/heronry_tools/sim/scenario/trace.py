@@ -8,55 +8,68 @@ The golden trace of FILE.scenario is FILE.scenario.golden beside it.
 """
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from heronry_manager import events
+from heronry_manager.events.by_kind import on
 from heronry_tools.console.errors import UserError
 
-_LINES: Mapping[str, str] = {
-    "manager_started": "manager {node} starts, term {term}",
-    "second_manager": "manager {node} is active too, term {term}",
-    "pe_lost": "{pe} is lost: {cause}",
-    "pe_absent": "{pe} is absent: {cause}",
-    "pe_heard_again": "{pe} is heard again: {cause}",
-    "pe_joined": "{pe} joins: {cause}",
-    "module_restarted": "{element} failed and is restarted on {by} ({times})",
-    "fault_reported": "{element} has failed, reported by {by}",
-    "fault_cleared": "{element} is cleared by {by}",
-    "link_limited": "{bus} has {share} of its bandwidth, reported by {by}",
-    "link_gone": "{bus} is gone, reported by {by}",
-    "link_back": "{bus} is back, reported by {by}",
-    "channel_lost": "channel {channel} carries nothing, reported by {by}",
-    "channel_back": "channel {channel} is back, reported by {by}",
-    "phase_changed": "phase {phase}, requested by {by}",
-    "suspicion": "{element} is suspected by a module on {by}: {evidence}",
-    "suspicion_assessed": "{element} was suspected: {found}",
-    "unknown_element": "module:{module} on {by} reports an element that the spec does not have",
-    "unknown_output": "module:{module} on {by} gives a misspelt output: the log of its agent names it",
-    "disagreement": "two inputs of module:{module} disagree, reported by {by}",
-    "agreement": "the inputs of module:{module} agree again",
-    "priority_changed": "priority {priority} of {function}, requested by {by}",
-    "priority_refused": "priority {priority} of {function}, requested by {by}, is refused: {why}",
-    "adopted": "epoch {epoch} is adopted as it runs",
-    "plan_failed": "no plan: {reason}",
-    "plan_unchanged": "everything runs as planned",
-    "plan_kept": "the running configuration is kept",
-    "epoch_abandoned": "epoch {epoch} is abandoned: {reason}",
-    "epoch_step": "epoch {epoch}: {step}",
-    "pe_refused": "{pe} refuses epoch {epoch}: {reason}",
-    "script_taken": "the script is taken: {reason}",
-    "script_refused": "the script is refused: {reason}",
-    "script_ended": "the script is held no longer: {reason}",
-    "journal_failed": "the journal cannot be written: {problem}",
-    "journal_kept": "the journal is written again",
-    "standing_by": "this manager stands by: manager {node} is active, term {term}",
-    "stepped_down": "this manager steps down: manager {node} is active, term {term}",
-    "refused": "most PEs hear no manager although this one sends: it begins a new term",
-    "hears_nobody": "this manager hears no node any more and stops sending",
-    "taken_over": "the standby takes over, term {term}",
-    "stopped": "the manager ends: {reason}",
-}
+_LINES: Mapping[type[events.Event], Callable[[Any], str]] = dict(
+    [
+        on(events.ManagerStarted, lambda e: f"manager {e.node} starts, term {e.term}"),
+        on(events.SecondManager, lambda e: f"manager {e.node} is active too, term {e.term}"),
+        on(events.PeLost, lambda e: f"{e.pe} is lost: {e.cause}"),
+        on(events.PeAbsent, lambda e: f"{e.pe} is absent: {e.cause}"),
+        on(events.PeHeardAgain, lambda e: f"{e.pe} is heard again: {e.cause}"),
+        on(events.PeJoined, lambda e: f"{e.pe} joins: {e.cause}"),
+        on(events.ModuleRestarted, lambda e: f"{e.element} failed and is restarted on {e.by} ({e.times})"),
+        on(events.FaultReported, lambda e: f"{e.element} has failed, reported by {e.by}"),
+        on(events.FaultCleared, lambda e: f"{e.element} is cleared by {e.by}"),
+        on(events.LinkLimited, lambda e: f"{e.bus} has {e.share} of its bandwidth, reported by {e.by}"),
+        on(events.LinkGone, lambda e: f"{e.bus} is gone, reported by {e.by}"),
+        on(events.LinkBack, lambda e: f"{e.bus} is back, reported by {e.by}"),
+        on(events.ChannelLost, lambda e: f"channel {e.channel} carries nothing, reported by {e.by}"),
+        on(events.ChannelBack, lambda e: f"channel {e.channel} is back, reported by {e.by}"),
+        on(events.PhaseChanged, lambda e: f"phase {e.phase}, requested by {e.by}"),
+        on(events.Suspicion, lambda e: f"{e.element} is suspected by a module on {e.by}: {e.evidence}"),
+        on(events.SuspicionAssessed, lambda e: f"{e.element} was suspected: {e.found}"),
+        on(
+            events.UnknownElement,
+            lambda e: f"module:{e.module} on {e.by} reports an element that the spec does not have",
+        ),
+        on(
+            events.UnknownOutput,
+            lambda e: f"module:{e.module} on {e.by} gives a misspelt output: the log of its agent names it",
+        ),
+        on(events.Disagreement, lambda e: f"two inputs of module:{e.module} disagree, reported by {e.by}"),
+        on(events.Agreement, lambda e: f"the inputs of module:{e.module} agree again"),
+        on(events.PriorityChanged, lambda e: f"priority {e.priority} of {e.function}, requested by {e.by}"),
+        on(
+            events.PriorityRefused,
+            lambda e: f"priority {e.priority} of {e.function}, requested by {e.by}, is refused: {e.why}",
+        ),
+        on(events.Adopted, lambda e: f"epoch {e.epoch} is adopted as it runs"),
+        on(events.PlanFailed, lambda e: f"no plan: {e.reason}"),
+        on(events.PlanUnchanged, lambda _: "everything runs as planned"),
+        on(events.PlanKept, lambda _: "the running configuration is kept"),
+        on(events.EpochAbandoned, lambda e: f"epoch {e.epoch} is abandoned: {e.reason}"),
+        on(events.EpochStep, lambda e: f"epoch {e.epoch}: {e.step}"),
+        on(events.PeRefused, lambda e: f"{e.pe} refuses epoch {e.epoch}: {e.reason}"),
+        on(events.ScriptTaken, lambda e: f"the script is taken: {e.reason}"),
+        on(events.ScriptRefused, lambda e: f"the script is refused: {e.reason}"),
+        on(events.ScriptEnded, lambda e: f"the script is held no longer: {e.reason}"),
+        on(events.JournalFailed, lambda e: f"the journal cannot be written: {e.problem}"),
+        on(events.JournalKept, lambda _: "the journal is written again"),
+        on(events.StandingBy, lambda e: f"this manager stands by: manager {e.node} is active, term {e.term}"),
+        on(events.SteppedDown, lambda e: f"this manager steps down: manager {e.node} is active, term {e.term}"),
+        on(events.Refused, lambda _: "most PEs hear no manager although this one sends: it begins a new term"),
+        on(events.HearsNobody, lambda _: "this manager hears no node any more and stops sending"),
+        on(events.TakenOver, lambda e: f"the standby takes over, term {e.term}"),
+        on(events.Stopped, lambda e: f"the manager ends: {e.reason}"),
+    ]
+)
 
 
 def deed_line(seconds: float, text: str) -> str:
@@ -67,19 +80,18 @@ def deed_line(seconds: float, text: str) -> str:
     return f"--- at {seconds:g}s {text}"
 
 
-def event_line(event: Mapping[str, Any]) -> str | None:
+def event_line(event: events.Event) -> str | None:
     """Return the line of the trace for an event of the manager; None if the event is no decision."""
-    kind = event["event"]
-    if kind == "reconfigured":
-        changes = [f"{sign}{', '.join(event[what])}" for sign, what in _CHANGES if event[what]]
-        return f"epoch {event['epoch']} runs: {'; '.join(changes) or 'the same modules, wired anew'}"
-    if kind == "epoch_prepared" and event["contingency"]:
-        return f"epoch {event['epoch']} is contingency {event['contingency']}, called by its number"
-    template = _LINES.get(kind)
-    return None if template is None else template.format_map(event)
-
-
-_CHANGES = (("start ", "started"), ("stop ", "stopped"), ("move ", "moved"))
+    match event:
+        case events.Reconfigured(epoch=epoch):
+            named = (("start", event.started), ("stop", event.stopped), ("move", event.moved))
+            changes = [f"{verb} {', '.join(modules)}" for verb, modules in named if modules]
+            return f"epoch {epoch} runs: {'; '.join(changes) or 'the same modules, wired anew'}"
+        case events.EpochPrepared(epoch=epoch, contingency=number) if number:
+            return f"epoch {epoch} is contingency {number}, called by its number"
+        case _:
+            line = _LINES.get(type(event))
+            return None if line is None else line(event)
 
 
 def golden_file(file: Path) -> Path:

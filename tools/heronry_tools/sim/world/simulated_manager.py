@@ -5,7 +5,7 @@ than send frames, and after every sixteenth call.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import replace
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
@@ -28,6 +28,7 @@ from heronry_manager.core.vocabulary import (
     Settled,
     Stop,
 )
+from heronry_manager.events import Event
 from heronry_tools.sim.world.bus import SimulatedBus
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
@@ -58,7 +59,7 @@ class SimulatedManager(Node):
         disk: Disk,
         name: str,
         decide_ns: Callable[[], int],
-        tell: Callable[[dict[str, Any]], None],
+        tell: Callable[[Event], None],
         planned: Callable[[PlanningSeen], None],
         ahead: Prepared,
         witness: Callable[[Copy], None],
@@ -160,7 +161,7 @@ class SimulatedManager(Node):
             case Settled():
                 self.planning_driver.take(action)
             case Emit(event):
-                self._tell({**event, "t_ns": self._clock.now_ns})
+                self._tell(replace(event, t_ns=self._clock.now_ns))
             case Keep(record):
                 self.disk.write(record, self._clock.now_ns)
             case Reply():

@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from heronry_manager.events.line import to_object
 from heronry_tools.watch.export.signals import Series, listed_events, signals_of
 from heronry_tools.watch.recordings import Recording
 from heronry_tools.watch.sentences import sentence_of
@@ -67,11 +68,11 @@ def _write_events(writer: Any, recording: Recording) -> None:
     schema = writer.register_schema("foxglove.Log", "jsonschema", json.dumps(_LOG).encode())
     channel = writer.register_channel("/events", "json", schema)
     for event in listed_events(recording):
-        severity, sentence = sentence_of(event) or ("detail", event["event"])
-        sec, nsec = divmod(event["t_ns"], _NS_PER_S)
+        severity, sentence = sentence_of(event) or ("detail", event.kind)
+        sec, nsec = divmod(event.t_ns, _NS_PER_S)
         stamp = {"timestamp": {"sec": sec, "nsec": nsec}, "level": _LEVELS[severity]}
-        said = {"message": sentence, "name": event["event"], "event": event}
-        _add(writer, channel, event["t_ns"], {**stamp, **said})
+        said = {"message": sentence, "name": event.kind, "event": to_object(event)}
+        _add(writer, channel, event.t_ns, {**stamp, **said})
 
 
 def _add(writer: Any, channel: int, t_ns: int, message: Mapping[str, Any]) -> None:

@@ -40,7 +40,7 @@ def write_mf4(recording: Recording, reconfigurations: tuple[Reconfiguration, ...
             times = (np.array(series.times_ns, dtype=np.int64) - begins_ns) / _NS_PER_S
             samples = np.array(series.values, dtype=np.float64)
             mdf.append(Signal(samples, times, name=series.name, unit=series.unit, comment=series.comment))
-        events = [(one["t_ns"], sentence_of(one)) for one in listed_events(recording)]
+        events = [(one.t_ns, sentence_of(one)) for one in listed_events(recording)]
         said = [(t_ns, text[1]) for t_ns, text in events if text is not None]
         told = [(one.done_ns, json.dumps(asdict(one))) for one in reconfigurations]
         for name, texts in (("events", said), ("reconfigurations", told)):

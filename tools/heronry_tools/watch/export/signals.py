@@ -10,12 +10,12 @@ A signal is a series of numbers with a name and a unit:
 A variable that no frame carried has a series without samples, so that a reader finds every signal of the spec.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
+from heronry_manager import events
 from heronry_tools.watch.recordings import Recording
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
@@ -109,25 +109,25 @@ def _states(recording: Recording) -> list[Series]:
     for event in recording.events:
         for name, value in _samples(event):
             if name in found and value is not None:
-                found[name].add(event["t_ns"], value)
+                found[name].add(event.t_ns, value)
     return list(found.values())
 
 
-def _samples(event: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
-    match event["event"]:
-        case "pe_seen":
-            yield f"pe.{event['pe']}.load", event["load_percent"]
-            yield f"pe.{event['pe']}.epoch", event["epoch"]
-        case "bus_seen":
-            yield f"bus.{event['bus']}.load", 100 * event["load"]
-            yield f"bus.{event['bus']}.peak", 100 * event["peak"]
-        case "runs" | "epoch_seen" | "status" if event.get("plan") is not None:
-            for function, report in event["plan"]["functions"].items():
-                yield f"function.{function}.served", report["served"]
+def _samples(event: events.Event) -> Iterator[tuple[str, float | None]]:
+    match event:
+        case events.PeSeen(pe=pe):
+            yield f"pe.{pe}.load", event.load_percent
+            yield f"pe.{pe}.epoch", event.epoch
+        case events.BusSeen(bus=bus):
+            yield f"bus.{bus}.load", 100 * event.load
+            yield f"bus.{bus}.peak", 100 * event.peak
+        case events.Runs(plan=plan) | events.EpochSeen(plan=plan) | events.Status(plan=plan) if plan is not None:
+            for function, report in plan.functions.items():
+                yield f"function.{function}.served", report.served
         case _:
             pass
 
 
-def listed_events(recording: Recording) -> Sequence[Mapping[str, Any]]:
+def listed_events(recording: Recording) -> Sequence[events.Event]:
     """Give the events of a recording, without those that are only samples of a signal."""
-    return [one for one in recording.events if one["event"] not in ("bus_seen", "heard", "pe_seen")]
+    return [one for one in recording.events if not isinstance(one, events.BusSeen | events.Heard | events.PeSeen)]
