@@ -96,7 +96,7 @@ def test_the_left_view_has_gone_when_the_right_one_comes() -> None:
     simulation = flown()
     assert [step for _, step in activations(simulation)] == [Step.BREAK, Step.GO_ALL]
     waited = [told.waiting_for for told in simulation.events_of(events.EpochStep) if told.step == "BREAK"]
-    assert waited == [["left"]]
+    assert waited == [("left",)]
     assert views(simulation, "look_left", "view_left")[-1] < views(simulation, "look_right", "view_right")[0]
     assert simulation.settle() == []
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -50,7 +51,7 @@ def test_loads_are_those_between_two_events(recording):
 
 
 def test_of_loads_that_are_told_twice_a_second_one_a_second_is_drawn(reducer):
-    told = [{**load_line(1), "t_ns": half * S // 2} for half in range(8)]
+    told = [replace(load_line(1), t_ns=half * S // 2) for half in range(8)]
     live = Live(reducer, "bus")
     live.take_all(told, None, is_alive=True)
     for loads in (live.loads(0), Recording(reducer, told, "log").loads(0, len(told))):

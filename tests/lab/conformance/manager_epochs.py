@@ -242,7 +242,7 @@ def what_is_late_frees_nothing() -> None:
         manager.accept(FailElement("device:elevator_servo_2"))
         manager.run(200)
         steps = [(one.step, one.waiting_for) for one in manager.told(events.EpochStep, began_ns)]
-        equal(steps[0], ("BREAK", ["tail_b"]), f"the first step after a page that is {behind} behind")
+        equal(steps[0], ("BREAK", ("tail_b",)), f"the first step after a page that is {behind} behind")
 
 
 def a_silent_driver_is_given_t_lease() -> None:

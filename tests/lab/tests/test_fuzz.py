@@ -11,6 +11,7 @@ from random import Random
 import pytest
 
 from heronry_agent.core.agent import AgentCore
+from heronry_manager import events
 from heronry_manager.core.turn import Turn
 from heronry_wire.state_frames import PeState
 from lab.fuzz import __main__ as fuzz
@@ -51,15 +52,15 @@ def test_the_story_of_a_pe_begins_with_one_that_flies(name: str, monkeypatch: py
 def test_the_story_of_a_manager_begins_with_one_that_deploys_a_plan_or_takes_over(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
+    told: list[object] = []
 
-    def emit(turn: Turn, kind: str, **_: object) -> None:
+    def emit(turn: Turn, kind: object, **_: object) -> None:
         told.append(kind)
 
     monkeypatch.setattr(Turn, "emit", emit)
     for seed in TARGETS[name].seeds():
         TARGETS[name].run(seed)
-    assert ("taken_over" if "standby" in name else "reconfigured") in told
+    assert (events.TakenOver if "standby" in name else events.Reconfigured) in told
 
 
 def test_a_story_gives_numbers_below_a_bound_and_zeros_at_its_end() -> None:
