@@ -12,7 +12,11 @@ import yaml
 from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
+from heronry_manager.contingency.file_format import ContingencyFileError, from_bytes, to_bytes
 from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.memory import Memory
+from heronry_manager.shell.journal import Journal, JournalError, whole_journal
+from heronry_tools.sim.world.planning import plan_ahead
 
 FILES = (*map(shipped_spec_path, shipped_spec_names()), *example_specs(), Path("dg_specs/flights/eav.dg.yaml"))
 SECTIONS = ("buses", "pes", "devices", "variables", "gates", "modules", "functions", "phases", "plants")
@@ -166,3 +170,20 @@ def test_a_named_gate_counts_as_an_element() -> None:
 def test_a_spec_without_a_name_is_called_after_its_file(name: str) -> None:
     unnamed: Callable[[str], Spec] = lambda file: loads(BASE.replace("name: small\n", ""), file)  # noqa: E731
     assert (unnamed(name).digest == unnamed("x.dg.yaml").digest) == (name == "x.dg.yaml")
+
+
+def test_contingencies_and_journal_of_a_spec_are_taken_by_one_that_is_written_otherwise(tmp_path: Path) -> None:
+    file = shipped_spec_path("elevator_and_chute")
+    spec, name = load(file), Path(str(file)).name
+    again = loads(unquoted(written_otherwise(random.Random(1), file.read_text())), name)
+    other = loads(file.read_text().replace("cpu: 0.20", "cpu: 0.19"), name)
+    kept = to_bytes(plan_ahead(spec, 0), spec)
+    assert from_bytes(kept, again).configurations == from_bytes(kept, spec).configurations
+    with pytest.raises(ContingencyFileError, match="made for another spec"):
+        from_bytes(kept, other)
+    (tmp_path / "manager-126.journal").write_bytes(whole_journal(spec, Memory(term=7)))
+    taken = Journal(tmp_path, 126, again)
+    assert taken.memory.term == 7
+    taken.close()
+    with pytest.raises(JournalError, match="has changed since"):
+        Journal(tmp_path, 126, other)
