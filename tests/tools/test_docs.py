@@ -41,6 +41,7 @@ TIMEOUT_S = 180
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MENTION = re.compile(r"`((heronry [a-z]+|pe-agent|make [a-z]+|tools/[a-z-]+|python -m [a-z_.]+)( [^`\n]+)?)`")
 WRITTEN = re.compile(r"(?:-o |--write |>\s?)(\S+)")
+NOTE = re.compile(r"\d\d:\d\d:\d\d\.\d{3} ")  # the log of an agent
 LINK = re.compile(r"\]\((?!\w+:|#)([^)#]+)[^)]*\)")
 
 
@@ -260,7 +261,9 @@ def tried(line: CommandLine, rule: Rule, workspace: Path, *, in_a_shell: bool = 
     folder = CHECKOUT if rule.in_checkout else workspace
     ended = (None if in_a_shell else called(text, folder)) or typed(text, folder)
     if rule.how is How.HARDWARE:
-        said = [text for text in ended.stderr.splitlines() if not text.startswith(PLANNING_AHEAD)]
+        said = [
+            text for text in ended.stderr.splitlines() if not text.startswith(PLANNING_AHEAD) and not NOTE.match(text)
+        ]
         understood = ended.returncode != 0 and len(said) == 1 and NO_INTERFACE in said[0]
         return None if understood else f"{line.place}: `{text}` did not get as far as the bus: {ended.stderr[-500:]}"
     return (
