@@ -24,13 +24,7 @@ from heronry_tools.analysis.reliability.parts import Part, parts_of
 from heronry_tools.analysis.reliability.simplifying import simplified
 
 MOST_NODES: Final = 1_500_000  # of one diagram: about 400 MB
-_BUDGETS: Final = (
-    10_000,
-    40_000,
-    150_000,
-    500_000,
-    MOST_NODES,
-)  # nodes with which the orders are tried, one budget after the other
+_BUDGETS: Final = (2_000, 8_000, 30_000, 120_000, 400_000)  # nodes with which orders are tried, one after the other
 
 Chances = Mapping[str, float]
 """Probability of each event, from 0 to 1; an event without one never happens."""
@@ -130,26 +124,40 @@ class Solution:
 
 
 def _solved(formula: Formula, part: Part, budgets: list[int]) -> Solved:
-    """Make the diagrams of a part, in the first order that is good enough for a budget of nodes."""
+    """Make the diagrams of a part; of the orders that fail within a budget, the half that came furthest is kept."""
     proposed = list(orders(formula, part))
     with deep(len(part.leaves)):
         for budget in budgets:
+            reached: list[int] = []
             for leaves in proposed:
+                building = _Building(formula, part, leaves, budget)
                 try:
-                    bdd = Bdd(budget)
-                    root = _built(formula, part, leaves, bdd)
-                    sets, family = minimal_cut_sets(bdd, root, 2 * budget)
+                    root = building.root()
+                    sets, family = minimal_cut_sets(building.bdd, root, 2 * budget)
                 except TooLargeError:
+                    reached.append(building.gates)
                     continue
-                return Solved(part, tuple(leaves), bdd, root, sets, family)
+                return Solved(part, tuple(leaves), building.bdd, root, sets, family)
+            ranked = sorted(range(len(proposed)), key=lambda one: -reached[one])
+            proposed = [proposed[one] for one in ranked[: max(1, len(ranked) // 2)]]
     raise TooLargeError
 
 
-def _built(formula: Formula, part: Part, leaves: list[int], bdd: Bdd) -> int:
-    value = {leaf: bdd.node(index, FALSE, TRUE) for index, leaf in enumerate(leaves)}
-    for gate in part.gates:
-        value[gate] = bdd.at_least(formula.least[gate], [value[one] for one in formula.inputs[gate]])
-    return value[part.root]
+class _Building:
+    """The decision diagram of a part in one order of its leaves; `gates` tells how many gates it has come by."""
+
+    def __init__(self, formula: Formula, part: Part, leaves: list[int], most_nodes: int) -> None:
+        self._formula, self._part, self._leaves = formula, part, leaves
+        self.bdd, self.gates = Bdd(most_nodes), 0
+
+    def root(self) -> int:
+        """Give the diagram of the whole part; raises TooLargeError."""
+        value = {leaf: self.bdd.node(index, FALSE, TRUE) for index, leaf in enumerate(self._leaves)}
+        least, inputs = self._formula.least, self._formula.inputs
+        for gate in self._part.gates:
+            value[gate] = self.bdd.at_least(least[gate], [value[one] for one in inputs[gate]])
+            self.gates += 1
+        return value[self._part.root]
 
 
 def _asked(one: Solved) -> Iterator[int]:

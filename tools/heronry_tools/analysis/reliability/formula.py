@@ -8,7 +8,7 @@ Nodes are numbers, and inputs have smaller numbers than the gate that reads them
 constants and repeated inputs vanish as soon as a gate is made.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Container, Iterable, Mapping
 from typing import Final
 
 FALSE: Final = 0
@@ -83,15 +83,12 @@ class Formula:
         self.inputs.append(inputs)
         return len(self.least) - 1
 
-    def below(self, root: int, least: int = 0) -> list[int]:
-        """Give all nodes on which a node depends, itself included, inputs before the gates that read them.
-
-        least: smaller nodes than this are left out.
-        """
+    def below(self, root: int) -> list[int]:
+        """Give all nodes on which a node depends, itself included, inputs before the gates that read them."""
         seen, waiting = {root}, [root]
         while waiting:
             for node in self.inputs[waiting.pop()]:
-                if node >= least and node not in seen:
+                if node not in seen:
                     seen.add(node)
                     waiting.append(node)
         return sorted(seen)
@@ -100,16 +97,28 @@ class Formula:
         """Give the names of the events that a node reads, in the order of their making."""
         return [self.names[node] for node in self.below(root) if node in self.names]
 
-    def with_replaced(self, root: int, replaced: Mapping[int, int]) -> int:
-        """Give the node that `root` becomes if some nodes are replaced by others."""
+    def with_replaced(self, root: int, replaced: Mapping[int, int], above: Container[int] | None = None) -> int:
+        """Give the node that `root` becomes if some nodes are replaced by others.
+
+        above: all nodes that depend on what is replaced, if they are known; then no other is looked at.
+        """
         now = dict(replaced)
-        for node in self.below(root, min(replaced)):  # smaller nodes do not depend on what is replaced
-            if node in replaced:
-                continue
+        for node in self._changing(root, replaced, above):
             inputs = [now.get(one, one) for one in self.inputs[node]]
             if inputs != list(self.inputs[node]):
                 now[node] = self.at_least(self.least[node], inputs)
         return now.get(root, root)
+
+    def _changing(self, root: int, replaced: Collection[int], above: Container[int] | None) -> list[int]:
+        """Give the nodes between a root and what is replaced, inputs before the gates that read them."""
+        least = min(replaced)  # smaller nodes do not depend on what is replaced
+        seen, waiting = {root}.difference(replaced), [root]
+        while waiting:
+            for node in self.inputs[waiting.pop()]:
+                if node not in seen and node > least and node not in replaced and (above is None or node in above):
+                    seen.add(node)
+                    waiting.append(node)
+        return sorted(seen)
 
     def evaluate(self, root: int, is_true: Callable[[str], bool]) -> bool:
         """Tell whether a node is true, from the events that are."""

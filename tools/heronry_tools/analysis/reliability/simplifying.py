@@ -17,7 +17,7 @@ from typing import Final
 from heronry_tools.analysis.reliability.formula import FALSE, LEAF, TRUE, Formula
 
 _ROUNDS: Final = 6
-_EFFORT: Final = 200_000  # nodes that are looked at in one round of moving nodes up; a usual tree takes a tenth
+_EFFORT: Final = 80_000  # nodes that are looked at without a gain until moving nodes up ends
 
 
 def simplified(formula: Formula, root: int) -> int:
@@ -105,30 +105,38 @@ def _decided(formula: Formula, root: int) -> int:
             if len(readers.get(node, ())) < 2 or effort < 0:
                 break
             effort -= len(nodes)
-            tops = _decides(formula, root, readers, node, value)
+            above = _above(readers, node)
+            tops = _decides(formula, root, readers, node, value, above)
             if not tops:
                 continue
             join = formula.any_of if value == TRUE else formula.all_of
             other = FALSE if value == TRUE else TRUE
-            changed = {top: join([node, formula.with_replaced(top, {node: other})]) for top in tops}
-            new = formula.with_replaced(root, changed)
+            changed = {top: join([node, formula.with_replaced(top, {node: other}, above)]) for top in tops}
+            new = formula.with_replaced(root, changed, above)
             effort -= 4 * len(nodes)
             now = _edges(formula, new)
             if now < size:
-                root, size = new, now
+                root, size, effort = new, now, _EFFORT
                 nodes = formula.below(root)
                 readers = _readers(formula, nodes)
     return root
 
 
-def _decides(formula: Formula, root: int, readers: dict[int, list[int]], node: int, value: int) -> list[int]:
-    """Give the topmost gates that have a value whenever a node has it, if the node can move up to them."""
+def _above(readers: dict[int, list[int]], node: int) -> set[int]:
+    """Give the gates that depend on a node."""
     above, waiting = set[int](), [node]
     while waiting:
         for gate in readers[waiting.pop()]:
             if gate not in above:
                 above.add(gate)
                 waiting.append(gate)
+    return above
+
+
+def _decides(
+    formula: Formula, root: int, readers: dict[int, list[int]], node: int, value: int, above: set[int]
+) -> list[int]:
+    """Give the topmost gates that have a value whenever a node has it, if the node can move up to them."""
     forced = {node}
     for gate in sorted(above):
         inputs, least = formula.inputs[gate], formula.least[gate]
