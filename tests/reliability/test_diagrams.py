@@ -5,6 +5,7 @@ import random
 
 import pytest
 
+from heronry_tools.analysis.reliability import truncating
 from heronry_tools.analysis.reliability.diagrams import Solution
 from heronry_tools.analysis.reliability.formula import FALSE, TRUE, Formula, TooLargeError
 from heronry_tools.analysis.reliability.simplifying import simplified
@@ -120,3 +121,47 @@ def test_a_diagram_that_outgrows_its_limit_says_so() -> None:
     root = formula.any_of(formula.all_of([formula.event(one), formula.event(other)]) for one, other in pairs)
     with pytest.raises(TooLargeError):
         Solution(formula, root, most_nodes=200)
+
+
+@pytest.mark.parametrize(
+    ("kept", "set_nodes"), [((3_000,), 100_000), ((6, 2, 1), 100_000), ((20, 4, 1), 12), ((1,), 2)]
+)
+def test_what_is_truncated_has_all_sets_to_its_order_and_true_bounds(
+    kept: tuple[int, ...], set_nodes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(truncating, "_KEPT", kept)
+    monkeypatch.setattr(truncating, "_SET_NODES", set_nodes)
+    orders = set[int | None]()
+    for seed in range(part_of(400)):
+        rng = random.Random(seed)
+        formula, root = drawn(rng, rng.randint(3, 8), rng.randint(3, 14))
+        names = list(formula.events)
+        true = [down for down in subsets(names) if formula.evaluate(root, down.__contains__)]
+        chances = {name: rng.choice((1e-6, 0.2, 0.9, 1.0)) for name in names}
+        solution = Solution(formula, root, most_nodes=4, truncate=dict.fromkeys(names, 0.1))
+        expected = {one for one in smallest(true) if solution.order is None or len(one) <= solution.order}
+        assert set(solution.sets(10_000)) == expected, seed
+        assert {one for one, _ in solution.likeliest(10_000, chances)} == expected, seed
+        assert sum(solution.by_order().values()) == len(expected)
+        exact = sum(chance(down, chances) for down in true)
+        assert solution.probability(chances) <= exact * (1.0 + 1e-9), seed
+        assert solution.at_most(chances) >= exact * (1.0 - 1e-9), seed
+        assert solution.survival_at_least(chances) <= 1.0 - exact + 1e-9 <= solution.survival(chances) + 2e-9, seed
+        if solution.exact:
+            assert solution.probability(chances) == solution.at_most(chances)
+        orders.add(solution.order if not solution.exact else -1)
+    assert len(orders - {-1}) > 0
+
+
+def test_a_tree_that_is_too_large_keeps_close_bounds() -> None:
+    formula, rng = Formula(), random.Random(5)
+    events = [formula.event(f"e{number}") for number in range(25)]
+    root = formula.any_of(formula.all_of(rng.sample(events, 3)) for _ in range(40))
+    chances = {name: rng.choice((1e-3, 1e-2, 0.03)) for name in formula.events}
+    whole = Solution(formula, root)
+    assert whole.exact
+    cut = Solution(formula, root, most_nodes=300, truncate=chances)
+    assert not cut.exact
+    assert cut.by_order() == whole.by_order()
+    exact = whole.probability(chances)
+    assert 0.9 * exact < cut.probability(chances) <= exact <= cut.at_most(chances) < 1.1 * exact

@@ -18,7 +18,9 @@ from heronry_tools.analysis.campaign.crew import crew
 from heronry_tools.analysis.campaign.given_up import given_up
 from heronry_tools.analysis.campaign.sweeping import partial_of, sweep
 from heronry_tools.analysis.reliability import cut_sets as cut_sets_module
+from heronry_tools.analysis.reliability import truncating
 from heronry_tools.analysis.reliability.cut_sets import CutSets, cut_sets
+from heronry_tools.analysis.reliability.diagrams import Solution
 from heronry_tools.analysis.reliability.formula import TooLargeError
 from heronry_tools.analysis.reliability.mission import Reliability
 from heronry_tools.analysis.reliability.resource_sets import Servable
@@ -228,7 +230,7 @@ def test_processes_find_the_same(capsys: pytest.CaptureFixture[str], monkeypatch
     assert alone == together
 
 
-def test_a_diagram_that_is_too_large_says_so(
+def test_a_formula_that_is_too_large_says_so(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def outgrown(*_: object) -> None:
@@ -236,7 +238,25 @@ def test_a_diagram_that_is_too_large_says_so(
 
     monkeypatch.setattr(cut_sets_module, "Reliability", outgrown)
     assert main(["cutsets", "big_blue", "elevator"]) == 2
-    assert "the diagram of all cut sets of elevator is too large" in capsys.readouterr().err
+    assert "the failure of elevator is too large to be written down" in capsys.readouterr().err
+
+
+def test_a_diagram_that_is_too_large_is_truncated_and_says_so(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ("big_blue", "telemetry", "--logical", "--mission", "10")
+    exact = json.loads(run(capsys, *command, "--json"))["logical"]
+    assert exact["complete_to_order"] is None
+    monkeypatch.setattr(Solution.__init__, "__defaults__", (4, None))
+    monkeypatch.setattr(truncating, "_SET_NODES", 12)
+    monkeypatch.setattr(truncating, "_KEPT", (4, 1))
+    text, cut = run(capsys, *command), json.loads(run(capsys, *command, "--json"))["logical"]
+    order = cut["complete_to_order"]
+    assert f"to order {order}; larger ones are not known" in text
+    assert cut["by_order"] == {its: number for its, number in exact["by_order"].items() if int(its) <= order}
+    low, high = cut["probability"]["at_least"], cut["probability"]["at_most"]
+    assert low <= exact["probability"]["at_least"]
+    assert high is None or high >= exact["probability"]["at_least"]
 
 
 @pytest.mark.parametrize(

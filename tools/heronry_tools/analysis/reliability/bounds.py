@@ -50,11 +50,13 @@ def loss_bounds(
     formula = failure.formula
     known = formula.any_of([failure.root, *(formula.all_of(map(formula.event, sorted(cut))) for cut in cuts)])
     hazards = hazards.among(failure.reach)
-    low = Solution(formula, hazards.with_causes(formula, known)).probability(hazards.chances(hours))
+    chances = hazards.chances(hours)
+    solution = Solution(formula, hazards.with_causes(formula, known), truncate=chances)
+    low = solution.probability(chances)
     if not failure.reach <= hazards.known():
         return Bounds(low, None)
     if order >= len(failure.reach):
-        return Bounds(low, low)
+        return Bounds(low, solution.at_most(chances))
     losing = supersets(sorted(failure.reach), cuts, order)
     high = hazards.exactly(losing, hours) + hazards.more_than(order, failure.reach, hours)
     return Bounds(low, max(low, min(1.0, high)))

@@ -53,14 +53,14 @@ class CutSets:
 def logic_of(spec: Spec, function: str, scope: Scope) -> Reliability:
     """Solve the failure of a function in the one phase of `scope`, if only the elements of the scope can fail.
 
-    Raises UserError if its diagram is too large.
+    A diagram that is too large is truncated. Raises UserError if the formula is too large.
     """
     (phase,) = scope.phases
     try:
         return Reliability(spec.in_phase(phase), function, scope.elements, hazards(spec))
     except TooLargeError as error:
         raise UserError(
-            f"the diagram of all cut sets of {function} is too large; let fewer --kinds of elements fail"
+            f"the failure of {function} is too large to be written down; let fewer --kinds of elements fail"
         ) from error
 
 
@@ -89,7 +89,7 @@ def cut_sets(
     logic: the solved logic of the function, if it is known.
     executor, journal, advance: see `resource_sets`.
 
-    Raises UserError if a search finds no answer, or if the diagram is too large.
+    Raises UserError if a search finds no answer, or if the formula is too large.
     """
     (phase,) = scope.phases
     logic = logic or logic_of(spec, function, scope)

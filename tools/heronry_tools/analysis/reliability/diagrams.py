@@ -7,11 +7,14 @@ diagram over its own leaves: events, and other parts, each known by its value al
     set of that part. So counts multiply, and nothing has to be listed to be counted
     parts share no event, so each is one more independent event with a probability of its own
 
-A probability here is exact but for the rounding of floating point: all terms that are added are positive. The
+A part whose diagram is too large is truncated if the caller allows it (`truncating`): then there are its sets up to an
+order, and a lower and an upper bound of its probability.
+
+Otherwise a probability here is exact but for the rounding of floating point: all terms that are added are positive. The
 probability of the opposite is computed beside it, since 1 - p is not exact where p is nearly 1.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from math import log
 from typing import Final
@@ -22,9 +25,11 @@ from heronry_tools.analysis.reliability.likeliest import Solved, likeliest
 from heronry_tools.analysis.reliability.ordering import orders
 from heronry_tools.analysis.reliability.parts import Part, parts_of
 from heronry_tools.analysis.reliability.simplifying import simplified
+from heronry_tools.analysis.reliability.truncating import bound, sets_to_order, sum_of_sets
 
-MOST_NODES: Final = 1_500_000  # of one diagram: about 400 MB
-_BUDGETS: Final = (2_000, 8_000, 30_000, 120_000, 400_000)  # nodes with which orders are tried, one after the other
+MOST_NODES: Final = 400_000  # of one diagram: about 100 MB, and its sets may take as much again
+_MOST_AFTERWARDS: Final = 30_000  # of each diagram after one was too large
+_BUDGETS: Final = (2_000, 8_000, 30_000, 120_000)  # nodes with which orders are tried, one after the other
 
 Chances = Mapping[str, float]
 """Probability of each event, from 0 to 1; an event without one never happens."""
@@ -33,13 +38,40 @@ Chances = Mapping[str, float]
 class Solution:
     """The minimal cut sets and the probability of one node of a formula."""
 
-    def __init__(self, formula: Formula, root: int, most_nodes: int = MOST_NODES) -> None:
-        """Solve a node; raises TooLargeError if a diagram needs more than `most_nodes` nodes in every order tried."""
+    def __init__(
+        self, formula: Formula, root: int, most_nodes: int = MOST_NODES, truncate: Chances | None = None
+    ) -> None:
+        """Solve a node.
+
+        truncate: truncate a diagram of more than `most_nodes` nodes so that bounds are close with these probabilities;
+            None: raise TooLargeError if a diagram needs more nodes in every order tried.
+        """
         self._formula = formula
         self._root, parts = parts_of(formula, simplified(formula, root))
-        budgets = [*(budget for budget in _BUDGETS if budget < most_nodes), most_nodes]
-        self._parts = {part.root: _solved(formula, part, budgets) for part in parts}
+        self._parts: dict[int, Solved] = {}
+        left = most_nodes
+        for part in parts:
+            try:
+                one = _solved(formula, part, [*(budget for budget in _BUDGETS if budget < left), left])
+                left = max(min(left, _MOST_AFTERWARDS), left - len(one.bdd))
+            except TooLargeError:
+                if truncate is None:
+                    raise
+                one, left = self._truncated(part, truncate), min(left, _MOST_AFTERWARDS)
+            self._parts[part.root] = one
+        truncated = [one.order for one in self._parts.values() if one.order is not None]
+        self.order: int | None = min(truncated, default=None)
+        self.exact = all(one.above is None for one in self._parts.values())
         self._counts = self._counted()
+
+    def _truncated(self, part: Part, chances: Chances) -> Solved:
+        leaves = next(orders(self._formula, part))
+        sets, family, order = sets_to_order(self._formula, part, leaves)
+        low, high = (
+            bound(self._formula, part, leaves, self._values(chances, above=constant == TRUE), constant)
+            for constant in (FALSE, TRUE)
+        )
+        return Solved(part, tuple(leaves), *low, sets, family, order, high)
 
     @property
     def nodes(self) -> int:
@@ -47,14 +79,18 @@ class Solution:
         return sum(len(one.bdd) + len(one.sets) for one in self._parts.values())
 
     def support(self) -> list[str]:
-        """Give the events that are in some minimal cut set."""
-        events = (leaf for one in self._parts.values() for leaf in _asked(one) if leaf not in self._parts)
+        """Give the events that are in some minimal cut set; of what is truncated, all that may be."""
+        events = {leaf: None for one in self._parts.values() for leaf in _asked(one) if leaf not in self._parts}
         whole = [self._root] if self._root in self._formula.names else []
         return sorted(self._formula.names[event] for event in (*events, *whole))
 
     def by_order(self) -> dict[int, int]:
-        """Give the number of minimal cut sets of each order (number of events) that has some."""
-        return {order: number for order, number in enumerate(self._counts[self._root]) if number}
+        """Give the number of minimal cut sets of each order (number of events) that has some; up to `order`, if any."""
+        counts = self._counts[self._root]
+        return {order: number for order, number in enumerate(counts) if number and self._has(order)}
+
+    def _has(self, order: int) -> bool:
+        return self.order is None or order <= self.order
 
     def _counted(self) -> dict[int, list[int]]:
         """Count the sets of each part, and of the root, by order."""
@@ -89,22 +125,34 @@ class Solution:
         """
         names = self._formula.names
         weights = {node: log(chances[name]) for name, node in self._formula.events.items() if chances.get(name)}
-        for found in islice(likeliest(self._root, self._parts, weights), most):
+        ranked = (one for one in likeliest(self._root, self._parts, weights) if self._has(len(one)))
+        for found in islice(ranked, most):
             chance = 1.0
             for event in found:
                 chance *= chances[names[event]]
             yield frozenset(names[event] for event in found), chance
 
     def probability(self, chances: Chances) -> float:
-        """Give the probability that the node is true, if its events happen independently of each other."""
+        """Give the probability that the node is true, if its events happen independently; or a lower bound of it."""
         return self._values(chances)[self._root][0]
 
+    def at_most(self, chances: Chances) -> float:
+        """Give an upper bound of that probability; the probability itself if this is exact."""
+        return self._values(chances, above=True)[self._root][0]
+
     def survival(self, chances: Chances) -> float:
-        """Give the probability that the node is false."""
+        """Give the probability that the node is false; or an upper bound of it."""
         return self._values(chances)[self._root][1]
 
+    def survival_at_least(self, chances: Chances) -> float:
+        """Give a lower bound of that probability; the probability itself if this is exact."""
+        return self._values(chances, above=True)[self._root][1]
+
     def birnbaum(self, chances: Chances) -> dict[str, float]:
-        """Give the importance of each event: by how much the probability grows if it surely happens, not never."""
+        """Give the importance of each event: by how much the probability grows if it surely happens, not never.
+
+        If this is not exact, it is about the lower bound.
+        """
         values = self._values(chances)
         slope: dict[int, float] = {self._root: 1.0}
         for part, one in reversed(self._parts.items()):
@@ -112,14 +160,21 @@ class Solution:
                 slope[leaf] = share * slope.get(part, 0.0)
         return {name: slope.get(self._formula.events[name], 0.0) for name in self.support()}
 
-    def _values(self, chances: Chances) -> dict[int, tuple[float, float]]:
-        """Give the probabilities that each event, part and the root is true, and that it is false."""
+    def _values(self, chances: Chances, *, above: bool = False) -> dict[int, tuple[float, float]]:
+        """Give the probabilities that each event, part and the root is true, and that it is false.
+
+        Of what is truncated they are those of the function that bounds it from below, or an upper bound.
+        """
         known = {FALSE: (0.0, 1.0), TRUE: (1.0, 0.0)}
         for name, event in self._formula.events.items():
             chance = chances.get(name, 0.0)
             known[event] = (chance, 1.0 - chance)
         for part, one in self._parts.items():
-            known[part] = _chances_of(one, known)[one.root]
+            bdd, root = one.above if above and one.above is not None else (one.bdd, one.root)
+            known[part] = _chances_of(bdd, root, one.leaves, known)[root]
+            if above and one.above is not None:
+                least = min(known[part][0], sum_of_sets(one.sets, one.family, one.leaves, one.order, known))
+                known[part] = (least, 1.0 - least)
         return known
 
 
@@ -161,7 +216,10 @@ class _Building:
 
 
 def _asked(one: Solved) -> Iterator[int]:
-    """Yield the leaves on which the value of a part really depends."""
+    """Yield the leaves on which the value of a part really depends; of a truncated one, all."""
+    if one.order is not None or one.above is not None:
+        yield from one.leaves
+        return
     for variable in sorted({one.sets.variable[node] for node in one.sets.below(one.family)}):
         yield one.leaves[variable]
 
@@ -227,12 +285,14 @@ class _Listing:
         return found
 
 
-def _chances_of(one: Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, tuple[float, float]]:
+def _chances_of(
+    bdd: Bdd, root: int, leaves: Sequence[int], known: Mapping[int, tuple[float, float]]
+) -> dict[int, tuple[float, float]]:
     """Give the probabilities of each node of a part's diagram: that it is true, and that it is false."""
     found = {FALSE: (0.0, 1.0), TRUE: (1.0, 0.0)}
-    variable, low, high = one.bdd.variable, one.bdd.low, one.bdd.high
-    for node in one.bdd.below(one.root):
-        true, false = known[one.leaves[variable[node]]]
+    variable, low, high = bdd.variable, bdd.low, bdd.high
+    for node in bdd.below(root):
+        true, false = known[leaves[variable[node]]]
         if_true, if_false = found[high[node]], found[low[node]]
         found[node] = (true * if_true[0] + false * if_false[0], true * if_true[1] + false * if_false[1])
     return found
@@ -240,7 +300,7 @@ def _chances_of(one: Solved, known: Mapping[int, tuple[float, float]]) -> dict[i
 
 def _slopes(one: Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, float]:
     """Give, for each leaf of a part, how the probability of the part grows with that of the leaf."""
-    chances = _chances_of(one, known)
+    chances = _chances_of(one.bdd, one.root, one.leaves, known)
     reached = dict.fromkeys(chances, 0.0)
     reached[one.root] = 1.0
     slopes = dict.fromkeys(one.leaves, 0.0)

@@ -20,7 +20,12 @@ from heronry_tools.analysis.reliability.parts import Part
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """A part with its diagrams; variable number i is `leaves[i]`."""
+    """A part with its diagrams; variable number i is `leaves[i]`.
+
+    order: None: the diagrams are exact; else the family has the minimal sets of up to so many leaves, and `root` is true
+        only where the part is.
+    above: the pool and the root of a diagram that is true wherever the part is; None: `root` is exact.
+    """
 
     part: Part
     leaves: tuple[int, ...]
@@ -28,6 +33,8 @@ class Solved:
     root: int
     sets: Zbdd
     family: int
+    order: int | None = None
+    above: tuple[Bdd, int] | None = None
 
 
 class _Way(NamedTuple):

@@ -1,8 +1,9 @@
 """How reliable one function is over a mission: probability of loss, importance of elements, R(t), mean time to failure.
 
 All of this is about the logic of the graph (`failure`): resources are without limit. Every number is exact if it is
-known of each element that can lose the function how likely it fails; if not, probabilities of loss are lower bounds,
-and R(t) and the mean time to failure are upper bounds.
+known of each element that can lose the function how likely it fails, and no diagram was too large; if not, probabilities
+of loss are lower bounds, and R(t) and the mean time to failure are upper bounds. Of a diagram that was too large there
+is a proven bound on the other side, too (`truncating`).
 """
 
 from collections.abc import Collection
@@ -15,10 +16,12 @@ from heronry_dg.model import Spec
 from heronry_tools.analysis.reliability.chances import Hazards
 from heronry_tools.analysis.reliability.diagrams import Solution
 from heronry_tools.analysis.reliability.failure import Failure, failure
+from heronry_tools.analysis.reliability.spec_hazards import mission_hours
 
 _STEPS: Final = (16, 32, 64, 128)  # of the integral, per unit of its variable
 _WIDTH: Final = 5.5
 _EXACT: Final = 1e-10
+_USUAL: Final = 0.01  # probability of an element, where none is known, when nodes to truncate are chosen
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,17 +40,31 @@ class Reliability:
     """The reliability of one function, by the logic of the graph."""
 
     def __init__(self, spec: Spec, function: str, elements: Collection[str], hazards: Hazards) -> None:
-        """Solve the failure of a function if only these elements can fail; raises TooLargeError."""
+        """Solve the failure of a function if only these elements can fail.
+
+        A diagram that is too large is truncated. Raises TooLargeError if the formula itself is too large.
+        """
         self.failure: Failure = failure(spec, function, elements)
-        self.sets = Solution(self.failure.formula, self.failure.root)
         self.hazards = hazards.among(elements)
+        self._hours = mission_hours(spec)
+        self.sets = self._solved(self.failure.root)
 
     @cached_property
     def _with_causes(self) -> Solution:
         if not self.hazards.common:
             return self.sets
+        return self._solved(self.hazards.with_causes(self.failure.formula, self.failure.root))
+
+    def _solved(self, root: int) -> Solution:
+        """Solve a node; what must be truncated is most exact at the end of the mission."""
         formula = self.failure.formula
-        return Solution(formula, self.hazards.with_causes(formula, self.failure.root))
+        likely = dict.fromkeys(formula.events, _USUAL) | self.hazards.chances(self._hours)
+        return Solution(formula, root, truncate=likely)
+
+    @property
+    def exact(self) -> bool:
+        """Tell whether no diagram was truncated."""
+        return self._with_causes.exact
 
     @property
     def unknown(self) -> list[str]:
@@ -56,8 +73,12 @@ class Reliability:
         return [one for one in self.sets.support() if one not in known]
 
     def loss(self, hours: float) -> float:
-        """Give the probability that the function is lost within so many hours."""
+        """Give the probability that the function is lost within so many hours; a lower bound if it is not `exact`."""
         return self._with_causes.probability(self.hazards.chances(hours))
+
+    def loss_at_most(self, hours: float) -> float:
+        """Give an upper bound of that probability; the probability itself if it is `exact`."""
+        return self._with_causes.at_most(self.hazards.chances(hours))
 
     def survival(self, hours: float) -> float:
         """Give R(t): the probability that the function is not lost within so many hours."""

@@ -60,8 +60,7 @@ class Findings:
 
     def loss(self, hours: float) -> Bounds:
         """Give the probability of loss by logic."""
-        low = self.logic.loss(hours)
-        return Bounds(low, None if self.logic.unknown else low)
+        return Bounds(self.logic.loss(hours), None if self.logic.unknown else self.logic.loss_at_most(hours))
 
     def bounds(self, hours: float) -> Bounds:
         """Give the bounds of the probability of loss with real resources."""
@@ -91,7 +90,9 @@ def _logical_lines(found: Findings) -> Iterator[str]:
         yield _set_line(frozenset())
         return
     orders = ", ".join(f"{number} of {order}" for order, number in by_order.items())
-    yield f"logical: {_counted(total)}" + (f" in all ({orders})" if total else "")
+    upto = found.logic.sets.order
+    extent = "in all" if upto is None else f"to order {upto}; larger ones are not known"
+    yield f"logical: {_counted(total)}" + (f" {extent} ({orders})" if total else "" if upto is None else f" {extent}")
     listed = found.logical
     if found.likeliest:
         chances = found.element_chances(found.hours)
@@ -108,11 +109,12 @@ def _probability_lines(found: Findings) -> Iterator[str]:
     loss, unknown = found.loss(found.hours), found.logic.unknown
     yield f"lost by logic within {found.hours:g} h: {loss}" + (f"; {_without_rates(unknown)}" if unknown else "")
     mean = found.logic.mean_time_to_failure()
-    what = "exact" if not unknown else "upper"
+    what = "exact" if not unknown and found.logic.exact else "upper"
     yield f"mean time to loss: {'infinite' if isinf(mean) else f'{mean:.4g} h'} ({what}; without repair)"
     most = list(found.logic.importance(found.hours).items())[:_MOST_IMPORTANT]
     shares = ", ".join(f"{name} {its.fussell_vesely:.1%}" for name, its in most if its.fussell_vesely > 0.0)
-    yield f"most important (Fussell-Vesely): {shares}"
+    of_what = "" if found.logic.exact else ", of the lower bound"
+    yield f"most important (Fussell-Vesely{of_what}): {shares}"
 
 
 def _without_rates(unknown: Sequence[str]) -> str:
@@ -179,6 +181,7 @@ def _logical_json(found: Findings) -> dict[str, Any]:
     known = found.has_chances()
     document = {
         "count": sum(by_order.values()),
+        "complete_to_order": found.logic.sets.order,
         "by_order": {str(order): number for order, number in by_order.items()},
         "sets": [sorted(down) for down in found.logical],
         **_per_hour(found.loss(1.0) if known else None),
