@@ -20,6 +20,7 @@ from typing import TypeVar
 
 from heronry_dg import yaml_source
 from heronry_dg.check.actuators import check_actuators
+from heronry_dg.check.hazards import check_hazards
 from heronry_dg.check.plants import check_plants
 from heronry_dg.check.subject import Subject
 from heronry_dg.cycles import components, shortest_cycle
@@ -50,6 +51,7 @@ def check(subject: Subject, findings: Findings) -> None:
     _unfed_functions(subject, wiring, findings)
     _priority_ranges(subject, findings)
     check_actuators(subject, findings)
+    check_hazards(subject, findings)
     check_plants(subject, findings)
 
 

@@ -22,9 +22,9 @@ from heronry_tools.analysis.reliability.parts import Part
 class Solved:
     """A part with its diagrams; variable number i is `leaves[i]`.
 
-    order: None: the diagrams are exact; else the family has the minimal sets of up to so many leaves, and `root` is true
-        only where the part is.
-    above: the pool and the root of a diagram that is true wherever the part is; None: `root` is exact.
+    order: the family has the minimal sets of up to so many leaves; None: of every order.
+    above: the pool and the root of a diagram that is true wherever the part is; then `root` is true only where the part
+        is. None: `root` is exact.
     """
 
     part: Part

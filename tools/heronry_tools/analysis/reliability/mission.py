@@ -1,9 +1,9 @@
 """How reliable one function is over a mission: probability of loss, importance of elements, R(t), mean time to failure.
 
 All of this is about the logic of the graph (`failure`): resources are without limit. Every number is exact if it is
-known of each element that can lose the function how likely it fails, and no diagram was too large; if not, probabilities
-of loss are lower bounds, and R(t) and the mean time to failure are upper bounds. Of a diagram that was too large there
-is a proven bound on the other side, too (`truncating`).
+known of each element that can lose the function how likely it fails, and no diagram was too large; if not,
+probabilities of loss are lower bounds, and R(t) and the mean time to failure are upper bounds. Of a diagram that was
+too large there is a proven bound on the other side, too (`truncating`).
 """
 
 from collections.abc import Collection

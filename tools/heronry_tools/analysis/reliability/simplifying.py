@@ -106,7 +106,7 @@ def _decided(formula: Formula, root: int) -> int:
                 break
             effort -= len(nodes)
             above = _above(readers, node)
-            tops = _decides(formula, root, readers, node, value, above)
+            tops = _decides(formula, root, readers, node, above, value=value)
             if not tops:
                 continue
             join = formula.any_of if value == TRUE else formula.all_of
@@ -134,7 +134,7 @@ def _above(readers: dict[int, list[int]], node: int) -> set[int]:
 
 
 def _decides(
-    formula: Formula, root: int, readers: dict[int, list[int]], node: int, value: int, above: set[int]
+    formula: Formula, root: int, readers: dict[int, list[int]], node: int, above: set[int], *, value: int
 ) -> list[int]:
     """Give the topmost gates that have a value whenever a node has it, if the node can move up to them."""
     forced = {node}

@@ -48,7 +48,7 @@ class ShortSets(Zbdd):
 
     def either(self, one: int, other: int) -> int:
         """Give the minimal sets of two families."""
-        if one == other or other == FALSE:
+        if other in {one, FALSE}:
             return one
         if one == FALSE:
             return other
