@@ -18,13 +18,13 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.watch.reducer import Reducer
-from heronry_tools.web.app import Site, application
+from heronry_tools.web.app import Site
 from heronry_tools.web.guard import Access
 from heronry_tools.web.live import Live
 from heronry_tools.web.orders import Orders
 from heronry_tools.web.questions import Questions
 from heronry_tools.web.recording import Recording
-from heronry_tools.web.serving import access, listening
+from heronry_tools.web.serving import access, configuration, listening
 from web.flight import big_blue, flown
 
 FLAGS = [
@@ -65,8 +65,7 @@ class Server:
         self.access: Access = access(self._listener, operates=operates)
         questions = Questions(spec, file or shipped_spec_path("big_blue"))
         self.site = Site(spec, shown, questions, orders or Orders(None), self.access)
-        config = uvicorn.Config(application(self.site), log_level="error", timeout_graceful_shutdown=3)
-        self._server = uvicorn.Server(config)
+        self._server = uvicorn.Server(configuration(self.site))
         self._thread = threading.Thread(target=self._server.run, kwargs={"sockets": [self._listener]}, daemon=True)
 
     def __enter__(self) -> "Server":

@@ -15,10 +15,12 @@ import uvicorn
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.web.app import Site, application
+from heronry_tools.web.connections import LimitedConnection
 from heronry_tools.web.guard import Access
 
 USUAL_PORT: Final = 8321
 _LONGEST_END_S: Final = 2
+_AT_ONCE: Final = 64  # connections that the event loop accepts in one turn, before it looks at their number
 
 
 def listening(address: str, port: int | None) -> socket.socket:
@@ -39,7 +41,7 @@ def listening(address: str, port: int | None) -> socket.socket:
                 continue
             flags = f"--listen {address}" if port is None else f"--listen {address} --port {port}"
             raise UserError(f"{flags}: {error.strerror}; name another address or port") from None
-        listener.listen(64)
+        listener.listen(_AT_ONCE)
         return listener
     raise AssertionError("unreachable: the kernel gives a free port, or an error")
 
@@ -77,12 +79,21 @@ def serve(site: Site, listener: socket.socket, begun: Callable[[], None]) -> Non
 
     begun: is called in the event loop as soon as the server can answer requests.
     """
-    config = uvicorn.Config(
+    _Server(configuration(site, begun), site.closing).run(sockets=[listener])
+
+
+def configuration(site: Site, begun: Callable[[], None] = lambda: None) -> uvicorn.Config:
+    """Give uvicorn's settings for the pages of `site`.
+
+    begun: is called in the event loop as soon as the server can answer requests.
+    """
+    return uvicorn.Config(
         application(site, begun),
-        log_level="warning",
+        http=LimitedConnection,
+        backlog=_AT_ONCE,
+        log_level="error",  # a warning tells of one caller's bad request: any caller could fill the log with them
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=_LONGEST_END_S,
         lifespan="on",
     )
-    _Server(config, site.closing).run(sockets=[listener])
