@@ -264,6 +264,50 @@ def test_who_waits_for_an_answer_makes_no_room(place: Path) -> None:
             caller.close()
 
 
+def test_each_turn_takes_one_order_and_no_caller_delays_another(place: Path) -> None:
+    with ControlSocket(place) as control, caller_of(place) as many, caller_of(place) as one:
+        many.sendall(order_line(AskStatus()) * 1000)
+        first: list[OperatorSaid | ScriptSaid] = []
+        while not first:
+            first = control.poll()
+        one.sendall(order_line(ReleaseTarget()))
+        control.answer(Reply(first[0].number, True, "done"))
+        turns = [control.poll(), control.poll()]
+        assert [len(said) for said in turns] == [1, 1]
+        assert ReleaseTarget() in [said[0].order for said in turns]
+
+
+def test_the_next_order_of_a_caller_waits_for_the_answer_to_its_last(place: Path) -> None:
+    with ControlSocket(place) as control, caller_of(place) as caller:
+        caller.sendall(order_line(AskTraceback("module:imu")) + order_line(AskStatus()))
+        said: list[OperatorSaid | ScriptSaid] = []
+        while not said:
+            said = control.poll()
+        assert (control.has_orders, control.poll()) == (False, [])
+        control.answer(Reply(said[0].number, True, "a traceback"))
+        assert control.has_orders
+        assert [one.order for one in control.poll()] == [AskStatus()]
+
+
+def test_where_orders_of_all_callers_wait_the_longest_lines_make_room(place: Path) -> None:
+    with ControlSocket(place) as control:
+        callers = []
+        for number in range(MOST_CALLERS):
+            callers.append(caller_of(place))
+            callers[-1].sendall(b"\n" * (2000 if number == 5 else 500))
+            control.poll()
+        for _ in range(3):
+            control.poll()
+        with caller_of(place) as late:
+            late.sendall(order_line(AskStatus()))
+            while not control.poll():
+                pass
+        with pytest.raises(ConnectionError):
+            callers[5].sendall(b"\n")
+        for caller in callers:
+            caller.close()
+
+
 @contextmanager
 def no_descriptor_left() -> Iterator[None]:
     """Leave this process no descriptor."""
@@ -289,13 +333,15 @@ def test_without_a_descriptor_an_idle_caller_makes_room_and_nobody_stays_in_the_
         control.poll()
         if not has_idle:
             first.sendall(order_line(AskStatus()))
-            assert len(control.poll()) == 1
+            (unanswered,) = control.poll()
         with caller_of(place) as operator:
             with no_descriptor_left():
                 control.poll()
                 assert not select.select([control.readers()[0]], [], [], 0)[0]
                 dropped, kept = (first, operator) if has_idle else (operator, first)
                 assert dropped.recv(1) == b""
+                if not has_idle:
+                    control.answer(Reply(unanswered.number, True, "done"))
                 kept.sendall(order_line(AskStatus()))
                 assert len(control.poll()) == 1
             with caller_of(place) as later:

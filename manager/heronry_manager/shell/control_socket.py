@@ -8,9 +8,14 @@ socket. The kernel names the user of each caller, and callers of any other user 
 A caller that has begun to follow the manager's events (`followers`) can give no more orders, and counts as a follower
 and not as a caller.
 
+The manager takes one order in each turn of its loop, from its callers in turn. So orders, however many arrive, cannot
+delay the manager's own frames by more than one order takes, and a caller with many orders does not delay those of
+others. Nothing more is read from a caller while a line of it waits; its next order waits for the answer to this one.
+
 A caller that sends too much without a line break, or does not read its answer, is dropped. If there are MOST_CALLERS
 already, or the process has no descriptor left, the caller that has been idle for longest makes room for a new one. If
-every caller waits for an answer, the new one is dropped. One file descriptor is kept in reserve, to accept a new caller
+none is idle, the caller whose waiting lines are longest makes room. If every caller waits for an answer, the new one is
+dropped. One file descriptor is kept in reserve, to accept a new caller
 when the process has no other descriptor left. Without the reserve this caller would stay in the kernel's queue, and
 would wake the manager's loop again and again.
 """
@@ -49,7 +54,7 @@ class ControlSocket:
         self.path = checked_length(path)
         self.followers = Followers()
         self._lock = _locked(listening_folder(path) / f"{path.name}.lock")
-        self._callers: dict[socket.socket, bytes] = {}  # caller -> the part of its next line that has come
+        self._callers: dict[socket.socket, bytes] = {}  # caller -> what has come of its next lines; last served: last
         self._awaiting_answer: dict[int, socket.socket] = {}
         self._number = 0
         self._reserve: int | None = None  # file descriptor
@@ -72,20 +77,34 @@ class ControlSocket:
 
     def readers(self) -> list[socket.socket]:
         """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
-        return [self._listener, *self._callers, *self.followers.readers()]
+        heard = [one for one, lines in self._callers.items() if b"\n" not in lines]
+        return [self._listener, *heard, *self.followers.readers()]
+
+    @property
+    def has_orders(self) -> bool:
+        """Tell whether an order has come that `poll` can return, so that the event loop must not wait."""
+        return self._next() is not None
 
     def poll(self) -> list[OperatorSaid | ScriptSaid]:
-        """Return the orders that have arrived, without waiting; a line that is no order is answered with an error."""
+        """Return the next order if one has arrived, without waiting.
+
+        Takes at most one line, of one caller. A line that is no order is answered with an error.
+        """
         ready, _, _ = select.select(self.readers(), [], [], 0)
-        said: list[OperatorSaid | ScriptSaid] = []
         for one in ready:
             if one is self._listener:
                 self._let_in()
             elif one in self._callers:
-                said += self._hear(one)
+                self._hear(one)
             else:
                 self.followers.heard(one)  # no effect on a caller that was dropped in this loop, to make room
-        return said
+        caller = self._next()
+        if caller is None:
+            return []
+        line, _, rest = self._callers.pop(caller).partition(b"\n")
+        self._callers[caller] = rest
+        said = self._understood(caller, line)
+        return [] if said is None else [said]
 
     def answer(self, reply: Reply) -> None:
         """Answer an order; the answer is lost if the caller has closed the connection."""
@@ -96,7 +115,7 @@ class ControlSocket:
     def close(self) -> None:
         """Close the socket and all connections, and release the lock."""
         self.followers.close()
-        for one in self.readers():
+        for one in (self._listener, *self._callers):
             one.close()
         self._callers.clear()
         if self._reserve is not None:
@@ -147,30 +166,33 @@ class ControlSocket:
     def _has_room(self) -> bool:
         """Make room for one more caller if there is none; tell whether one more caller can be accepted now.
 
-        To make room, the caller that has been idle for longest is dropped. A caller that waits for an answer is never
-        dropped; if all callers wait for an answer, the result is False.
+        To make room, a caller that does not wait for an answer is dropped (see the file's head); if all callers wait
+        for an answer, the result is False.
         """
         if len(self._callers) < MOST_CALLERS and self._reserve is not None:
             return True
-        waiting = self._awaiting_answer.values()
-        idle = next((caller for caller in self._callers if caller not in waiting), None)
-        if idle is not None:
-            self._drop(idle)
-        return idle is not None
+        waiting = set(self._awaiting_answer.values())
+        others = {one: lines for one, lines in self._callers.items() if one not in waiting}
+        if not others:
+            return False
+        idle = next((one for one, lines in others.items() if b"\n" not in lines), None)
+        self._drop(idle or max(others, key=lambda one: len(others[one])))
+        return True
 
-    def _hear(self, caller: socket.socket) -> list[OperatorSaid | ScriptSaid]:
+    def _next(self) -> socket.socket | None:
+        """Give the caller whose line is to be taken next: of those with a complete line, the one served longest ago."""
+        waiting = set(self._awaiting_answer.values())
+        return next((one for one, lines in self._callers.items() if b"\n" in lines and one not in waiting), None)
+
+    def _hear(self, caller: socket.socket) -> None:
         try:
             chunk = caller.recv(LONGEST_ORDER_BYTES)
         except OSError:
             chunk = b""
-        *lines, rest = (self._callers.pop(caller) + chunk).split(b"\n")
-        self._callers[caller] = rest  # at the end of the dict: the caller idle for longest comes first
-        said = [one for line in lines if (one := self._understood(caller, line)) is not None]
-        if caller not in self._callers:  # the caller is a follower now, or was dropped
-            return said
-        if not chunk or len(rest) > LONGEST_ORDER_BYTES:
+        lines = self._callers.pop(caller) + chunk
+        self._callers[caller] = lines
+        if not chunk or (len(lines) > LONGEST_ORDER_BYTES and b"\n" not in lines):
             self._drop(caller)
-        return said
 
     def _understood(self, caller: socket.socket, line: bytes) -> OperatorSaid | ScriptSaid | None:
         order = read_order(line)
@@ -187,10 +209,7 @@ class ControlSocket:
         return OperatorSaid(self._number, order)
 
     def _follow(self, caller: socket.socket) -> None:
-        """Make a caller a follower of events; if there are too many followers already, tell the caller so.
-
-        A new follower gets no answers to the orders that it gave before.
-        """
+        """Make a caller a follower of events; if there are too many followers already, tell the caller so."""
         if self.followers.take(caller):
             del self._callers[caller]
         else:

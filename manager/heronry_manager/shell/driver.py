@@ -1,8 +1,8 @@
 """The manager's thin shell: one select loop over the bus, the processes that plan, and the operator's socket.
 
-In each turn of the loop, everything that has arrived (frames, answers of the planner, the operator's orders) goes into
-the core before the core handles a deadline. So a time in which this process did not run does not count as silence of
-the other nodes. Time is CLOCK_MONOTONIC.
+In each turn of the loop, the frames and the answers of the planner that have arrived go into the core before the core
+handles a deadline. So a time in which this process did not run does not count as silence of the other nodes. One order
+of the operator follows (`control_socket`): the manager's own frames go first. Time is CLOCK_MONOTONIC.
 
 While the bus is lost the core's clock stands still, because a manager that cannot receive must not conclude that all
 PEs are silent. When `heronry_wire.link` has opened the bus again, the manager goes on with its term and the operator's
@@ -139,12 +139,12 @@ class ManagerDriver:
             self._take_frames()
             for answer in self._planners.poll():
                 self._step(answer)
-            for said in self._control.poll():
-                self._step(said.target(self._spec, self._core) if isinstance(said, ScriptSaid) else said)
             deadline_ns = self._core.next_deadline_ns()
             if deadline_ns is not None and self._now_ns() >= deadline_ns and self._frozen_ns is None:
                 self._step(Tick())
                 self._service.lives(time.monotonic_ns())
+            for said in self._control.poll():
+                self._step(said.target(self._spec, self._core) if isinstance(said, ScriptSaid) else said)
             self._link.pump(time.monotonic_ns())
             self._look_at_link()
             self._look_after_journal()
@@ -185,6 +185,8 @@ class ManagerDriver:
             self._step(JournalTold(self._journal_problem))
 
     def _wait_s(self) -> float | None:
+        if self._control.has_orders:
+            return 0
         deadlines = [self._link.next_deadline_ns(), self._planners.next_deadline_ns(), self._core_due_ns()]
         deadlines.append(None if self._telling is None else self._on_this_clock(self._telling.due_ns()))
         waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
