@@ -76,6 +76,20 @@ class Shares(Misbehaving):
             shared[page] = 1
 
 
+class WritesMuch(Misbehaving):
+    """Writes 40 MB past Python's own streams, with sequences that would control a terminal."""
+
+    def misbehave(self) -> None:
+        for _ in range(40):
+            os.write(1, b"\x1b[2J and so on\n" * 65_536)
+
+
+class PrintsMuch(Misbehaving):
+    def misbehave(self) -> None:
+        for _ in range(50_000):
+            print("\x1b[2J and so on")
+
+
 class Multiplies(Misbehaving):
     """Ends, and leaves a child behind that would live on."""
 

@@ -112,7 +112,7 @@ class Hosted:
         return self.step(CONTROL)
 
     def pids(self) -> dict[str, int]:
-        return {process.name: process.pid for process in self.host.readers()}
+        return {one.name: one.pid for one in self.host.readers() if isinstance(one, PartitionProcess)}
 
 
 @pytest.fixture
@@ -351,3 +351,16 @@ def test_a_partition_inherits_one_socket_and_no_secrets(
     assert files.pop("0") == os.devnull
     assert files.keys() == {"1", "2"}
     assert b"very secret" not in (process / "environ").read_bytes()
+
+
+@pytest.mark.parametrize("hosted", ["WritesMuch", "PrintsMuch"], indirect=True)
+def test_a_module_that_prints_much_fills_no_log_and_goes_on(hosted: Hosted, capfd: pytest.CaptureFixture[str]) -> None:
+    event = hosted.misbehave()
+    assert isinstance(event, Stepped), event
+    assert hosted.demand(MONITOR) == 3.0
+    hosted.host.close()
+    said = capfd.readouterr().err
+    assert len(said) < 400_000
+    assert said.count("is left out of the log") == 1
+    assert "\x1b" not in said
+    assert "\\x1b[2J" in said

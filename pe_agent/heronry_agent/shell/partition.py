@@ -7,9 +7,9 @@ sends the answer to each step before it begins the next step (`partition_message
 was computing when the process ended. If a module raises an exception, the answer reports it, and the traceback is
 printed.
 
-The tracebacks, and all text that modules print, go line by line to the standard error of the agent, each line with time
-and module name (`module_prints`). On a node this standard error is the journal of the agent's service; in a demo it is
-the agent's log.
+The tracebacks, and all text that modules print, go line by line to the agent, each line with time and module name
+(`module_prints`). The agent writes them to its standard error (`partition_log`). On a node this is the journal of the
+agent's service; in a demo it is the agent's log.
 
 No partition outlives its agent. The kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
 of a step. The process also ends when its socket is closed. If the agent hangs it sends no orders, so no module computes
@@ -133,8 +133,10 @@ def main(arguments: list[str]) -> int:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends this process
     if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(line_buffering=True)  # else what a module prints is lost when the process is killed
-    prints = ModulePrints(sys.stdout)  # the agent has connected both outputs of this process to its standard error
+        sys.stdout.reconfigure(
+            line_buffering=True, encoding="utf-8", errors="backslashreplace"
+        )  # else what a module prints is lost when the process is killed
+    prints = ModulePrints(sys.stdout)  # both outputs of this process lead to its agent (`partition_log`)
     sys.stdout = sys.stderr = prints
     partition = Partition(ModuleRunner(time.monotonic_ns), prints.of)
     with suppress(ConnectionError):  # raised when the agent closes the socket with packets unread

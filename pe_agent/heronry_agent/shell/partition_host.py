@@ -47,6 +47,7 @@ from heronry_agent.core.vocabulary import (
 )
 from heronry_agent.shell.devices import Devices
 from heronry_agent.shell.partition_groups import PartitionGroups
+from heronry_agent.shell.partition_log import PartitionLog
 from heronry_agent.shell.partition_messages import (
     Answer,
     Done,
@@ -92,15 +93,22 @@ class PartitionHost:
         self._cold = sorted({module.partition for module in table.modules}, reverse=True)
         self._warm_ns = NEVER_NS
 
-    def readers(self) -> list[PartitionProcess]:
-        """Return the partitions for which `select` is to wait now."""
-        return [process for process in self._processes.values() if not process.gathers]
+    def readers(self) -> list[PartitionProcess | PartitionLog]:
+        """Return the partitions, and the pipes to which they print, for which `select` is to wait now."""
+        now_ns = time.monotonic_ns()
+        logs = [log for log in self._logs() if now_ns >= log.look_ns]
+        return [*(process for process in self._processes.values() if not process.gathers), *logs]
+
+    def _logs(self) -> Iterator[PartitionLog]:
+        return (process.log for process in self._processes.values() if process.log.is_open)
 
     def next_deadline_ns(self) -> int:
         """Time in ns at which to call `take`, if `select` reports no partition before."""
         looks = (process.look_ns for process in self._processes.values() if process.gathers)
+        now_ns = time.monotonic_ns()
+        log_ns = min((log.look_ns for log in self._logs() if log.look_ns > now_ns), default=NEVER_NS)
         look_ns, loaded_ns = min(looks, default=NEVER_NS), min(self._load_by_ns.values(), default=self._warm_ns)
-        return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
+        return min(look_ns, log_ns, loaded_ns, now_ns + _REAP_NS if self._ending else NEVER_NS)
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
         """Execute an action of the core on a module or a device.
@@ -139,6 +147,9 @@ class PartitionHost:
         ready: what `select` has reported as readable.
         """
         events: list[ModuleEvent] = []
+        for log in self._logs():
+            if log in ready:
+                log.read(now_ns)
         for process in list(self._processes.values()):
             if process in ready or (process.gathers and now_ns >= process.look_ns):
                 process.gathers = False

@@ -38,6 +38,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from heronry_agent.shell.partition_groups import PartitionGroups
+from heronry_agent.shell.partition_log import PartitionLog
 from heronry_agent.shell.partition_messages import ANSWER_BYTES, SOCKET, Order, encode_orders
 
 SLACK_BYTES = 8 * 1024 * 1024
@@ -84,8 +85,12 @@ class PartitionProcess:
         self._begun_ns = time.monotonic_ns()
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
-        with theirs:
-            self.pid = _spawn(name, theirs.fileno())
+        self.log = PartitionLog(name)
+        try:
+            with theirs:
+                self.pid = _spawn(name, theirs.fileno(), self.log.writer)
+        finally:
+            self.log.handed_over()
         self._group = None if groups is None else groups.enclose(self.pid)
         os.setpriority(os.PRIO_PROCESS, self.pid, os.getpriority(os.PRIO_PROCESS, 0) + _STANDS_BACK)
         self._schedstat = _open(f"/proc/{self.pid}/schedstat")
@@ -245,6 +250,7 @@ class PartitionProcess:
         pid, status = os.waitpid(self.pid, os.WNOHANG)
         if not pid:
             return None
+        self.log.close()
         code = os.waitstatus_to_exitcode(status)
         if self._groups is not None and self._group is not None and self._groups.retire(self._group):
             return "it took more memory than its limit"
@@ -266,7 +272,7 @@ class PartitionProcess:
             return 0  # the process has ended
 
 
-def _spawn(name: str, theirs: int) -> int:
+def _spawn(name: str, theirs: int, log: int) -> int:
     environment = {k: v for k, v in os.environ.items() if k in _INHERITED or k.startswith(("LC_", "PYTHON"))}
     return os.posix_spawn(
         sys.executable,
@@ -274,7 +280,8 @@ def _spawn(name: str, theirs: int) -> int:
         environment,
         file_actions=[
             (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
-            (os.POSIX_SPAWN_DUP2, 2, 1),
+            (os.POSIX_SPAWN_DUP2, log, 1),
+            (os.POSIX_SPAWN_DUP2, log, 2),
             (os.POSIX_SPAWN_DUP2, theirs, SOCKET),
         ],
         setpgroup=0,
