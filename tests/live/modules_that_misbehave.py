@@ -98,6 +98,14 @@ class Multiplies(Misbehaving):
         os._exit(3)
 
 
+class Forks(Misbehaving):
+    """Has a child that is a copy of the partition."""
+
+    def misbehave(self) -> None:
+        if os.fork() == 0:
+            time.sleep(1e6)
+
+
 class Floods(Misbehaving):
     def misbehave(self) -> None:
         while True:

@@ -5,6 +5,7 @@ import select
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import ANY
@@ -364,3 +365,35 @@ def test_a_module_that_prints_much_fills_no_log_and_goes_on(hosted: Hosted, capf
     assert said.count("is left out of the log") == 1
     assert "\x1b" not in said
     assert "\\x1b[2J" in said
+
+
+def gone(group: int) -> bool:
+    """Wait until no process of a process group lives."""
+    end_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s:
+        states = []
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            with suppress(OSError):
+                state, _, member_of = stat.read_text(errors="replace").rpartition(") ")[2].split()[:3]
+                states += [state] if int(member_of) == group else []
+        if set(states) <= {"Z"}:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@on("Multiplies")
+def test_a_program_that_a_module_has_started_ends_with_the_partition(hosted: Hosted) -> None:
+    hosted.start(CONTROL)
+    group = hosted.pids()["bad"]
+    assert hosted.misbehave() == PartitionEnded("bad", "exit code 3", CONTROL)
+    assert gone(group)
+
+
+@on("Forks")
+def test_what_a_module_has_forked_dies_with_its_partition_without_the_agent(hosted: Hosted) -> None:
+    event = hosted.misbehave()
+    assert isinstance(event, Stepped), event
+    group = hosted.pids()["bad"]
+    os.kill(group, signal.SIGKILL)  # as the kernel does when the agent is killed
+    assert gone(group)

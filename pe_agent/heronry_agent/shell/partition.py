@@ -12,8 +12,10 @@ The tracebacks, and all text that modules print, go line by line to the agent, e
 agent's service; in a demo it is the agent's log.
 
 No partition outlives its agent. The kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
-of a step. The process also ends when its socket is closed. If the agent hangs it sends no orders, so no module computes
-a further step. If a step was ordered before, the partition skips it once its authorization (`until_ns`) has ended.
+of a step, and then the processes that its modules have forked. A program that a module has started ends with the
+partition if the agent ends the partition; after a kill of the agent only its control group or systemd ends the program.
+The partition also ends when its socket is closed. If the agent hangs it sends no orders, so no module computes a further
+step. If a step was ordered before, the partition skips it once its authorization (`until_ns`) has ended.
 
 A partition writes no core file, since writing one would take seconds.
 """
@@ -128,6 +130,7 @@ def main(arguments: list[str]) -> int:
     arguments: process number of the agent, and name of the partition.
     """
     die_with(int(arguments[0]))
+    os.register_at_fork(after_in_child=lambda: die_with(os.getppid()))
     os.closerange(SOCKET + 1, _DESCRIPTORS)  # descriptors that the agent has inherited
     os.set_inheritable(SOCKET, False)  # else a program started by a module would hide the end of this process
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -235,15 +235,15 @@ class PartitionProcess:
             self._group.limit(self._ram + SLACK_BYTES)
 
     def kill(self) -> None:
-        """Kill the process; it still has to be reaped (`reap`)."""
+        """Kill the process with the children of its process group; it still has to be reaped (`reap`)."""
         self._socket.close()
         if self._schedstat is not None:
             os.close(self._schedstat)
             self._schedstat = None
         if self._group is not None:
             self._group.kill()
-        with suppress(ProcessLookupError):
-            os.kill(self.pid, signal.SIGKILL)
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, signal.SIGKILL)
 
     def reap(self) -> str | None:
         """Return in words how the process has ended; None if it has not ended yet."""
