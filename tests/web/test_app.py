@@ -256,3 +256,21 @@ def test_an_event_right_after_a_change_is_sent_at_once_and_not_when_the_next_one
         return found
 
     assert [one.split("\n")[0] for one in asyncio.run(read())[2:]] == ["event: change", "event: change"]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"ask": "why", "function": "\\ud800"}',
+        b'{"ask": "plan", "down": [NaN]}',
+        b'{"ask": "plan", "phase": ' + b"[" * 30_000,
+        b'{"ask": "plan", "down": [' + b"9" * 5000 + b"]}",
+        b"\xff\xfe",
+        b"[]",
+    ],
+    ids=["half a character", "no number", "deep", "long number", "no text", "a list"],
+)
+def test_a_body_that_is_no_question_is_refused_in_a_sentence(reading, body):
+    told = reading.post("/api/ask", content=body, headers={"origin": ORIGIN, "content-type": "application/json"})
+    assert told.status_code == 400
+    assert told.json()["sentence"] == "the body of a question must be a JSON object"

@@ -75,10 +75,44 @@ def test_why_is_that_of_the_command(capsys):
         ({"ask": "plan", "phase": "war"}, "no phase is named 'war'"),
         ({"ask": "why", "function": "flaps"}, "no function is named 'flaps'"),
         ({"ask": "the oracle"}, "the planner's process does not know this question"),
+        ({"ask": "plan", "down": [1, 2]}, "lists of texts"),
+        ({"ask": "plan", "limits": "bus:can0"}, "lists of texts"),
+        ({"ask": "why", "function": "elevator", "phase": ["glide"]}, "of a wrong kind"),
+        ({"ask": "script", "script": "", "modules": {}, "priorities": {"elevator": 1}}, "of a wrong kind"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(question, sentence):
     assert sentence in Desk(big_blue()).answer(question)["refused"]
+
+
+JUNK = (None, True, 7, -1, 1e30, "", "pe:nav", "\u20ac" * 300, [], ["pe:nav"], [[]], {}, {"x": {}}, {"pe": "nav"})
+
+
+def spoilt(value, random):
+    """A copy of a question with one of its values replaced."""
+    if not isinstance(value, dict | list) or not value or random.random() < 0.2:
+        return random.choice(JUNK)
+    keys = list(value) if isinstance(value, dict) else range(len(value))
+    at, copy = random.choice(keys), value.copy()
+    copy[at] = spoilt(value[at], random)
+    return copy
+
+
+def test_no_question_is_answered_by_a_traceback():
+    spec, random = load(shipped_spec_path("elevator_and_chute")), Random(7)
+    desk = Desk(spec)
+    now = {"down": ["pe:tail_pe"], "limits": ["pe:tail_pe=50%"], "phase": None, "priorities": ["parachute=0"]}
+    running = desk.answer({"ask": "plan"})["plan"]["modules"]
+    script = f"{spec.name}.PruneEdges ();"
+    asked = [
+        {"ask": "why", "function": "elevator", **now},
+        {"ask": "script", "script": script, "modules": running, **now},
+        {"ask": "script", "script": script, "modules": running},
+    ]
+    for _ in range(300):
+        question = spoilt(spoilt(random.choice(asked), random), random)
+        if isinstance(question, dict):
+            assert json.dumps(desk.answer(question))
 
 
 def asked(questions, *then):

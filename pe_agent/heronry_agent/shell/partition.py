@@ -14,8 +14,8 @@ agent's service; in a demo it is the agent's log.
 No partition outlives its agent. The kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
 of a step, and then the processes that its modules have forked. A program that a module has started ends with the
 partition if the agent ends the partition; after a kill of the agent only its control group or systemd ends the program.
-The partition also ends when its socket is closed. If the agent hangs it sends no orders, so no module computes a further
-step. If a step was ordered before, the partition skips it once its authorization (`until_ns`) has ended.
+The partition also ends when its socket is closed. If the agent hangs it sends no orders, so no module computes a
+further step. If a step was ordered before, the partition skips it once its authorization (`until_ns`) has ended.
 
 A partition writes no core file, since writing one would take seconds.
 """

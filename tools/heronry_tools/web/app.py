@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from threading import Lock
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NoReturn, TypeVar
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -199,10 +199,15 @@ async def _json(request: Request) -> dict[str, Any] | None:
         if len(body) > _MOST_BYTES:
             return None
     try:
-        read = json.loads(bytes(body))
+        read = json.loads(bytes(body), parse_constant=_refuse_constant)
+        json.dumps(read, ensure_ascii=False).encode()  # half of a surrogate pair is no text that an answer could repeat
     except (ValueError, RecursionError):
         return None
     return read if isinstance(read, dict) else None
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON")
 
 
 def _number(request: Request, name: str, usual: float) -> float:

@@ -24,7 +24,7 @@ import sys
 from collections.abc import Mapping
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Final
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
@@ -41,6 +41,9 @@ from heronry_tools.watch.graph_marks import LiveGraphs
 from heronry_tools.web.changes import plain
 from heronry_wire.errors import HeronryError
 
+_LISTS: Final = ("down", "limits", "priorities")
+_FIELDS: Final[Mapping[str, type]] = {**dict.fromkeys(_LISTS, list), "phase": str}
+
 
 class Desk:
     """Answers questions about one spec: the best plan, the plan that a script makes, why a function is not served."""
@@ -50,6 +53,8 @@ class Desk:
 
     def answer(self, question: Mapping[str, Any]) -> dict[str, Any]:
         """Answer a question; the answer is a refusal if the question is invalid or names something not in the spec."""
+        if not all(_is_right(question.get(key), kind) for key, kind in _FIELDS.items()):
+            return {"refused": f"a question has a field of a wrong kind; {', '.join(_LISTS)} are lists of texts"}
         try:
             match question:
                 case {"ask": "plan"}:
@@ -84,7 +89,7 @@ class Desk:
         )
 
     def _situation(self, question: Mapping[str, Any]) -> Situation:
-        down, limits, priorities = (question.get(key) or () for key in ("down", "limits", "priorities"))
+        down, limits, priorities = (question.get(key) or () for key in _LISTS)
         return situation(self._spec, down, limits, question.get("phase"), priorities)
 
     def _told(self, found: Plan) -> dict[str, Any]:
@@ -95,6 +100,11 @@ class Desk:
         now = situation(self._spec, question.get("down") or (), (), question.get("phase"))
         one = self._spec.functions[checked_function(self._spec, function)]
         return {"why": why_document(self._spec, explain(self._spec, now, one))}
+
+
+def _is_right(value: object, kind: type) -> bool:
+    """Tell whether a field of a question is missing, or a text or a list of texts as `kind` says."""
+    return value is None or (isinstance(value, kind) and all(isinstance(one, str) for one in value))
 
 
 def main() -> None:
