@@ -1,7 +1,7 @@
 """The file that holds a fleet's key: one line of 64 hexadecimal digits, which only its owner may read.
 
-A file that other users may read or change is refused, because its key must not count as secret any more. `make_key`
-draws the key from the system's random source, creates the file with mode 0600, and never overwrites a file.
+A file that other users own, or may read or change, is refused, because its key must not count as secret any more.
+`make_key` draws the key from the system's random source, creates the file with mode 0600, and never overwrites a file.
 """
 
 import os
@@ -23,14 +23,20 @@ class KeyFileError(HeronryError):
 def read_key(file: Path) -> Key:
     """Read a key from its file; raises KeyFileError."""
     try:
-        with file.open(encoding="ascii") as stream:
-            mode = os.fstat(stream.fileno()).st_mode
+        with os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK), encoding="ascii") as stream:
+            known = os.fstat(stream.fileno())
             text = stream.read(2 * KEY_BYTES + 2)
     except OSError as error:
         remedy = "name a key file that you can read, or make a key with 'heronry key FILE'"
         raise KeyFileError(f"{file}: {error.strerror}; {remedy}") from error
     except UnicodeDecodeError as error:
         raise KeyFileError(f"{file} holds no key; 'heronry key' makes one") from error
+    mode = known.st_mode
+    if known.st_uid not in (0, os.geteuid()):
+        raise KeyFileError(
+            f"{file} belongs to another user (user ID {known.st_uid}), so its key is no secret; "
+            "give the command as that user, or make a new key with 'heronry key'"
+        )
     if mode & _FOR_OTHERS:
         raise KeyFileError(
             f"{file} can be read or changed by others (mode {stat.S_IMODE(mode):04o}), so its key is no secret; "

@@ -1,5 +1,6 @@
 """Keys and tags: what they depend on, and the file of a key."""
 
+import os
 from hashlib import blake2s
 from pathlib import Path
 
@@ -133,3 +134,20 @@ def test_what_is_no_key_is_refused(tmp_path: Path, content: bytes) -> None:
     file.write_bytes(content)
     with pytest.raises(KeyFileError, match="holds no key"):
         read_key(file)
+
+
+def test_a_key_that_another_user_owns_is_no_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "fleet.key"
+    make_key(file)
+    if os.geteuid() == 0:
+        os.chown(file, 4711, -1)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 4711)
+    with pytest.raises(KeyFileError, match=r"belongs to another user \(user ID \d+\), so its key is no secret"):
+        read_key(file)
+
+
+def test_a_pipe_is_no_key_and_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fleet.key", 0o600)
+    with pytest.raises(KeyFileError, match="holds no key"):
+        read_key(tmp_path / "fleet.key")
