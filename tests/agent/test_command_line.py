@@ -101,6 +101,18 @@ def test_a_table_that_cannot_be_used(
     assert "heronry table" in line
 
 
+def test_a_table_without_an_end_is_no_table(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert complaint(capsys, "--table", "/dev/zero", "-c", "x") == (
+        2,
+        "pe-agent: /dev/zero: this is not an ordinary file; write the table with 'heronry table'",
+    )
+    file = tmp_path / "long.table"
+    with file.open("wb") as long:
+        long.truncate(1 << 40)
+    code, line = complaint(capsys, "--table", str(file), "-c", "x")
+    assert (code, line) == (2, f"pe-agent: {file} is longer than any table; write the table with 'heronry table'")
+
+
 def test_a_bus_that_is_not_there(capsys: pytest.CaptureFixture[str], table: str, tmp_path: Path) -> None:
     code, line = complaint(capsys, "--table", table, "-q", "--bus", f"can0=softbus:{tmp_path / 'none.sock'}")
     assert code == 2

@@ -34,6 +34,7 @@ from heronry_wire.command_parser import CommandParser, program_version
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.key_file import read_key
+from heronry_wire.ordinary_file import read_ordinary
 from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
@@ -41,6 +42,7 @@ from heronry_wire.service_manager import ServiceManager
 
 _LISTEN_NS = 1_200_000_000  # longer than the heartbeat period of a node that waits for its table
 _SALT_BYTES = 16
+_MOST_TABLE_BYTES = 16 * 1024 * 1024
 _USUAL_BITRATE = 1_000_000  # bit/s without --bitrate; limits the rate of SDO
 
 _EPILOG = """\
@@ -211,7 +213,10 @@ def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None],
 
 def _read_table(file: Path) -> PeTable:
     try:
-        text = file.read_text(encoding="utf-8")
+        data = read_ordinary(file, _MOST_TABLE_BYTES + 1)
+        if len(data) > _MOST_TABLE_BYTES:
+            raise TableError(f"{file} is longer than any table; write the table with 'heronry table'")
+        text = data.decode()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "the file is not text"
         raise TableError(f"{file}: {reason}; write the table with 'heronry table'") from error
