@@ -234,6 +234,29 @@ def test_a_caller_that_never_ends_a_line_is_hung_up_on_and_others_are_heard(plac
         assert call(place, AskStatus()).done
 
 
+def test_an_order_that_no_manager_takes_is_not_sent(place: Path) -> None:
+    with manager_on(place) as heard:
+        with pytest.raises(ControlError, match=r"the order has 3000\d\d bytes, and a manager takes at most 65536"):
+            call(place, FlyScript("x" * 300_000))
+        assert call(place, AskStatus()).done
+    assert len(heard) == 1
+
+
+def test_a_manager_that_hangs_up_was_there(place: Path) -> None:
+    with ControlSocket(place) as control, caller_of(place):
+
+        def hang_up() -> None:
+            while len(control.readers()) < 3:
+                control.poll()
+            control.close()
+
+        hanging = Thread(target=hang_up)
+        hanging.start()
+        with pytest.raises(ControlError, match=r"has closed the connection|is no manager of this version"):
+            call(place, AskStatus())
+        hanging.join()
+
+
 def test_the_caller_that_has_been_idle_for_longest_makes_room(place: Path) -> None:
     with manager_on(place):
         callers = [caller_of(place) for _ in range(MOST_CALLERS)]

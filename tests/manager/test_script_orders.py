@@ -111,6 +111,8 @@ def test_what_becomes_of_it_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -
     assert fly().sentence == "the script was refused, and nothing has changed: it is worse"
     Manager(monkeypatch, True, status("ended", "a PE is lost"))
     assert fly().sentence == "the script is held no longer: a PE is lost"
+    Manager(monkeypatch, True, status("none"))
+    assert fly().sentence.startswith("the manager knows no script: it was restarted")
     Manager(monkeypatch, False)
     assert fly() == Answer(done=False, sentence="a reconfiguration is under way")
     Manager(monkeypatch, True, *[status("asked")] * 9)

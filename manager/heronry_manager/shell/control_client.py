@@ -10,7 +10,7 @@ from pathlib import Path
 
 from heronry_manager.core.vocabulary import AskTraceback
 from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, found_sockets, user_beyond
-from heronry_manager.shell.control_protocol import Answer, Follow, Spoken, order_line, read_answer
+from heronry_manager.shell.control_protocol import LONGEST_ORDER_BYTES, Answer, Follow, Spoken, order_line, read_answer
 
 PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process is not stopped
 
@@ -21,17 +21,27 @@ TRACEBACK_PATIENCE_S = 30.0  # for a traceback: a PE sends it in a tenth of the 
 def call(path: Path, order: Spoken) -> Answer:
     """Give an order to the manager on a socket; raises ControlError if no manager of this user or of root answers."""
     checked_length(path)
+    request = order_line(order)
+    if len(request) > LONGEST_ORDER_BYTES:
+        raise ControlError(
+            f"the order has {len(request)} bytes, and a manager takes at most {LONGEST_ORDER_BYTES}: make the script "
+            "shorter, or give its parts one after the other"
+        )
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         patience_s = TRACEBACK_PATIENCE_S if isinstance(order, AskTraceback) else PATIENCE_S
         line.settimeout(patience_s)
         try:
             line.connect(str(path))
             _expect_own_process(line, path)
-            line.sendall(order_line(order))
+            line.sendall(request)
             with line.makefile("rb") as replies:
                 answer = read_answer(replies.readline())
         except TimeoutError:
             raise ControlError(f"the manager on {path} does not answer within {patience_s:.0f} s: restart it") from None
+        except (BrokenPipeError, ConnectionResetError):
+            raise ControlError(
+                f"the manager on {path} has closed the connection: it has ended, or has too many callers; try again"
+            ) from None
         except (FileNotFoundError, ConnectionError):
             raise ControlError(f"no manager listens on {path}: start one with 'heronry manager SPEC'") from None
         except OSError as error:

@@ -62,6 +62,9 @@ def _outcome(status: dict[str, Any]) -> Answer | None:
             return Answer(done=True, sentence=sentence)
         case "asked" | "held":
             return None
+        case "none":
+            sentence = "the manager knows no script: it was restarted, or another one took over; see 'heronry status'"
+            return Answer(done=False, sentence=sentence)
         case state:
             verb = "was refused, and nothing has changed" if state == "refused" else "is held no longer"
             return Answer(done=False, sentence=f"the script {verb}: {script['why']}")
