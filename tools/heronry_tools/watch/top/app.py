@@ -19,6 +19,7 @@ from heronry_tools.watch.snapshot import Snapshot
 from heronry_tools.watch.top import panels
 from heronry_tools.watch.top.panels import Look, joined
 from heronry_tools.watch.top.sources import RecordedSource, TopSource
+from heronry_tools.watch.top.terminal import Terminal
 
 REPAINT_S = 0.5
 _STANDARD_INPUT = 0
@@ -103,7 +104,7 @@ class TopApp(App[None]):
 
     def __init__(self, source: TopSource) -> None:
         """Show a source; the caller closes it."""
-        super().__init__()
+        super().__init__(driver_class=Terminal)
         self.source = source
         self.look = Look()
         self.repaints = 0
