@@ -149,6 +149,20 @@ def test_numbers_behind_a_hole_count_and_facts_behind_it_do_not() -> None:
     assert facts(memory) == facts(MEMORIES[3])
 
 
+def test_what_a_hole_has_cost_is_told_at_the_next_start(tmp_path: Path) -> None:
+    file = tmp_path / "manager-126.journal"
+    pieces = [written(number, as_json(record)) for number, record in enumerate(STORY, start=1)]
+    lost = [record for record in STORY[4:] if not is_number(record)]
+    file.write_bytes(HEAD + b"".join(pieces[:3] + pieces[4:]))
+    with Journal(tmp_path, NODE, SPEC) as journal:
+        assert f"is damaged: {1 + len(lost)} of its records cannot be used" in (journal.warning or "")
+    with Journal(tmp_path, NODE, SPEC) as journal:
+        assert journal.warning is None
+    file.write_bytes(HEAD + b"".join(pieces[:-1]) + pieces[-1][:20])
+    with Journal(tmp_path, NODE, SPEC) as journal:
+        assert journal.warning is None  # killed while it wrote its last record
+
+
 @given(st.binary())
 def test_bytes_of_any_kind_are_read_without_an_error(data: bytes) -> None:
     assert recovered(data) == (NOTHING, None)

@@ -29,8 +29,8 @@ on with the memory in this process. The journal tries to write the whole file an
 `sync` every `RETRY_NS`. Until this succeeds, a restart may use a term or a block of numbers a second time.
 
 A full disk or a power cut may leave an empty file. An empty file must not keep a manager from starting, so the
-journal then begins anew, and `warning` says so. If the path leads to a pipe or a folder, or to a journal of a
-later version, the manager does not start.
+journal then begins anew, and `warning` says so. `warning` also says how many records a damage has cost. If the
+path leads to a pipe or a folder, or to a journal of a later version, the manager does not start.
 
 A journal belongs to one spec. If the spec has changed, the manager starts only with `--changed-spec`. Then the numbers
 are kept, and the facts are dropped, since they are about another aircraft. Only one manager at a time may write a
@@ -98,6 +98,19 @@ def recovered(data: bytes) -> tuple[Memory, str | None]:
             return memory, digest
         case _:
             return memory, None
+
+
+def lost_facts(data: bytes) -> int:
+    """Count the records that are damaged with records behind them, and the facts behind the first of these.
+
+    `recovered` gives none of them. Numbers behind the damage are not counted, since `recovered` gives them.
+    """
+    contents = dict(_whole_lines(data))
+    missing = [number for number in range(max(contents, default=-1) + 1) if number not in contents]
+    records = {
+        number: from_json(content) for number, content in contents.items() if number > min(missing, default=number)
+    }
+    return len(missing) + sum(record is not None and not is_number(record) for record in records.values())
 
 
 def _head(spec: Spec) -> list[str | int]:
@@ -254,6 +267,11 @@ class Journal:
             raise JournalError(
                 f"{self.file} is no manager's journal; remove the file, and restart the PEs: "
                 "manager and PEs then begin at term 1"
+            )
+        if (lost := lost_facts(data)) > 0:
+            self.warning = (
+                f"{self.file} is damaged: {lost} of its records cannot be used, so orders and latched faults may be "
+                "missing; look at 'heronry status', and give the missing orders again"
             )
         if digest == self._spec.digest:
             return
