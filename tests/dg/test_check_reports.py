@@ -169,6 +169,14 @@ def test_any_line_can_be_shown(line: str, column: int) -> None:
     assert all(c.isprintable() or c == "\n" or not c.isspace() for c in report)
 
 
+def test_of_very_many_findings_the_first_are_shown_and_the_others_counted() -> None:
+    found = tuple(Finding("f", Place(line, 1), "DG201", Severity.ERROR, "no") for line in range(1, 5001))
+    report = full([Assessed("f", found), *FILES])
+    assert report.count("f:") < 110
+    assert "\nf: and 4900 more; '--format concise' shows all\n" in report
+    assert report.endswith(full(FILES))
+
+
 def test_colours_change_nothing_but_the_colour() -> None:
     assert re.sub(r"\x1b\[[0-9;]*m", "", full(FILES, colour=True)) == full(FILES)
     assert concise(FILES).count("\n") == 2

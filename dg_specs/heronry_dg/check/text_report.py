@@ -12,6 +12,7 @@ from heronry_dg.rules.rule import Rule, Severity
 
 _Paint = Callable[[str, str], str]  # (text, name of its style) -> text with escape codes
 
+MOST_SHOWN: Final = 100  # findings of a file; a file that is no spec may have hundreds of thousands
 _FEW: Final = 5  # findings that need no summary before them
 _WIDEST_SOURCE: Final = 100  # characters of a source line that are shown
 _WORD: Final = re.compile(r'"(?:[^"\\]|\\.)*"|\'(?:[^\']|\'\')*\'|[^\s,\[\]{}:#]+|.')
@@ -51,9 +52,12 @@ def by_code(files: Sequence[Assessed], rules: Mapping[str, Rule], *, colour: boo
 
 
 def full(files: Sequence[Assessed], *, colour: bool = False) -> str:
-    """Write every finding of these files with its source line, a caret and its hint."""
+    """Write the first MOST_SHOWN findings of each file with source line, caret and hint, and count the others."""
     paint = _painted if colour else _plain
-    return "".join(f"{_one(assessed, finding, paint)}\n" for assessed in files for finding in assessed.findings)
+    return "".join(
+        "".join(f"{_one(assessed, finding, paint)}\n" for finding in assessed.findings[:MOST_SHOWN]) + _others(assessed)
+        for assessed in files
+    )
 
 
 def digests(files: Sequence[Assessed]) -> str:
@@ -68,6 +72,11 @@ def summary(files: Sequence[Assessed]) -> str:
     counts = [(errors, "error"), (len(findings) - errors, "warning")]
     said = " and ".join(_counted(count, noun) for count, noun in counts if count) or "nothing wrong"
     return f"{_counted(len(files), 'spec')} checked: {said}"
+
+
+def _others(assessed: Assessed) -> str:
+    others = len(assessed.findings) - MOST_SHOWN
+    return f"{assessed.file}: and {others} more; '--format concise' shows all\n\n" if others > 0 else ""
 
 
 def _counted(count: int, noun: str) -> str:

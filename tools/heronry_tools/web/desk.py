@@ -102,7 +102,7 @@ class Desk:
         return {"why": why_document(self._spec, explain(self._spec, now, one))}
 
 
-def _is_right(value: object, kind: type) -> bool:
+def _is_right(value: Any, kind: type) -> bool:
     """Tell whether a field of a question is missing, or a text or a list of texts as `kind` says."""
     return value is None or (isinstance(value, kind) and all(isinstance(one, str) for one in value))
 
