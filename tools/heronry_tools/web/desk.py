@@ -21,7 +21,7 @@ for further keys. The last answer refuses a question:
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any, BinaryIO, Final
@@ -42,7 +42,7 @@ from heronry_tools.web.changes import plain
 from heronry_wire.errors import HeronryError
 
 _LISTS: Final = ("down", "limits", "priorities")
-_FIELDS: Final[Mapping[str, type]] = {**dict.fromkeys(_LISTS, list), "phase": str}
+_FIELDS: Final[Mapping[str, type[Collection[Any]]]] = {**dict.fromkeys(_LISTS, list), "phase": str}
 
 
 class Desk:
@@ -102,7 +102,7 @@ class Desk:
         return {"why": why_document(self._spec, explain(self._spec, now, one))}
 
 
-def _is_right(value: Any, kind: type) -> bool:
+def _is_right(value: object, kind: type[Collection[Any]]) -> bool:
     """Tell whether a field of a question is missing, or a text or a list of texts as `kind` says."""
     return value is None or (isinstance(value, kind) and all(isinstance(one, str) for one in value))
 
