@@ -19,6 +19,7 @@ class _Quiet:
 
     off_since_ns: int | None = None
     nothing_waits = True
+    has_orders = False
 
     def __init__(self) -> None:
         self.followers = self

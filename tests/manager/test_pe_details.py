@@ -9,15 +9,17 @@ import pytest
 from heronry_manager import events
 from heronry_manager.core.object_reader import SILENCE_NS
 from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ManagerAction, OperatorSaid, Reply
-from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS
+from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import emcy_id, sdo_request_id, sdo_response_id
+from heronry_wire.identifiers import emcy_id, sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.protocol_version import PROTOCOL, Version
 from heronry_wire.sansio import Send
 from heronry_wire.sdo import LAST_SEGMENT, SIZE_GIVEN, TOGGLE, UPLOAD, UPLOAD_ANSWER, with_data, with_number
 from heronry_wire.standstill import StoodStill
+from heronry_wire.state_frames import PeState, Reason, StatePage1
 from lab.peers import PlayedObjects
-from manager.one_manager import MS, E, OneManager
+from manager.one_manager import MS, E, OneManager, two_tails
 
 LEFT = 92
 CONTROL, DRIVE_LEFT = 0, 1  # indices in the spec
@@ -279,3 +281,34 @@ def test_by_default_nothing_is_read() -> None:
     assert [frame for frame in manager.frames if 0x600 < frame.can_id < 0x680] == []
     assert not manager.core.hears(sdo_response_id(LEFT))
     assert Reading().core.hears(sdo_response_id(LEFT))
+
+
+def refuses(manager: Reading, version: Version, digest: str) -> list[str]:
+    """Let `left` refuse its slice for its digest; returns why it stages nothing, as often as that is told."""
+    manager.objects[LEFT, SPEC, 3] = digest.encode()
+    manager.objects[LEFT, SPEC, 4] = version.number.to_bytes(4, "little")
+    epoch = manager.running["left"].epoch
+    page = StatePage1(PeState.ACTIVE, manager.flags, epoch, 0, Reason.DIGEST, 0)
+    manager.hear(Frame(state_id(LEFT), page.encode()))
+    return [one.why for one in manager.events if isinstance(one, events.AnotherTable) and one.pe == "left"]
+
+
+@pytest.mark.parametrize(
+    ("version", "digest", "says"),
+    [
+        (Version(PROTOCOL.major + 1, 3), "", f"it speaks protocol {PROTOCOL.major + 1}.3, and this manager {PROTOCOL}"),
+        (PROTOCOL, "ab" * 32, "its table is of another spec (abababababab): write it anew"),
+        (Version(PROTOCOL.major, 9), two_tails().digest, "its table was compiled otherwise, or damaged in memory"),
+    ],
+)
+def test_why_a_pe_stages_nothing_is_told_once(manager: Reading, version: Version, digest: str, says: str) -> None:
+    (why,) = refuses(manager, version, digest)
+    assert says in why
+    assert refuses(manager, version, digest) == [why]
+
+
+def test_nothing_is_told_of_a_pe_that_does_not_answer(manager: Reading) -> None:
+    manager.is_deaf = True
+    assert refuses(manager, PROTOCOL, "") == []
+    manager.pass_time(3 * SILENCE_NS)
+    assert not [one for one in manager.events if isinstance(one, events.AnotherTable)]
