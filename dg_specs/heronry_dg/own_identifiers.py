@@ -1,6 +1,6 @@
 """The 11-bit identifiers that a system itself may use on each bus, in any configuration, with their senders.
 
-On a bus with a PE these are the identifiers of its EMCYs, states, SDO frames, CANopen heartbeats and echoes, and of
+On a bus with a PE these are the identifiers of its EMCYs, emergency events, states, SDO frames, CANopen heartbeats and echoes, and of
 those PEs whose frames gateways forward to the bus; those of both managers; those of the reports on radios; and those of
 the data that some configuration sends there. Commands of CANopen (NMT, TIME, SYNC) are not among them.
 """
@@ -18,6 +18,7 @@ from heronry_wire.identifiers import (
     Command,
     actuator_echo_id,
     emcy_id,
+    emergency_event_id,
     heartbeat_id,
     management_id,
     sdo_request_id,
@@ -91,6 +92,7 @@ def _of_the_managers() -> Iterator[tuple[int, str]]:
 
 def _of_a_pe(node: int, name: str) -> Iterator[tuple[int, str]]:
     yield emcy_id(node), f"EMCYs of pe '{name}'"
+    yield emergency_event_id(node), f"emergency events of pe '{name}'"
     yield state_id(node), f"states of pe '{name}'"
     yield sdo_response_id(node), f"SDO answers of pe '{name}'"
     yield sdo_request_id(node), f"SDO requests to pe '{name}'"
