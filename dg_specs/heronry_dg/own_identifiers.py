@@ -1,8 +1,9 @@
 """The 11-bit identifiers that a system itself may use on each bus, in any configuration, with their senders.
 
-On a bus with a PE these are the identifiers of its EMCYs, emergency events, states, SDO frames, CANopen heartbeats and echoes, and of
-those PEs whose frames gateways forward to the bus; those of both managers; those of the reports on radios; and those of
-the data that some configuration sends there. Commands of CANopen (NMT, TIME, SYNC) are not among them.
+On a bus with a PE these are the identifiers of its EMCYs, emergency events, states, SDO frames, CANopen heartbeats and
+echoes, and of those PEs whose frames gateways forward to the bus; those of both managers; those of the reports on
+radios; and those of the data that some configuration sends there. Commands of CANopen (NMT, TIME, SYNC) and node
+services are not among them.
 """
 
 from collections import defaultdict
