@@ -2,10 +2,14 @@
 
 The regular messages of a bus are, in the order of their priority:
 
-    management   LEASE and ALIVE of a manager, and the state of each PE on the bus, or beyond a gateway that forwards it
+    management   LEASE and ALIVE of a manager, the state of each PE on the bus, or beyond a gateway that forwards it,
+                 and the reports of gateways on their radios
     data         everything that modules publish on the bus
+    foreign      what other equipment sends, as the spec declares it; its place is that of its identifier
     heartbeat    the CANopen heartbeats, once a second
     echo         the echoes of the outputs that run, as often as the tables of the PEs say (`echo_rates`)
+
+A foreign frame with a range of identifiers stands at the first of them, and has the response time of the last.
 
 Response times of data are those of semantics rule 9 (`response_times`). This rule does not count heartbeats one by one:
 one 8-byte frame that has just started stands for all frames with a lower priority than data.
@@ -25,11 +29,13 @@ from math import ceil
 from heronry_dg.configuration import Configuration
 from heronry_dg.echo_rates import EchoRates, outputs_of
 from heronry_dg.model import Bus, Spec
-from heronry_dg.response_times import Response, ResponseTimes
+from heronry_dg.own_identifiers import report_ways
+from heronry_dg.response_times import Response, ResponseTimes, blocking_bits
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, frame_bits, hops
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import MAX_DATA_BYTES
+from heronry_wire.gateway_report import link_id
 from heronry_wire.identifiers import (
     FIRST_MANAGER,
     Command,
@@ -42,14 +48,15 @@ from heronry_wire.protocol_times import CANOPEN_HEARTBEAT_NS
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse, worst_bits
 
 _NS_PER_S = 1_000_000_000
+_LOWER_BITS = 18  # of a 29-bit identifier
 
 
 @dataclass(frozen=True, slots=True)
 class ScheduledMessage:
     """One message on one bus; times are in nanoseconds, and worst cases are rounded up."""
 
-    identifier: int
-    kind: str  # management | data | heartbeat | echo
+    identifier: int  # the first of a range
+    kind: str  # management | data | foreign | heartbeat | echo
     name: str  # name of the variable, or of the management frame
     producer: str | None  # the module that gives the variable, or whose output is echoed
     node: str  # the PE that sends it at its source, or "manager"
@@ -58,6 +65,8 @@ class ScheduledMessage:
     period_ns: int
     response_ns: int | None  # None: unbounded, or the bus is not analysed
     deadline_ns: int
+    last: int | None = None  # the last identifier of a range
+    extended: bool = False  # whether the identifier has 29 bits
 
     @property
     def slack_ns(self) -> int | None:
@@ -66,6 +75,12 @@ class ScheduledMessage:
         Negative where the deadline can be missed, None where `response_ns` is None.
         """
         return None if self.response_ns is None else self.deadline_ns - self.response_ns
+
+    @property
+    def identifier_text(self) -> str:
+        """The identifier, or the range; an `x` marks 29 bits."""
+        span = str(self.identifier) if self.last in (None, self.identifier) else f"{self.identifier}-{self.last}"
+        return f"{span}x" if self.extended else span
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +92,8 @@ class BusSchedule:
     messages: tuple[ScheduledMessage, ...]  # most urgent first
     data: Fraction
     data_limit: Fraction  # max_load - reserve, reduced where the bus is limited
-    management: Fraction  # all regular messages that are not data
+    management: Fraction  # all regular messages of the system that are not data
+    foreign: Fraction  # what other equipment sends
     blocking_ns: int  # longest frame that may have started just before a message is due
 
     def share(self, message: ScheduledMessage) -> Fraction:
@@ -86,8 +102,13 @@ class BusSchedule:
 
     @property
     def management_fits(self) -> bool:
-        """Tell whether the regular management frames fit into the reserve and, with the data, into `max_load`."""
-        return self.management <= self.bus.reserve and self.data + self.management <= self.bus.max_load
+        """Tell whether the regular management frames fit into the reserve and, with all others, into `max_load`."""
+        return self.management <= self.bus.reserve and self.together <= self.bus.max_load
+
+    @property
+    def together(self) -> Fraction:
+        """The share that all regular messages take."""
+        return self.data + self.management + self.foreign
 
     @property
     def reserve_left_frames_per_s(self) -> int:
@@ -110,6 +131,7 @@ def bus_schedules(
     loads = bus_loads_mbit_per_s(spec, published)
     times, rates = ResponseTimes(spec), EchoRates(spec)
     responses = {(r.hop.producer, r.hop.variable, r.hop.bus): r for r in times.responses(published)}
+    reports = list(_reports(spec))
     schedules = []
     for bus in spec.buses.values():
         there = sorted(
@@ -120,7 +142,8 @@ def bus_schedules(
         jitters = [_arrives(hop, responses) for hop in there]
         echoes = _echoes(spec, bus, configuration, rates, every_echo=every_echo)
         below = [*_heartbeats(spec, bus, rates), *sorted(echoes, key=lambda echo: echo.identifier)]
-        messages = _messages(bus, _above(spec, bus, rates), data, jitters, below)
+        above = [*_above(spec, bus, rates), *(report for way, report in reports if bus.name in way)]
+        messages = _messages(bus, [*above, *_foreign(bus), *below], data, jitters)
         room = left.bus_mbit_per_s.get(bus.name)
         schedules.append(
             BusSchedule(
@@ -129,8 +152,9 @@ def bus_schedules(
                 messages=messages,
                 data=Fraction(loads[bus.name], 1000 * bus.bitrate),
                 data_limit=Fraction(room or 0, 1000 * bus.bitrate),
-                management=_load(bus, (message for message in messages if message.kind != "data")),
-                blocking_ns=ceil(Fraction(WORST_BLOCKING_BITS * _NS_PER_S, bus.bitrate)),
+                management=_load(bus, (message for message in messages if message.kind not in ("data", "foreign"))),
+                foreign=_load(bus, (message for message in messages if message.kind == "foreign")),
+                blocking_ns=ceil(Fraction(blocking_bits(bus) * _NS_PER_S, bus.bitrate)),
             )
         )
     return schedules
@@ -169,26 +193,71 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 
 
 def _messages(
-    bus: Bus,
-    above: list[ScheduledMessage],
-    data: list[ScheduledMessage],
-    jitters: list[int | None],
-    below: list[ScheduledMessage],
+    bus: Bus, others: list[ScheduledMessage], data: list[ScheduledMessage], jitters: list[int | None]
 ) -> tuple[ScheduledMessage, ...]:
-    """Give all regular messages of a bus by priority: `above`, then `data` unchanged, then `below`.
+    """Give all regular messages of a bus by priority: `data` unchanged, `others` with their response times.
 
-    On a wired bus the management frames get their response times.
+    Response times are computed on a wired bus only.
 
     jitters: jitter of each message of `data` in ns; None: the jitter of this message has no bound. If one has no
-        bound, management frames with a lower priority than data get no response time.
+        bound, `others` with a lower priority than that message get no response time.
     """
-    if bus.kind == "wired":
-        bounded = [ns for ns in jitters if ns is not None]
-        if len(bounded) == len(jitters):
-            times = _times(bus, [*above, *data, *below], [*(0 for _ in above), *bounded, *(0 for _ in below)])
-            below = _timed(below, times[len(times) - len(below) :])
-        above = _timed(above, _times(bus, above, [0] * len(above)))
-    return (*above, *data, *below)
+    given = [*((one, 0) for one in others), *zip(data, jitters, strict=True)]
+    given.sort(key=lambda one: _priority(one[0]))
+    messages = [one for one, _ in given]
+    if bus.kind != "wired":
+        return tuple(messages)
+    sure = next((number for number, (_, jitter) in enumerate(given) if jitter is None), len(given))
+    bounded = [(one, jitter or 0) for one, jitter in given[:sure]]
+    times = _times(bus, [one for one, _ in bounded], [jitter for _, jitter in bounded])
+    for number, one in enumerate(messages[:sure]):
+        if one.last not in (None, one.identifier):
+            messages[number] = replace(one, response_ns=_time_of_the_last(bus, given, one))
+        elif one.kind != "data":
+            messages[number] = replace(one, response_ns=times[number])
+    return tuple(messages)
+
+
+def _time_of_the_last(
+    bus: Bus, given: list[tuple[ScheduledMessage, int | None]], ranged: ScheduledMessage
+) -> int | None:
+    """Give the response time in ns of a message with a range of identifiers, for the last of them; None: no bound."""
+    lowest = _priority(replace(ranged, identifier=ranged.last or 0))
+    above = [(one, jitter) for one, jitter in given if one is not ranged and _priority(one) <= lowest]
+    if any(jitter is None for _, jitter in above):
+        return None
+    return _times(bus, [*(one for one, _ in above), ranged], [*(jitter or 0 for _, jitter in above), 0])[-1]
+
+
+def _priority(message: ScheduledMessage) -> tuple[int, bool, int]:
+    """Give what arbitration compares: the upper 11 bits, whether more bits follow, and all of them; less wins."""
+    upper = message.identifier >> _LOWER_BITS if message.extended else message.identifier
+    return upper, message.extended, message.identifier
+
+
+def _foreign(bus: Bus) -> Iterator[ScheduledMessage]:
+    for one in bus.foreign:
+        yield ScheduledMessage(
+            identifier=one.first,
+            kind="foreign",
+            name="foreign",
+            producer=None,
+            node="other equipment",
+            data_bytes=one.data_bytes,
+            bits=one.bits,
+            period_ns=one.period_ns,
+            response_ns=None,
+            deadline_ns=one.period_ns,
+            last=None if one.span is None else one.last,
+            extended=one.extended,
+        )
+
+
+def _reports(spec: Spec) -> Iterator[tuple[tuple[str, ...], ScheduledMessage]]:
+    """Yield the report on each radio, once in each of its heartbeat periods, and before it the buses that carry it."""
+    for number, radio, gateway, way in report_ways(spec):
+        period_ns = spec.buses[radio].heartbeat_ns
+        yield way, _management("management", link_id(number), f"link of {radio}", gateway, period_ns)
 
 
 def _above(spec: Spec, bus: Bus, rates: EchoRates) -> list[ScheduledMessage]:
@@ -255,12 +324,8 @@ def _times(bus: Bus, messages: list[ScheduledMessage], jitters_ns: list[int]) ->
         Message(m.name, m.bits, m.period_ns * bits_per_ns, jitter * bits_per_ns, m.deadline_ns * bits_per_ns)
         for m, jitter in zip(messages, jitters_ns, strict=True)
     ]
-    found = analyse(analysed, blocking_bits=WORST_BLOCKING_BITS)
+    found = analyse(analysed, blocking_bits=blocking_bits(bus))
     return [None if r.bits is None else ceil(r.bits / bits_per_ns) for r in found]
-
-
-def _timed(messages: list[ScheduledMessage], times: list[int | None]) -> list[ScheduledMessage]:
-    return [replace(message, response_ns=ns) for message, ns in zip(messages, times, strict=True)]
 
 
 def _load(bus: Bus, messages: Iterable[ScheduledMessage]) -> Fraction:

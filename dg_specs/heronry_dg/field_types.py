@@ -76,6 +76,19 @@ def _priority_range(value: object) -> tuple[int, int]:
     raise UnfitError(rules.WRONG_TYPE, sentence, "write priority_range: [0, 100]")
 
 
+def _identifier_range(value: object) -> tuple[int, int]:
+    match value:
+        case [int(first), int(last)] if bool not in (type(first), type(last)) and first >= 0:
+            if first > last:
+                hint = f"write range: [{last}, {first}]"
+                raise UnfitError(rules.REVERSED_RANGE, f"is reversed: {first} is more than {last}", hint)
+            return first, last
+        case _:
+            pass
+    sentence = "must be a list of two whole numbers, 0 or more: the first identifier, then the last"
+    raise UnfitError(rules.WRONG_TYPE, sentence, "write range: [1800, 1815]")
+
+
 def _optional_number(value: object) -> Fraction | None:
     return None if value is None else quantities.number(value)
 
@@ -107,6 +120,13 @@ PriorityRange = Annotated[
             "minItems": 2,
             "maxItems": 2,
         },
+    ),
+]
+IdentifierRange = Annotated[
+    tuple[int, int],
+    Reading(
+        _identifier_range,
+        schema={"type": "array", "items": {"type": "integer", "minimum": 0}, "minItems": 2, "maxItems": 2},
     ),
 ]
 Restarts = Annotated[int, Bounds(ge=0, le=MOST_RESTARTS)]

@@ -15,7 +15,7 @@ from heronry_dg import yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
 from heronry_dg.field_types import DEFAULT_PHASE
 from heronry_dg.findings import Findings, Place, listed, shown
-from heronry_dg.model import Function, Mode, Module, Phase, Variable, When
+from heronry_dg.model import LAST_11_BIT_ID, LAST_29_BIT_ID, Bus, Foreign, Function, Mode, Module, Phase, Variable, When
 from heronry_dg.rules import graph
 from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType, Datum, encode_data
@@ -62,6 +62,22 @@ class _ReferenceRules:
                 sentence = f"bus '{bus.name}' is wired and faster than CAN: {form.bitrate} bit/s"
                 hint = f"at most {FASTEST_WIRE_BITS_PER_S}"
                 self._findings.add(rules.TOO_FAST_A_WIRE, _value_place(bus, "bitrate"), sentence, hint)
+            for number, foreign in enumerate(form.foreign):
+                self._foreign(bus, number, foreign)
+
+    def _foreign(self, bus: Element[Bus], number: int, foreign: Foreign) -> None:
+        """Check that foreign frames have one identifier or one range, and that it fits 11 or 29 bits."""
+        if (foreign.identifier is None) == (foreign.span is None):
+            sentence = f"entry {number + 1} of 'foreign' of bus '{bus.name}' must have 'identifier' or 'range'"
+            hint = "write identifier: 1793, or range: [1800, 1815]"
+            self._findings.add(rules.FOREIGN_IDENTIFIERS, _value_place(bus, "foreign", number), sentence, hint)
+            return
+        last, bits = (LAST_29_BIT_ID, 29) if foreign.extended else (LAST_11_BIT_ID, 11)
+        if foreign.last > last:
+            sentence = f"identifier {foreign.last} has more than {bits} bits"
+            hint = f"write {last} or less" if foreign.extended else f"write {last} or less, or extended: true"
+            key = "identifier" if foreign.span is None else "range"
+            self._findings.add(rules.OUT_OF_RANGE, _value_place(bus, "foreign", number, key), sentence, hint)
 
     def pes(self) -> None:
         """Check that the buses of PEs exist and form a forest, and that node-IDs differ."""

@@ -10,6 +10,9 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple
 
+import pytest
+
+from heronry_dg.findings import SpecError
 from heronry_dg.loader import loads
 from heronry_dg.model import Bus, Foreign, Spec
 from heronry_dg.response_times import ResponseTimes
@@ -68,7 +71,7 @@ def aircraft(rng: random.Random) -> Spec:
 def drawn_foreign(rng: random.Random) -> Foreign:
     extended = rng.random() < 0.6
     first = rng.randrange(100, 1900) << (18 if extended else 0)
-    return Foreign(first, first, extended, rng.randint(0, 8), rng.choice((4, 5, 10, 20, 50)) * 1_000_000)
+    return Foreign(first, None, extended, rng.randint(0, 8), rng.choice((4, 5, 10, 20, 50)) * 1_000_000)
 
 
 def streams(spec: Spec, bus: Bus) -> Iterator[Stream]:
@@ -136,15 +139,15 @@ def datum(spec: Spec, times: ResponseTimes, hop: Hop) -> Stream:
 
 
 def test_what_outranks_what() -> None:
-    assert Foreign(0x100 << 18, 0x1FF << 18, True, 8, 1).outranks(0x101)
-    assert not Foreign(0x101 << 18, 0x101 << 18, True, 8, 1).outranks(0x101)  # the 11-bit frame wins
-    assert Foreign(0x101, 0x101, False, 8, 1).outranks(0x101)
-    assert not Foreign(0x102, 0x102, False, 8, 1).outranks(0x101)
+    assert Foreign(None, (0x100 << 18, 0x1FF << 18), True, 8, 1).outranks(0x101)
+    assert not Foreign(0x101 << 18, None, True, 8, 1).outranks(0x101)  # the 11-bit frame wins
+    assert Foreign(0x101, None, False, 8, 1).outranks(0x101)
+    assert not Foreign(0x102, None, False, 8, 1).outranks(0x101)
 
 
 def test_foreign_frames_leave_less_room_to_data_and_never_less_than_none() -> None:
     spec = aircraft(random.Random(1))
-    bus = replace(spec.buses["can0"], foreign=(Foreign(0, 0, True, 8, 1_000_000),))  # 160 000 bit/s
+    bus = replace(spec.buses["can0"], foreign=(Foreign(0, None, True, 8, 1_000_000),))  # 160 000 bit/s
 
     def room(one: Bus) -> int:
         return survivors(replace(spec, buses={"can0": one}), Situation()).bus_mbit_per_s["can0"]
@@ -152,3 +155,46 @@ def test_foreign_frames_leave_less_room_to_data_and_never_less_than_none() -> No
     assert room(replace(bus, foreign=())) == 175_000_000
     assert room(bus) == 15_000_000
     assert room(replace(bus, foreign=bus.foreign * 2)) == 0
+
+
+ONE_BUS = """
+dg: 1
+buses: {can0: {bitrate: 1000000, foreign: [FOREIGN]}}
+pes: {nav: {node_id: 92, buses: [can0], cpu: 1, ram: 8KiB, flash: 8KiB}}
+variables: {speed: {type: FLOAT, identifier: 315}}
+modules: {reader: {cpu: 0.1, ram: 100, rate_hz: 10}}
+functions: {reading: {output: reader}}
+"""
+
+
+def test_the_key_gives_identifiers_bytes_and_periods() -> None:
+    entries = "{identifier: 1793, bytes: 0, period_ms: 0.5}, {range: [5, 6], extended: true, bytes: 8, period_ms: 10}"
+    bus = loads(ONE_BUS.replace("FOREIGN", entries), "one.dg.yaml").buses["can0"]
+    assert bus.foreign == (
+        Foreign(1793, None, extended=False, data_bytes=0, period_ns=500_000),
+        Foreign(None, (5, 6), extended=True, data_bytes=8, period_ns=10_000_000),
+    )
+    assert [(one.first, one.last, one.bits) for one in bus.foreign] == [(1793, 1793, 55), (5, 6, 160)]
+
+
+@pytest.mark.parametrize(
+    ("entry", "code", "sentence"),
+    [
+        ("{identifier: 2048, bytes: 8, period_ms: 1}", "DG106", "identifier 2048 has more than 11 bits"),
+        ("{range: [5, 2048], bytes: 8, period_ms: 1}", "DG106", "identifier 2048 has more than 11 bits"),
+        ("{identifier: 536870912, extended: true, bytes: 8, period_ms: 1}", "DG106", "at most 536870911"),
+        ("{range: [0, 536870912], extended: true, bytes: 8, period_ms: 1}", "DG106", "more than 29 bits"),
+        ("{identifier: 5, bytes: 9, period_ms: 1}", "DG106", "at most 8"),
+        ("{identifier: 5, bytes: 8, period_ms: 0}", "DG106", "period_ms"),
+        ("{identifier: 5, range: [5, 6], bytes: 8, period_ms: 1}", "DG123", "'identifier' or 'range'"),
+        ("{range: [6, 5], bytes: 8, period_ms: 1}", "DG124", "6 is more than 5"),
+        ("{range: [5], bytes: 8, period_ms: 1}", "DG104", "two whole numbers"),
+        ("{identifier: 5, bytes: 8}", "DG103", "period_ms"),
+    ],
+)
+def test_nonsense_is_one_finding(entry: str, code: str, sentence: str) -> None:
+    with pytest.raises(SpecError) as refused:
+        loads(ONE_BUS.replace("FOREIGN", entry), "one.dg.yaml")
+    (finding,) = refused.value.findings
+    assert finding.code == code
+    assert sentence in f"{finding.sentence} {finding.hint}"

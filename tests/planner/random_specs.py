@@ -278,7 +278,7 @@ def _foreign(rng: random.Random) -> Foreign:
     extended = rng.random() < 0.6
     first = rng.choice((100, 305, 320, 1540, 1900)) << (18 if extended else 0)
     period_ns = rng.choice((2, 5, 10, 20, 100)) * 1_000_000
-    return Foreign(first, first + rng.choice((0, 5)), extended, rng.randint(0, 8), period_ns)
+    return Foreign(None, (first, first + rng.choice((0, 5))), extended, rng.randint(0, 8), period_ns)
 
 
 def _pes(rng: random.Random, buses: list[str]) -> dict[str, Pe]:

@@ -69,7 +69,7 @@ def test_data_have_the_response_times_and_the_load_of_the_verifier() -> None:
 
 
 def test_everything_stands_in_order_of_priority_under_its_own_identifier() -> None:
-    uses = {"management": {Use.MANAGEMENT, Use.STATE}, "data": {Use.STANDARD_DATA, Use.ALLOCATED_DATA}}
+    uses = {"management": {Use.MANAGEMENT, Use.STATE, Use.GATEWAY}, "data": {Use.STANDARD_DATA, Use.ALLOCATED_DATA}}
     uses["echo"] = {Use.ACTUATOR_ECHO}
     for schedule in schedules_of("big_blue")[0]:
         identifiers = [message.identifier for message in schedule.messages]
@@ -88,6 +88,36 @@ def test_what_manages_comes_before_all_data_and_takes_the_reserve() -> None:
     assert schedule.management == Fraction(5 * 135 * 50 + 4 * 65 + echoes, 1_000_000)
     assert schedule.reserve_left_frames_per_s == (100_000 - 5 * 135 * 50 - 4 * 65 - echoes) // 135
     assert schedule.share(first) == Fraction(135 * 50, 1_000_000)
+
+
+def test_foreign_frames_stand_among_the_others_with_their_load_and_longest_time() -> None:
+    """On the wire 300 << 18 comes after data 299 and before 301, and a range has the time of its last identifier."""
+    foreign = (
+        "{identifier: 100, bytes: 8, period_ms: 100}, {identifier: 402653184, extended: true, bytes: 8, period_ms: 50}"
+        ", {range: [1800, 2047], bytes: 0, period_ms: 10}"
+    )
+    text = SLOW.replace("{bitrate: 1000000}", f"{{bitrate: 1000000, foreign: [{foreign}]}}").replace("RATE", "5")
+    spec = loads(text, "slow.dg.yaml")
+    _, far = bus_schedules(spec, situation(spec), RUNNING)
+    names = [f"{m.kind} {m.identifier_text}" for m in far.messages]
+    assert [name for name in names if "heartbeat" not in name] == [
+        "foreign 100", "management 200", "management 201", "management 258", "management 259",
+        "data 1536", "foreign 402653184x", "foreign 1800-2047", "echo 1922",
+    ]  # fmt: skip
+    first, (ranged,) = far.messages[0], [m for m in far.messages if m.last is not None]
+    assert first.response_ns == 160_000 + 135_000
+    assert far.blocking_ns == 160_000
+    assert far.foreign == Fraction(1350 + 3200 + 5500, 1_000_000)
+    assert ranged.response_ns is not None
+    assert ranged.response_ns == max(m.response_ns or 0 for m in far.messages if m.kind != "data")
+    assert far.data_limit == Fraction(7, 10) - far.foreign
+    assert far.together == far.data + far.management + far.foreign
+
+
+def test_a_gateway_reports_on_its_radio_toward_the_manager_alone() -> None:
+    can0, radio = schedules_of("big_blue")[0]
+    assert [(m.identifier, m.node) for m in can0.messages if m.name.startswith("link")] == [(291, "comms")]
+    assert not any(m.name.startswith("link") for m in radio.messages)
 
 
 def test_a_second_bus_holds_the_time_of_the_first_and_without_a_bound_there_is_none_after_it() -> None:
@@ -110,7 +140,7 @@ def test_the_report_shows_each_message_and_the_totals(capsys: pytest.CaptureFixt
     assert out.startswith("big_blue, phase glide, nothing down; times in ms\n")
     assert re.search(r"^257 +state +flight +20 +0\.540 +0\.68%$", out, re.MULTILINE)
     assert re.search(r"^1884 +CANopen heartbeat +flight +1000 ", out, re.MULTILINE)
-    assert "the reserve has room for 115 frames/s more" in out
+    assert "the reserve has room for 110 frames/s more" in out
     assert "response times are computed for wired buses only" in out
     radio = run(capsys, "bus", "big_blue", "--bus", "radio")[1]
     assert "bus can0" not in radio

@@ -11,6 +11,7 @@ import pytest
 from can.broadcastmanager import ThreadBasedCyclicSendTask
 
 from heronry_dg.loader import load
+from heronry_dg.model import Foreign
 from heronry_tools.cli import main
 from heronry_tools.commands.doctor import _listen
 from heronry_tools.runtime import wake_ups
@@ -25,6 +26,7 @@ from heronry_tools.runtime.doctor.listening import (
     Hearing,
     assess_channels,
     assess_digests,
+    assess_foreign,
     assess_hearing,
 )
 from heronry_tools.runtime.softbus.starter import start_hub
@@ -316,3 +318,56 @@ def test_a_replicated_bus_on_which_every_node_is_heard_twice_is_right() -> None:
 def test_a_time_that_makes_no_sense_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "-i", "softbus", "-c", "x", "--seconds", "0"]) == 2
     assert "--seconds 0" in capsys.readouterr().err
+
+
+# Foreign frames
+
+
+DECLARED = (
+    Foreign(1793, None, extended=False, data_bytes=4, period_ns=100_000_000),
+    Foreign(None, (2048, 4096), extended=True, data_bytes=8, period_ns=10_000_000),
+)
+
+
+def foreign_findings(*frames: Frame, foreign: tuple[Foreign, ...] = DECLARED) -> list[Finding]:
+    hearing = Hearing()
+    for frame in frames:
+        hearing.take(frame)
+    expected = replace(SPEC, own=frozenset({257, 315}), foreign=foreign)
+    return list(assess_foreign(hearing, expected, 1.0))
+
+
+def test_what_is_declared_and_not_more_is_right() -> None:
+    own = [Frame(257, bytes(8)), Frame(315, bytes(8)), Frame(0, bytes(2)), Frame(2000, bytes(8))]
+    heard = [Frame(1793, bytes(4))] * 11 + [Frame(2048 + n, bytes(8), extended=True) for n in range(50)]
+    first, second = foreign_findings(*own, *heard)
+    assert first.is_right
+    assert first.says == "identifier 1793: 0.10% of the bit rate, 0.10% declared"  # 11 and 10 frames of 95 bits
+    assert second.is_right
+    assert second.says == "identifiers 2048 to 4096 (29 bits): 0.80% of the bit rate, 1.60% declared"
+    assert foreign_findings(*own)[0].says == "identifier 1793: not heard, 0.10% declared"
+
+
+def test_what_comes_more_often_or_is_longer_than_declared_is_not_right() -> None:
+    more, longer = foreign_findings(
+        *[Frame(1793, bytes(4))] * 12,
+        Frame(2048, bytes(8), extended=True),
+        foreign=(DECLARED[0], replace(DECLARED[1], data_bytes=7)),
+    )
+    assert more.remedy == "correct period_ms in the spec: 12 frames came in 1 s, and 11 may"
+    assert longer.remedy == "correct bytes in the spec: a frame has 8 data bytes"
+
+
+def test_each_sender_that_is_not_declared_is_named_with_its_load_and_its_entry() -> None:
+    heard = [Frame(1793, bytes(3))] * 40 + [Frame(1793, bytes(8), extended=True)]
+    standard, extended = foreign_findings(*heard, foreign=())
+    assert standard.says == "identifier 1793 is not declared: 40 frames/s, 0.34% of the bit rate"
+    assert standard.remedy == "add to 'foreign' of the bus: {identifier: 1793, bytes: 3, period_ms: 25}"
+    assert extended.remedy is not None
+    assert "{identifier: 1793, extended: true, bytes: 8, period_ms: 1000}" in extended.remedy
+
+
+def test_without_a_spec_nothing_is_known_to_be_foreign() -> None:
+    hearing = Hearing()
+    hearing.take(Frame(1793, b""))
+    assert not list(assess_foreign(hearing, SPEC, 1.0))

@@ -10,17 +10,16 @@ response time of a forwarded frame is counted from its arrival at the gateway.
 To add a rule, define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in `check`.
 """
 
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 from heronry_dg.check.subject import Subject
 from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.findings import Findings, listed, shown
-from heronry_dg.model import Module, Spec
+from heronry_dg.model import Spec
+from heronry_dg.own_identifiers import own_identifiers, possible_hops
 from heronry_dg.response_times import Response, ResponseTimes
 from heronry_dg.rules import wire as rules
-from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, criticality_ranks
 from heronry_dg.wire_limits import exceeded
 from heronry_wire.canopen_objects import BIT_RATES
@@ -68,6 +67,7 @@ def check(subject: Subject, findings: Findings) -> None:
     if lacks_identifiers(subject.spec):
         _too_many(subject, findings)
     else:
+        _taken(subject, findings)
         _outranked(subject, findings)
 
 
@@ -165,6 +165,22 @@ def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIde
     findings.add(rules.STANDARD_UNIT, subject.place("variables", name, "unit"), sentence, hint)
 
 
+def _taken(subject: Subject, findings: Findings) -> None:
+    """Find foreign frames with an 11-bit identifier that the system itself uses on their bus."""
+    buses = [bus for bus in subject.spec.buses.values() if any(not one.extended for one in bus.foreign)]
+    used = own_identifiers(subject.spec) if buses else {}
+    for bus in buses:
+        for number, one in enumerate(bus.foreign):
+            taken = [can_id for can_id in sorted(used[bus.name]) if one.first <= can_id <= one.last]
+            if one.extended or not taken:
+                continue
+            more = f", and {len(taken) - 1} more" if len(taken) > 1 else ""
+            sentence = f"foreign frames on bus '{bus.name}' have identifier {taken[0]}, which is that of "
+            place = subject.place("buses", bus.name, "foreign", number)
+            hint = "two senders of one identifier destroy each other's frames: let the equipment use another one"
+            findings.add(rules.TAKEN_IDENTIFIER, place, f"{sentence}{used[bus.name][taken[0]]}{more}", hint)
+
+
 def _outranked(subject: Subject, findings: Findings) -> None:
     """Find, on each bus, data of class A and B that less critical data make late.
 
@@ -173,7 +189,7 @@ def _outranked(subject: Subject, findings: Findings) -> None:
     """
     spec = subject.spec
     times, ranks = ResponseTimes(spec), criticality_ranks(spec)
-    for hops in _possible_hops(spec).values():
+    for hops in possible_hops(spec).values():
         ahead: list[Hop] = []
         for response in times.responses(hops):
             rank = ranks[response.hop.producer]
@@ -201,41 +217,3 @@ def _starved(subject: Subject, findings: Findings, response: Response, level: st
     more = [f"{len(lesser) - len(shown_ones)} more"] if len(lesser) > len(shown_ones) else []
     hint = f"leave out the identifier of {listed([*shown_ones, *more])}"
     findings.add(rules.STARVED, subject.place("variables", hop.variable), sentence, hint)
-
-
-def _possible_hops(spec: Spec) -> dict[str, list[Hop]]:
-    """Give for each wired bus every source that may have to be sent there.
-
-    These are the sources for which the bus lies between a PE on which the producer may run and a PE on which
-    another module that reads the variable may run. The mode of a hop is the one in which the producer gives
-    the variable at the fastest rate.
-    """
-    left = survivors(spec, Situation())
-    hosts = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}
-    readers = _readers(spec)
-    found: dict[str, list[Hop]] = {bus.name: [] for bus in spec.buses.values() if bus.kind == "wired"}
-    for producer, variable in spec.sources():
-        read_on = {pe for reader in readers[variable] if reader != producer for pe in hosts[reader]}
-        crossed = {bus for here in hosts[producer] for there in read_on for bus in left.route(here, there) or ()}
-        mode = _fastest(spec.modules[producer], variable)
-        for bus in found.keys() & crossed:
-            found[bus].append(Hop(producer, variable, mode, bus))
-    return found
-
-
-def _readers(spec: Spec) -> dict[str, set[str]]:
-    readers: dict[str, set[str]] = defaultdict(set)
-    for module in spec.modules.values():
-        for variable in _read_by(module):
-            readers[variable].add(module.name)
-    return readers
-
-
-def _read_by(module: Module) -> Iterator[str]:
-    for mode in module.modes.values():
-        yield from (leaf.variable for _, leaf in mode.leaves())
-
-
-def _fastest(module: Module, variable: str) -> str:
-    giving = [mode for mode in module.modes.values() if variable in mode.gives]
-    return max(giving, key=lambda mode: mode.rate_mhz).name

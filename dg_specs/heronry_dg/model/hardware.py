@@ -4,13 +4,16 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Annotated, Literal
 
-from heronry_dg.field_types import Capacity, Criticality, Labels, Names, Period, PositiveMemory, Share
+from heronry_dg.field_types import Capacity, Criticality, IdentifierRange, Labels, Names, Period, PositiveMemory, Share
 from heronry_dg.keys import Bounds, Key
 from heronry_dg.model.fallible import Fallible
+from heronry_wire.frame import MAX_DATA_BYTES
 from heronry_wire.identifiers import FIRST_PE, LAST_PE
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.timing import worst_bits
 
+LAST_11_BIT_ID = (1 << 11) - 1
+LAST_29_BIT_ID = (1 << 29) - 1
 _LOWER_BITS = 18  # of a 29-bit identifier
 
 
@@ -21,11 +24,38 @@ class Foreign:
     Its priority is that of the smallest identifier.
     """
 
-    first: int  # the smallest identifier
-    last: int
-    extended: bool  # 29-bit identifiers
-    data_bytes: int  # of the longest frame
-    period_ns: int
+    identifier: Annotated[
+        int | None,
+        Bounds(ge=0, le=LAST_29_BIT_ID),
+        Key("Identifier of the frames; at most 2047 if `extended` is false.", 1793, left_out=None),
+    ]
+    span: Annotated[
+        IdentifierRange | None,
+        Key(
+            "First and last identifier, instead of `identifier`, if one sender uses several; the first one counts in "
+            "arbitration.",
+            [1800, 1815],
+            called="range",
+            left_out=None,
+        ),
+    ]
+    extended: Annotated[bool, Key("Whether the identifiers have 29 bits, and not 11.", True, left_out=False)]
+    data_bytes: Annotated[
+        int, Bounds(ge=0, le=MAX_DATA_BYTES), Key("Number of data bytes of the longest frame.", 8, called="bytes")
+    ]
+    period_ns: Annotated[
+        Period, Key("Shortest time in ms from one of these frames to the next.", 10, called="period_ms")
+    ]
+
+    @property
+    def first(self) -> int:
+        """The smallest identifier."""
+        return self.span[0] if self.span is not None else self.identifier or 0
+
+    @property
+    def last(self) -> int:
+        """The largest identifier."""
+        return self.span[1] if self.span is not None else self.identifier or 0
 
     @property
     def bits(self) -> int:
@@ -69,7 +99,13 @@ class Bus(Fallible):
         Bounds(ge=1, le=255),
         Key("Number of heartbeat periods without a state after which a PE counts as down.", 3),
     ] = USUAL_MISSES
-    foreign: tuple[Foreign, ...] = ()  # frames of other equipment; no key declares them yet
+    foreign: Annotated[
+        tuple[Foreign, ...],
+        Key(
+            "Frames that other equipment sends on this bus; loads and response times count them.",
+            [{"identifier": 1793, "bytes": 8, "period_ms": 10}],
+        ),
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -212,3 +212,21 @@ PHASE_NAMED_DEFAULT = FAMILY.stop(
     bad="phases: {default: {}}\n",
     good="phases: {climb: {}}\n",
 )
+FOREIGN_IDENTIFIERS = FAMILY.stop(
+    "DG123",
+    "foreign-identifiers",
+    what="An entry of a bus's `foreign` has both `identifier` and `range`, or neither.",
+    why="The identifier decides which data the foreign frames delay.",
+    fix="Write `identifier` for frames with one identifier, and `range` for a sender with several.",
+    bad="buses: {can0: {bitrate: 1000000, foreign: [{bytes: 8, period_ms: 10}]}}\n",
+    good="buses: {can0: {bitrate: 1000000, foreign: [{identifier: 1793, bytes: 8, period_ms: 10}]}}\n",
+)
+REVERSED_RANGE = FAMILY.stop(
+    "DG124",
+    "reversed-range",
+    what="A range of identifiers has its last identifier first.",
+    why="The first identifier counts in arbitration, so it must be certain which one that is.",
+    fix="Write the smaller identifier first.",
+    bad="buses: {can0: {bitrate: 1000000, foreign: [{range: [1815, 1800], bytes: 8, period_ms: 10}]}}\n",
+    good="buses: {can0: {bitrate: 1000000, foreign: [{range: [1800, 1815], bytes: 8, period_ms: 10}]}}\n",
+)

@@ -201,3 +201,14 @@ NO_UNIT = FAMILY.warning(
     bad="variables:\n  speed: {type: FLOAT, identifier: 315}\n",
     good="variables:\n  speed: {type: FLOAT, unit: m/s, identifier: 315}\n",
 )
+TAKEN_IDENTIFIER = FAMILY.error(
+    "DG511",
+    "foreign-identifier-taken",
+    what="Declared `foreign` frames have an 11-bit identifier that heronry itself uses on the same bus.",
+    why="Two nodes that send one identifier at the same time destroy each other's frames, and receivers take "
+    "the frames of one for those of the other.",
+    fix="Configure the other equipment for another identifier, or put it on another bus. For a variable, let heronry "
+    "allocate the identifier.",
+    bad="buses: {can0: {bitrate: 1000000, foreign: [{identifier: 257, bytes: 8, period_ms: 10}]}}\n",
+    good="buses: {can0: {bitrate: 1000000, foreign: [{identifier: 1793, bytes: 8, period_ms: 10}]}}\n",
+)

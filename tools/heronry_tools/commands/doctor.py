@@ -137,6 +137,8 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
 
 
 def _expected(text: str) -> "Expected":
+    from heronry_dg.check.wire import lacks_identifiers  # noqa: PLC0415
+    from heronry_dg.own_identifiers import own_identifiers  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.runtime.doctor.listening import Expected  # noqa: PLC0415
     from heronry_wire.pe_table import PeTable  # noqa: PLC0415
@@ -156,7 +158,17 @@ def _expected(text: str) -> "Expected":
     spec = load_spec(text)
     bus = spec.buses[spec.manager.bus]
     pes = {pe.node_id: pe.name for pe in spec.pes.values() if bus.name in pe.buses}
-    return Expected(spec.name, spec.digest, bus.bitrate, pes, bus.channels, bus.heartbeat_ns)
+    own = None if lacks_identifiers(spec) else frozenset(own_identifiers(spec)[bus.name])
+    return Expected(
+        spec.name,
+        spec.digest,
+        bus.bitrate,
+        pes,
+        bus.channels,
+        bus.heartbeat_ns,
+        own=own,
+        foreign=bus.foreign,
+    )
 
 
 def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":

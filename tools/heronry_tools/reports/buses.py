@@ -52,7 +52,9 @@ def _totals(schedule: BusSchedule) -> Iterator[Sequence[Cell]]:
     yield "data", _share(schedule.data, schedule.data_limit)
     yield "management", _share(schedule.management, bus.reserve)
     yield "", f"the reserve has room for {schedule.reserve_left_frames_per_s} frames/s more"
-    yield "together", _share(schedule.data + schedule.management, bus.max_load)
+    if bus.foreign:
+        yield "foreign", f"{float(schedule.foreign):.2%}"
+    yield "together", _share(schedule.together, bus.max_load)
     if bus.kind == "wired":
         yield "blocking", f"{_ms(schedule.blocking_ns)}, by a frame of lower priority that has just started"
     else:
@@ -61,7 +63,7 @@ def _totals(schedule: BusSchedule) -> Iterator[Sequence[Cell]]:
 
 def _row(schedule: BusSchedule, message: ScheduledMessage) -> Sequence[Cell]:
     return (
-        str(message.identifier),
+        message.identifier_text,
         message.name,
         message.node if message.producer is None else f"{message.node}/{message.producer}",
         f"{message.period_ns / 1_000_000:g}",
@@ -102,6 +104,7 @@ def _bus_document(schedule: BusSchedule) -> dict[str, object]:
         "data_load": float(schedule.data),
         "data_limit": float(schedule.data_limit),
         "management_load": float(schedule.management),
+        "foreign_load": float(schedule.foreign),
         "reserve": float(bus.reserve),
         "max_load": float(bus.max_load),
         "reserve_left_frames_per_s": schedule.reserve_left_frames_per_s,
@@ -113,6 +116,8 @@ def _bus_document(schedule: BusSchedule) -> dict[str, object]:
 def _message_document(schedule: BusSchedule, message: ScheduledMessage) -> dict[str, object]:
     return {
         "identifier": message.identifier,
+        "last": message.last,
+        "extended": message.extended,
         "kind": message.kind,
         "name": message.name,
         "producer": message.producer,

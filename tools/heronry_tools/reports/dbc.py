@@ -1,9 +1,9 @@
 """Makes a DBC, which gives cantools, SavvyCAN and other tools names and units for the frames on a bus.
 
 With a spec, the DBC has the data frames: one for each variable and producer, with the unit and the header of
-CANaerospace. With or without a spec, it describes every field of management frames, states, EMCY, heartbeats and
-output echoes. These fields come from the tables that the codecs use (`heronry_wire.management`,
-`heronry_wire.canaerospace`), so the DBC cannot differ from the codecs.
+CANaerospace. It also has the names of declared foreign frames. With or without a spec, it describes every field of
+management frames, states, EMCY, heartbeats and output echoes. These fields come from the tables that the codecs use
+(`heronry_wire.management`, `heronry_wire.canaerospace`), so the DBC cannot differ from the codecs.
 
 In three kinds of frames the fields vary. A DBC can express this only if one field multiplexes the others:
 
@@ -14,7 +14,7 @@ In three kinds of frames the fields vary. A DBC can express this only if one fie
 """
 
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from cantools.database import Database, Message, Signal
 from cantools.database.can import Node
@@ -55,6 +55,7 @@ from heronry_wire.management import (
 from heronry_wire.state_frames import STATE_0, STATE_1, STATE_2, STATE_3
 
 _TYPE_NAMES = {data_type.value: data_type.name for data_type in DataType}
+_MOST_OF_A_RANGE = 256  # messages for one range of foreign identifiers
 _COMMANDS: Mapping[Command, Layout] = {
     Command.LEASE: LEASE,
     Command.ALIVE: ALIVE,
@@ -72,6 +73,7 @@ def dbc_text(spec: Spec | None) -> str:
     messages = [*_management(), *_per_node(nodes, spec), *_links(spec)]
     if spec is not None:
         messages += _data(spec)
+        messages += _foreign(spec, {message.frame_id for message in messages})
     senders = [*nodes.values(), *(f"manager_{node}" for node in MANAGER_NODES)]
     database = Database(messages=messages, nodes=[Node(name) for name in senders], version="")
     text: str = database.as_dbc_string()
@@ -219,6 +221,24 @@ def _data(spec: Spec) -> Iterator[Message]:
         name = f"{variable}__{producer}"
         length = HEADER_BYTES + kind.payload_bytes
         yield Message(identifier, name, length, [*_header(service), *values], senders=[], strict=False)
+
+
+def _foreign(spec: Spec, taken: Collection[int]) -> Iterator[Message]:
+    """Write a message without signals for each identifier of foreign frames, of a long range for the first 256.
+
+    taken: 11-bit identifiers that have a message already; another bus may have foreign frames with one of them.
+    """
+    found: dict[tuple[bool, int], Message] = {}
+    for bus in spec.buses.values():
+        for one in bus.foreign:
+            for can_id in range(one.first, min(one.last, one.first + _MOST_OF_A_RANGE - 1) + 1):
+                key = (one.extended, can_id)
+                if key not in found and (one.extended or can_id not in taken):
+                    name = f"FOREIGN_{bus.name}_{can_id}{'x' if one.extended else ''}"
+                    found[key] = Message(
+                        can_id, name, one.data_bytes, [], senders=[], is_extended_frame=one.extended, strict=False
+                    )
+    yield from found.values()
 
 
 def _values(variable: str, kind: DataType, unit: str | None) -> Iterator[Signal]:

@@ -4,22 +4,28 @@
     manager    no active manager, or two
     node-ID    a node-ID that two nodes use
     nodes      nodes that are missing, and nodes that are not in the spec
+    foreign    what other equipment sends, compared with what the spec declares
     clock      whether this computer's clock was set while listening
 
 `Hearing` takes the frames and the readings of the clocks. `assess_hearing` makes findings of them.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from heronry_dg.model import Foreign
 from heronry_tools.runtime.doctor.finding import Finding
 from heronry_wire.controller import ControllerState, read_error_frame
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import MANAGER_NODES, PE_NODES, Command, management_id, state_id
+from heronry_wire.identifiers import MANAGER_NODES, PE_NODES, Command, Use, classify, management_id, state_id
 from heronry_wire.management import Lease, decode_command
 from heronry_wire.state_frames import StatePage0, decode_state
+from heronry_wire.timing import worst_bits
 
+_NS_PER_S = 1_000_000_000
+_SHARED = frozenset((Use.NMT, Use.TIME, Use.NODE_SERVICE, Use.BULK))
 CLOCK_STEP_NS = 10_000_000
 _LEASES = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
 _STATES = {state_id(node): node for node in PE_NODES}
@@ -36,6 +42,8 @@ class Expected:
     channels: int = 1
     heartbeat_ns: int = 20_000_000
     is_radio: bool = False  # its bit rate is that of the radio link, not of the adapter
+    own: frozenset[int] | None = None  # identifiers that the system itself uses there; None: not known
+    foreign: tuple[Foreign, ...] = ()  # declared frames of other equipment
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +78,15 @@ _CAN0 = BusNamed()
 
 
 @dataclass(slots=True)
+class Sender:
+    """The frames of one identifier: their number, their bits in all, and the data bytes of the longest."""
+
+    frames: int = 0
+    bits: int = 0
+    most_bytes: int = 0
+
+
+@dataclass(slots=True)
 class Hearing:
     """What was heard on a bus so far."""
 
@@ -81,6 +98,7 @@ class Hearing:
         default_factory=dict
     )  # PE -> its incarnations, one entry for each change
     on_channel: dict[str, set[int]] = field(default_factory=dict)  # of a replicated bus: channel -> nodes heard there
+    by_identifier: dict[tuple[bool, int], Sender] = field(default_factory=dict)  # (whether it has 29 bits, identifier)
     clock_step_ns: int = 0  # the largest step of the wall clock
     _offset_ns: int | None = None
 
@@ -92,6 +110,10 @@ class Hearing:
             self.is_bus_off |= report.state is ControllerState.BUS_OFF
             return
         self.frames += 1
+        sender = self.by_identifier.setdefault((frame.extended, frame.can_id), Sender())
+        sender.frames += 1
+        sender.bits += worst_bits(len(frame.data), extended=frame.extended)
+        sender.most_bytes = max(sender.most_bytes, len(frame.data))
         if frame.extended or frame.remote:
             return
         if frame.can_id in _LEASES:
@@ -136,11 +158,60 @@ def assess_hearing(
     yield _assess_traffic(heard, seconds, bus)
     yield _assess_managers(heard, bus)
     yield from _assess_nodes(heard, expected, bus)
+    if expected is not None:
+        yield from assess_foreign(heard, expected, seconds)
     if heard.clock_step_ns > CLOCK_STEP_NS:
         says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: dates in logs jump"
         yield Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
     else:
         yield Finding("clock", "the clock of this computer was not set while listening")
+
+
+def assess_foreign(heard: Hearing, expected: Expected, seconds: float) -> Iterator[Finding]:
+    """Give a finding about each declared foreign sender, and about each identifier that is heard and not declared.
+
+    Loads count the worst case of bit stuffing, as the analysis does. Commands of CANopen, node services and bulk
+    transfers are nobody's in particular, so they are left out.
+    """
+    if expected.own is None:
+        return
+    left = {
+        (extended, can_id): sender
+        for (extended, can_id), sender in sorted(heard.by_identifier.items())
+        if extended or (can_id not in expected.own and classify(can_id).use not in _SHARED)
+    }
+    for one in expected.foreign:
+        mine = [key for key in left if key[0] == one.extended and one.first <= key[1] <= one.last]
+        yield _assess_declared(one, [left.pop(key) for key in mine], expected.bitrate, seconds)
+    for (extended, can_id), sender in left.items():
+        period_ms = math.floor(seconds * 1000 / sender.frames * 1000) / 1000
+        says = f"{_identifier(can_id, can_id, extended=extended)} is not declared: {_load(sender, expected, seconds)}"
+        entry = f"identifier: {can_id}, {'extended: true, ' if extended else ''}bytes: {sender.most_bytes}"
+        yield Finding("foreign", says, f"add to 'foreign' of the bus: {{{entry}, period_ms: {period_ms:g}}}")
+
+
+def _assess_declared(one: Foreign, senders: list[Sender], bitrate: int, seconds: float) -> Finding:
+    frames, bits = sum(sender.frames for sender in senders), sum(sender.bits for sender in senders)
+    longest = max((sender.most_bytes for sender in senders), default=0)
+    most = math.ceil(seconds * _NS_PER_S / one.period_ns) + 1  # one may have waited when listening began
+    named = _identifier(one.first, one.last, extended=one.extended)
+    declared = one.bits * _NS_PER_S / one.period_ns / bitrate
+    says = f"{named}: {bits / seconds / bitrate:.2%} of the bit rate, {declared:.2%} declared"
+    if frames > most:
+        remedy = f"correct period_ms in the spec: {frames} frames came in {seconds:g} s, and {most} may"
+        return Finding("foreign", says, remedy)
+    if longest > one.data_bytes:
+        return Finding("foreign", says, f"correct bytes in the spec: a frame has {longest} data bytes")
+    return Finding("foreign", says if frames else f"{named}: not heard, {declared:.2%} declared")
+
+
+def _load(sender: Sender, expected: Expected, seconds: float) -> str:
+    return f"{sender.frames / seconds:.4g} frames/s, {sender.bits / seconds / expected.bitrate:.2%} of the bit rate"
+
+
+def _identifier(first: int, last: int, *, extended: bool) -> str:
+    span = f"identifier {first}" if first == last else f"identifiers {first} to {last}"
+    return f"{span} (29 bits)" if extended else span
 
 
 def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:

@@ -13,7 +13,7 @@ from functools import partial
 from random import Random
 from typing import TypeVar
 
-from heronry_dg.model import Spec
+from heronry_dg.model import Foreign, Spec
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.events import Event
 from heronry_tools.aircraft.plant import Failure, Plant, PlantOfDevices
@@ -35,7 +35,9 @@ from heronry_tools.sim.world.frame_digest import FrameDigest
 from heronry_tools.sim.world.inspection.diagnostic_client import DiagnosticClient
 from heronry_tools.sim.world.local_clock import LocalClocks
 from heronry_tools.sim.world.planning import Planners, Prepared, prepared
+from heronry_tools.sim.world.stranger import Stranger
 from heronry_wire.authentication import Key
+from heronry_wire.frame import Frame
 from heronry_wire.identifiers import LAST_MANAGER, MANAGER_NODES
 
 MS = 1_000_000
@@ -257,6 +259,15 @@ class Simulation:
             self.at(chance.randrange(_LATEST_START_NS), lambda: self.managers.start(LAST_MANAGER))
         for pe in self.spec.pes:
             self.at(chance.randrange(_LATEST_START_NS), lambda pe=pe: self.fleet.restore(pe))  # type: ignore[misc]
+        for bus in self.spec.buses.values():
+            for foreign in bus.foreign:
+                self.at(chance.randrange(foreign.period_ns), partial(self._send_foreign, bus.name, foreign))
+
+    def _send_foreign(self, bus: str, foreign: Foreign) -> None:
+        """Let other equipment send its frames from now on, each with the first identifier of its range."""
+        frame = Frame(foreign.first, bytes(foreign.data_bytes), foreign.extended)
+        for wire in self.wiring.wires[bus]:
+            Stranger(self.clock, wire, frame, foreign.period_ns)
 
     def _tap(self, *, keep_trace: bool, observed: bool) -> None:
         self.wiring.watch(self._frames.see, self.checks.carried)

@@ -77,7 +77,7 @@ class FrameWatch:
     def see(self, sent: Sent) -> None:
         """Decode a frame of any bus, and call the methods of those oracles that need this frame."""
         watcher = self._watchers.get(sent.frame.can_id)
-        if watcher is None:
+        if watcher is None or sent.frame.extended:
             return
         if not sent.sender.startswith(STRANGER):
             watcher(sent)

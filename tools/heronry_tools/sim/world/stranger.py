@@ -31,5 +31,7 @@ class Stranger:
         if not self._station.present:
             return
         if self._station.mailbox is None:
-            self._bus.offer(self._station, Frame(self._frame.can_id, self._frame.data))  # a new transmission
+            self._bus.offer(
+                self._station, Frame(self._frame.can_id, self._frame.data, self._frame.extended)
+            )  # a new transmission
         self._clock.at(self._clock.now_ns + self._every_ns, self._send)
