@@ -37,25 +37,25 @@ def test_two_die_within_one_heartbeat(pair: tuple[str, str]) -> None:
     assert simulation.settle() == []
 
 
-def loses_tail(simulation: Simulation) -> str:
+def loses_tail(simulation: Simulation) -> type[events.Event]:
     simulation.fleet.kill("tail_pe")
-    return "pe_lost"
+    return events.PeLost
 
 
-def gets_tail_back(simulation: Simulation) -> str:
+def gets_tail_back(simulation: Simulation) -> type[events.Event]:
     simulation.fleet.kill("tail_pe")
     simulation.run_for(500 * MS)
     simulation.fleet.restore("tail_pe")
-    return "pe_joined"
+    return events.PeJoined
 
 
-def servo_sticks(simulation: Simulation) -> str:
+def servo_sticks(simulation: Simulation) -> type[events.Event]:
     simulation.run_for(5_000 * MS)
     simulation.fail_device("elevator_servo_1", "stuck")
-    return "fault_reported"
+    return events.FaultReported
 
 
-Story = Callable[[Simulation], str]
+Story = Callable[[Simulation], type[events.Event]]
 
 
 def frames_of(spec: Spec, story: Story) -> list[Sent]:
@@ -117,9 +117,9 @@ def test_a_second_pe_dies_at_some_messages_while_the_servos_change_over() -> Non
 @pytest.mark.soak
 @pytest.mark.parametrize(("first", "second"), [("flight", "nav"), ("tail_a", "comms"), ("payload", "tail_b")])
 def test_a_second_pe_of_big_blue_dies_at_some_messages(first: str, second: str) -> None:
-    def story(simulation: Simulation) -> str:
+    def story(simulation: Simulation) -> type[events.Event]:
         simulation.fleet.kill(first)
-        return "pe_lost"
+        return events.PeLost
 
     frames = frames_of(big_blue(), story)
     wrong = {}
