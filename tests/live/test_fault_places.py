@@ -95,7 +95,7 @@ class Desk:
         """Whether the last configuration that became active everywhere has the module on this PE."""
         done = self.told(Reconfigured)
         plans = [told.plan.modules for told in self.told(PlanReady) if done and told.t_ns <= done[-1].t_ns]
-        return bool(plans) and plans[-1].get(module, {}).get("pe") == pe
+        return bool(plans) and module in plans[-1] and plans[-1][module].pe == pe
 
     def end(self) -> None:
         self._begun.close()

@@ -147,8 +147,6 @@ def _run(arguments: argparse.Namespace) -> int:
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     devices = Devices(table, open_drivers(table, origin_ns, arguments.devices))
     followed, every_echo = devices.followed(), devices.every_echo()
-    if every_echo:
-        tell(Note("echo", "every command is echoed: the simulated plants of other PEs follow it"))
     reasons = {module.image: why_not_here(module.image) for module in table.modules}
     missing = {image: reason for image, reason in reasons.items() if reason is not None}
     with ExitStack() as undo:
@@ -158,6 +156,8 @@ def _run(arguments: argparse.Namespace) -> int:
             undo.callback(links[-1].close)
         if id_is_taken(links, table):
             raise _IdTakenError(table.node_id, " in the spec")
+        if every_echo:
+            tell(Note("echo", "every command is echoed: the simulated plants of other PEs follow it"))
 
         boots = BootCount(arguments.state_dir, table.node_id, lambda sentence: tell(Note("disk", sentence)))
         undo.callback(boots.close)
