@@ -14,8 +14,8 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from heronry_dg.model import Foreign
 from heronry_tools.runtime.doctor.finding import Finding
 from heronry_wire.controller import ControllerState, read_error_frame
 from heronry_wire.frame import Frame
@@ -23,6 +23,10 @@ from heronry_wire.identifiers import MANAGER_NODES, PE_NODES, Command, Use, clas
 from heronry_wire.management import Lease, decode_command
 from heronry_wire.state_frames import StatePage0, decode_state
 from heronry_wire.timing import worst_bits
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Foreign
+
 
 _NS_PER_S = 1_000_000_000
 _SHARED = frozenset((Use.NMT, Use.TIME, Use.NODE_SERVICE, Use.BULK))
@@ -43,7 +47,7 @@ class Expected:
     heartbeat_ns: int = 20_000_000
     is_radio: bool = False  # its bit rate is that of the radio link, not of the adapter
     own: frozenset[int] | None = None  # identifiers that the system itself uses there; None: not known
-    foreign: tuple[Foreign, ...] = ()  # declared frames of other equipment
+    foreign: tuple["Foreign", ...] = ()  # declared frames of other equipment
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +194,7 @@ def assess_foreign(heard: Hearing, expected: Expected, seconds: float) -> Iterat
         yield Finding("foreign", says, f"add to 'foreign' of the bus: {{{entry}, period_ms: {period_ms:g}}}")
 
 
-def _assess_declared(one: Foreign, senders: list[Sender], bitrate: int, seconds: float) -> Finding:
+def _assess_declared(one: "Foreign", senders: list[Sender], bitrate: int, seconds: float) -> Finding:
     frames, bits = sum(sender.frames for sender in senders), sum(sender.bits for sender in senders)
     longest = max((sender.most_bytes for sender in senders), default=0)
     most = math.ceil(seconds * _NS_PER_S / one.period_ns) + 1  # one may have waited when listening began
