@@ -137,8 +137,6 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
 
 
 def _expected(text: str) -> "Expected":
-    from heronry_dg.check.wire import lacks_identifiers  # noqa: PLC0415
-    from heronry_dg.own_identifiers import own_identifiers  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.runtime.doctor.listening import Expected  # noqa: PLC0415
     from heronry_wire.pe_table import PeTable  # noqa: PLC0415
@@ -155,6 +153,9 @@ def _expected(text: str) -> "Expected":
             port.heartbeat_ns,
             port.wireless,
         )
+    from heronry_dg.check.wire import lacks_identifiers  # noqa: PLC0415 - a small install lacks pydantic
+    from heronry_dg.own_identifiers import own_identifiers  # noqa: PLC0415
+
     spec = load_spec(text)
     bus = spec.buses[spec.manager.bus]
     pes = {pe.node_id: pe.name for pe in spec.pes.values() if bus.name in pe.buses}
