@@ -134,7 +134,7 @@ def heard_at_the_end(log: Path) -> set[str]:
         if logged.channel == "can0":
             witness.see(logged.time_ns, logged.frame)
             last_ns = max(last_ns, logged.time_ns)
-    assert witness.rivals == ()
+    assert witness.rivals == []
     return {name for name in spec.functions if witness.served(name, last_ns)}
 
 
