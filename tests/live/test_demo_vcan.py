@@ -119,7 +119,7 @@ class Flight:
                 witness.see(logged.time_ns, logged.frame)
             if from_ns <= logged.time_ns <= until_ns:
                 heard |= {name for name in self.spec.functions if witness.served(name, logged.time_ns)}
-        assert witness.rivals == ()
+        assert witness.rivals == []
         return heard
 
     @cached_property
