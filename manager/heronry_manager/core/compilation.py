@@ -59,6 +59,7 @@ class Compiler:
         self._exclusive = frozenset(spec.exclusive_things())
         self._all_up = survivors(spec, Situation())
         self._radios = radios(spec)
+        self._tables: dict[str, PeTable] = {}
 
     @cached_property
     def identities(self) -> Mapping[int, bytes]:
@@ -86,10 +87,15 @@ class Compiler:
         return True
 
     def table(self, pe: str) -> PeTable:
-        """Give the table of one PE.
+        """Give the table of one PE; it is compiled once, and `identities` uses the same one.
 
         Raises WireLimitError if the spec exceeds a limit of the wire (`heronry_dg.wire_limits`).
         """
+        if pe not in self._tables:
+            self._tables[pe] = self._compiled(pe)
+        return self._tables[pe]
+
+    def _compiled(self, pe: str) -> PeTable:
         assert self._fits_the_wire
         spec, own = self._spec, self._spec.pes[pe]
         ports = tuple(self._port(pe, bus) for bus in own.buses)
