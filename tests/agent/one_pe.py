@@ -133,9 +133,9 @@ FLYING = Slice((RUN_CONTROL, RUN_SERVO_1), remote={RATE: NEIGHBOUR}, publish={DE
 Message = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Control
 
 
-def slice_messages(wanted: Slice, epoch: int, digest: int, term: int = 1) -> list[Message]:
-    """PREPARE, head and bodies, as a manager sends them."""
-    return [Prepare(term, epoch, digest), *peers.slice_messages(NODE, epoch, wanted, TABLE.identity)]
+def slice_messages(wanted: Slice, epoch: int, digest: int, term: int = 1, *, table: PeTable = TABLE) -> list[Message]:
+    """PREPARE, head and bodies, as a manager sends them that has compiled `table`."""
+    return [Prepare(term, epoch, digest), *peers.slice_messages(NODE, epoch, wanted, table.identity)]
 
 
 class OnePe(SteppedCore[Event, Action]):

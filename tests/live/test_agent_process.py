@@ -19,6 +19,7 @@ from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import actuator_echo_id, emcy_id, heartbeat_id, state_id
 from heronry_wire.management import Activate, Alive, Ping, Step
+from heronry_wire.pe_table import PeTable
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, decode_state
 from lab.peers import command_frame
 
@@ -81,9 +82,10 @@ class Ground:
         assert isinstance(page, StatePage0)
         return page
 
-    def configure(self) -> None:
-        """Give it the configuration in which it flies, alive and with a neighbour."""
-        messages = [Alive(1, 0, EVERYBODY), *slice_messages(FLYING, 7, 1007), Activate(1, 7, Step.GO_ALL, 1007)]
+    def configure(self, table: PeTable = LIVE_TABLE) -> None:
+        """Give it the configuration in which it flies, alive and with a neighbour; `table` is the one that it has."""
+        slices = slice_messages(FLYING, 7, 1007, table=table)
+        messages = [Alive(1, 0, EVERYBODY), *slices, Activate(1, 7, Step.GO_ALL, 1007)]
         self.say(*map(command_frame, messages), neighbour_state(7))
         self.neighbour_beats = True
 
@@ -143,9 +145,10 @@ def test_code_that_cannot_be_loaded_is_reported_and_refused_from_then_on(ground:
     ground.table.write_text(table.to_json())
     ground.start()
     ground.hear_page_0()
-    ground.configure()
+    ground.configure(table)
     ground.hear(lambda frame: frame.can_id == emcy_id(NODE))
-    ground.say(*map(command_frame, [*slice_messages(replace(FLYING, publish={}), 8, 1008), Ping(1, NODE, 0)]))
+    slices = slice_messages(replace(FLYING, publish={}), 8, 1008, table=table)
+    ground.say(*map(command_frame, [*slices, Ping(1, NODE, 0)]))
     ground.hear(lambda f: f.can_id == state_id(NODE) and f.data[0] >= 0x40 and _reason(f) is Reason.IMAGE)
 
 
