@@ -307,8 +307,9 @@ def test_why_a_pe_stages_nothing_is_told_once(manager: Reading, version: Version
     assert refuses(manager, version, digest) == [why]
 
 
-def test_nothing_is_told_of_a_pe_that_does_not_answer(manager: Reading) -> None:
+def test_of_a_pe_that_does_not_answer_it_is_told_what_its_refusal_shows(manager: Reading) -> None:
     manager.is_deaf = True
     assert refuses(manager, PROTOCOL, "") == []
     manager.pass_time(3 * SILENCE_NS)
-    assert not [one for one in manager.events if isinstance(one, events.AnotherTable)]
+    (told,) = [one for one in manager.events if isinstance(one, events.AnotherTable)]
+    assert told.why.startswith("its table is another one than this manager compiles for it: write it anew")

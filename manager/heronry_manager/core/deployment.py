@@ -14,6 +14,9 @@ Only state frames show what a PE runs (`observation`); a command does not. Three
 
 Then the caller gets the cause as a sentence, and fails the PE.
 
+*Another table*: a PE refuses its slice for the digest, because its table is not the one for which this manager compiles
+slices (`other_tables`).
+
 *Admitting*: a PE that comes back, and has an empty slice in the current epoch (it runs no module and
 forwards nothing), joins this epoch; no other PE is disturbed. Two kinds of PEs need a new epoch instead.
 A PE with a slice that is not empty needs one, since other PEs may have to release exclusive things first.
@@ -53,6 +56,7 @@ from heronry_manager.core.health import Health
 from heronry_manager.core.memory import Runs
 from heronry_manager.core.observation import Observations, Observed
 from heronry_manager.core.on_board import ContingencyNumbers
+from heronry_manager.core.other_tables import OtherTables
 from heronry_manager.core.reconfiguration import Cause, Reconfiguration, Stage
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import COMMAND_OF, Lease, Step, is_newer, newest_epoch
@@ -91,6 +95,7 @@ class Deployment:
         self._activation = Activation(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
         self.current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
         self.next: Reconfiguration | None = None  # being prepared
+        self.other_tables = OtherTables(self.observed)
         self._has_given_up = False  # abandoned an epoch since the current one was activated
         self._stopped: set[str] = set()  # modules that some PE has stopped, and that are wanted again
 
@@ -98,6 +103,7 @@ class Deployment:
         """Begin a new term, of which no PE has heard yet."""
         self.epochs.numbers.begin(term)
         self.observed.begin_term()
+        self.other_tables.forget()
 
     @property
     def running(self) -> Placement | None:
@@ -201,10 +207,35 @@ class Deployment:
                 epoch.not_on_board(pe, self._turn.now_ns)
             if page.reason not in _NO_REFUSAL:
                 self._turn.emit(events.PeRefused, pe=pe, epoch=epoch.epoch, reason=page.reason.name)
+                if page.reason is Reason.DIGEST:
+                    return None  # see `refuses_digest`
                 if page.reason is Reason.IMAGE:
                     return None  # the PE also reports the module, and repeats that until it is heard
                 return f"it cannot stage its slice: {page.reason.name}"
         return None
+
+    def refuses_digest(self, page: StatePage1) -> bool:
+        """Tell whether the sender of a page 1 refuses its slice for the digest."""
+        if page.reason is not Reason.DIGEST:
+            return False
+        return any(epoch is not None and page.staged_epoch == epoch.epoch for epoch in (self.next, self.current))
+
+    def leave_alone(self, pe: str) -> bool:
+        """Take a PE that refuses its slice for the digest out of the epoch that is being prepared, if it flies.
+
+        Tells whether it flies: it runs what this manager does not know, and this manager has no current epoch. Then
+        no epoch is activated while it does (`other_tables`).
+        """
+        if self.current is not None or not self.observed.runs_unknown(pe):
+            return False
+        self.other_tables.flies(pe)
+        if self.next is not None:
+            self.next.drop(pe)
+        return True
+
+    def is_held(self) -> bool:
+        """Tell whether no epoch may be opened, because PEs fly with another table."""
+        return self.current is None and bool(self.other_tables.flying())
 
     def is_active(self, pe: str) -> bool:
         """Tell whether the last state of a PE reports ACTIVE: it runs all of its slice."""
@@ -213,6 +244,7 @@ class Deployment:
     def lost(self, pe: str) -> None:
         """Forget the reports of a PE that is no longer available; the current epoch waits for it no longer."""
         self.observed.lost(pe)
+        self.other_tables.lost(pe)
         if self.current is not None:
             self.current.drop(pe)
 
@@ -335,7 +367,10 @@ class Deployment:
         Returns the current epoch if it is completed now; None if not.
         """
         if self.next is not None and self.next.all_staged():
-            self._activate(self.next)
+            if self.is_held():
+                self.abandon(self.other_tables.why())
+            else:
+                self._activate(self.next)
         current = self.current
         is_done = current is not None and self._activation.move_on(current)
         for epoch in (current, self.next):

@@ -99,6 +99,7 @@ class _Record:
     cause: str | None = None  # of being down
     receive_failed_since_ns: int | None = None  # since when it has reported that it hears no lease
     barred: bool = False
+    excluded: bool = False  # until its next incarnation
     awaited_again: bool = False  # it was available to the previous manager
     spoke_ns: int = 0  # when it last sent a state, believed or not
     said: int | None = None  # its incarnation in its last state, proven or not
@@ -234,6 +235,7 @@ class Health:
         changes: list[HealthChange] = []
         if incarnation is not None:
             if record.incarnation not in (None, incarnation):
+                record.excluded = False
                 cause = f"it rebooted (incarnation {incarnation})"
                 changes += self._lose(record, last, now_ns, cause, Change.REBOOTED)
             record.incarnation = incarnation
@@ -249,7 +251,7 @@ class Health:
             case Standing.SUSPECT:
                 record.move(StandingEvent.HEARD)
                 changes.append(HealthChange(pe, Change.ANSWERED, "heard again in time", last))
-            case Standing.DOWN if not record.barred:
+            case Standing.DOWN if not record.barred and not record.excluded:
                 record.move(StandingEvent.HEARD)
                 record.returning_since_ns = now_ns
                 wait_ms = record.hold_down_ns() // 1_000_000
@@ -330,8 +332,8 @@ class Health:
         Tells whether the PE was kept unavailable until now, by a latched fault (`bar`) or by quarantine.
         """
         record = self._records[pe]
-        kept_out = record.barred or self.is_quarantined(pe)
-        record.barred, record.losses = False, 0
+        kept_out = record.barred or record.excluded or self.is_quarantined(pe)
+        record.barred, record.excluded, record.losses = False, False, 0
         return kept_out
 
     def quarantine(self, pe: str, losses: int) -> None:
@@ -352,6 +354,18 @@ class Health:
         """Fail a PE for a reason other than silence (no acknowledgement, configuration lost)."""
         record = self._records[pe]
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
+
+    def exclude(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
+        """Keep a PE unavailable until it has restarted, whatever it sends; this is no loss that lengthens a hold-down.
+
+        Returns the changes of its health. `forgive` ends this, too.
+        """
+        record = self._records[pe]
+        before = record.losses, record.lost_ns
+        record.excluded, record.cause = True, cause
+        changes = self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
+        record.losses, record.lost_ns = before
+        return changes
 
     def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
         """Make these PEs unavailable, because a gateway reports that it no longer hears any of them.

@@ -62,6 +62,7 @@ from heronry_manager.core.vocabulary import (
     AskTraceback,
     ChannelsLost,
     DriverEvent,
+    FailElement,
     JournalTold,
     ManagerAction,
     ManagerEvent,
@@ -254,6 +255,10 @@ class ManagerCore:
             return Reply(
                 number, done=False, sentence="the manager has just started and still listens to the bus: try again"
             )
+        if self._known.deployment.is_held() and not isinstance(order, FailElement):
+            why = self._known.deployment.other_tables.why()
+            remedy = "'heronry status' says what to do, and 'heronry fail pe:NAME' gives up a PE"
+            return Reply(number, done=False, sentence=f"{why}, so nothing is commanded: {remedy}")
         outcome = self._orders.accept(order)
         self._reactions.take(outcome.changes)
         if outcome.command is not None:

@@ -66,6 +66,11 @@ class Observations:
         self._newest_lost = newest_epoch((self._newest_lost, self.of[pe].epoch))
         self.of[pe] = Observed()
 
+    def runs_unknown(self, pe: str) -> bool:
+        """Tell whether a PE runs what this manager neither knows nor has commanded, as the PE reported last."""
+        seen = self.of[pe]
+        return seen.state is not PeState.UNCONFIGURED and not seen.configured
+
     def newest_epoch(self) -> int:
         """Give the newest epoch that any PE, available or not, has reported to run."""
         return newest_epoch((self._newest_lost, *(seen.epoch for seen in self.of.values())))

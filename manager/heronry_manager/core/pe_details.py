@@ -20,7 +20,8 @@ operator asks for the status. A standstill is *long* if it exceeds a heartbeat p
 
 *Table of a PE.* If a PE refuses a slice for its digest, the manager reads the version of the protocol and the digest of
 the spec from the PE, and tells in an event why the PE stages nothing. It tells this again only if the reason is another
-one. Anybody may forge the answer, which therefore changes nothing but the sentence.
+one. Without an answer it tells what it knows. Anybody may forge the answer, which therefore changes nothing but the
+sentence.
 
 A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no
 gateway forwards SDO. It keeps what it has read until it ends; another manager reads the details again.
@@ -145,36 +146,45 @@ class PeDetails:
         for sub_index, key in _COUNTERS:
             self._read(pe, COUNTERS, sub_index, partial(take, key))
 
-    def look_at_table(self, pe: str) -> None:
-        """Read from a PE that refuses a slice for its digest which table it has, and tell why it stages nothing."""
+    def look_at_table(self, pe: str, *, flies: bool) -> None:
+        """Read from a PE that refuses a slice for its digest which table it has, and tell why it stages nothing.
+
+        flies: the PE runs what this manager does not know.
+        """
         found: dict[int, bytes | None] = {}
 
         def take(sub_index: int, value: bytes | None) -> None:
             found[sub_index] = value
             if len(found) == len(_OF_TABLE):
-                self._found_table(pe, *(found[one] for one in _OF_TABLE))
+                why = self._why_another_table(*(found[one] for one in _OF_TABLE))
+                self._tell_table(pe, f"{why}; until then it goes on with what it runs" if flies else why)
 
         for sub_index in _OF_TABLE:
             self._read(pe, SPEC, sub_index, partial(take, sub_index))
 
-    def _found_table(self, pe: str, digest: bytes | None, version: bytes | None) -> None:
+    def table_is_right(self, pe: str) -> None:
+        """Forget that a PE had another table, since it has restarted, or is not heard any more."""
+        self._tables.pop(pe, None)
+
+    def other_tables(self) -> dict[str, str]:
+        """Give the PEs that have another table, each with the sentence that says why and what to do."""
+        return dict(self._tables)
+
+    def _why_another_table(self, digest: bytes | None, version: bytes | None) -> str:
+        anew = "write it anew with 'heronry table', and restart the PE"
         if digest is None or version is None:
-            return
+            return f"its table is another one than this manager compiles for it: {anew}"
         spoken, of_spec = Version.of_number(read_number(version)), digest.decode("ascii", "replace")
         if spoken.major != PROTOCOL.major:
-            why = (
+            return (
                 f"it speaks protocol {spoken}, and this manager {PROTOCOL}: install the same major version of heronry "
                 "for both, and write its table anew with 'heronry table'"
             )
-        elif of_spec != self._spec.digest:
-            why = (
-                f"its table is of another spec ({of_spec:.12}): write it anew with 'heronry table', and restart the PE"
-            )
-        else:
-            why = (
-                "its table was compiled otherwise, or damaged in memory: write it anew with 'heronry table', and "
-                "restart the PE"
-            )
+        if of_spec != self._spec.digest:
+            return f"its table is of another spec ({of_spec:.12}): {anew}"
+        return f"its table was compiled otherwise, or damaged in memory: {anew}"
+
+    def _tell_table(self, pe: str, why: str) -> None:
         if self._tables.get(pe) != why:
             self._tables[pe] = why
             self._turn.emit(events.AnotherTable, pe=pe, why=why)

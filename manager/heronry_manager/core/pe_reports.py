@@ -28,7 +28,6 @@ from heronry_wire.management import (
 from heronry_wire.state_frames import (
     PeFlags,
     PeState,
-    Reason,
     StatePage,
     StatePage0,
     StatePage1,
@@ -58,11 +57,7 @@ class PeReports:
             case StatePage1():
                 if self._known.authenticity is None:
                     self._lives(pe, None, page.flags)
-                cause = None if self._settings.advise else self._known.deployment.staging(pe, page)
-                if cause is not None:
-                    if page.reason is Reason.DIGEST:
-                        self._known.details.look_at_table(pe)
-                    self._reactions.fail(pe, cause)
+                self._page_1(pe, page)
             case StatePage2() if self._known.authenticity is not None and self._claim.speaks():
                 self._known.authenticity.answer(pe, page)
             case StatePage2() | StatePage3() | None:  # pragma: no branch - nothing else is left
@@ -91,6 +86,15 @@ class PeReports:
         if cause is not None:
             self._reactions.fail(pe, cause)
         self._replanning.need_higher_epoch(pe)
+
+    def _page_1(self, pe: str, page: StatePage1) -> None:
+        if self._settings.advise:
+            return
+        cause = self._known.deployment.staging(pe, page)
+        if cause is not None:
+            self._reactions.fail(pe, cause)
+        elif self._known.deployment.refuses_digest(page):
+            self._reactions.has_another_table(pe)
 
     def _lives(self, pe: str, incarnation: int | None, flags: PeFlags) -> None:
         known = self._known

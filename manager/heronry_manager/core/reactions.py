@@ -12,8 +12,9 @@ on each change, in the order in which the changes came:
                               again is not available yet. `pe_details` reads whether the computer of the PE stood still
     any other change          as `known_situation` says
 
-A PE that does not execute its commands is failed, with the cause in words. No change comes twice, since `health` and
-`known_situation` report a change only when their own state changes.
+A PE that has another table is left alone (`other_tables`). A PE that does not execute its commands is failed, with the
+cause in words. No change comes twice, since `health` and `known_situation` report a change only when their
+own state changes.
 """
 
 from collections.abc import Iterable
@@ -33,6 +34,7 @@ from heronry_manager.core.known_situation import (
 )
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.memory import Quarantined, Released
+from heronry_manager.core.other_tables import ANOTHER_TABLE
 from heronry_manager.core.pe_details import Look
 from heronry_manager.core.replanning import Replanning
 from heronry_manager.core.turn import Turn
@@ -68,6 +70,13 @@ class Reactions:
     def fail(self, pe: str, cause: str) -> None:
         """Fail a PE for this cause, although it still sends."""
         self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
+
+    def has_another_table(self, pe: str) -> None:
+        """Leave a PE alone that refuses its slice for the digest; one that runs nothing is unavailable meanwhile."""
+        flies = self._known.deployment.leave_alone(pe)
+        self._known.details.look_at_table(pe, flies=flies)
+        if not flies:
+            self.take(self._known.health.exclude(pe, ANOTHER_TABLE, self._turn.now_ns))
 
     def discount_losses(self) -> None:
         """Discount the last loss of each PE that was lost while this manager itself heard nothing.
@@ -106,11 +115,14 @@ class Reactions:
                     turn.keep(Released(pe))
                 turn.emit(events.PeJoined, pe=pe, cause=change.cause)
                 self._known.details.look_at_standstills(pe, Look.BEGIN)
+                self._known.details.table_is_right(pe)
                 self._known.deployment.observed.joined(pe)
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
 
     def _lost(self, change: HealthChange) -> None:
         pe, last, known = change.pe, change.last_heard_ns, self._known
+        if change.change is not Change.FAILED:
+            known.details.table_is_right(pe)
         if change.change is Change.REBOOTED:
             known.exclusion.rebooted(pe)
         elif change.change is Change.LOST:

@@ -55,6 +55,7 @@ class Replanning:
         self._settings, self._turn = settings, turn
         self._claim, self._known, self.planning = claim, known, planning
         self._storms = Storms(settings.spec, turn)
+        self._is_held = False  # a plan is needed once no PE flies with another table
 
     # The situation has changed
 
@@ -162,12 +163,17 @@ class Replanning:
 
     def _ask(self) -> None:
         known = self._known
+        if known.deployment.is_held():
+            self._is_held = True
+            return
+        self._is_held = False
         self.planning.ask(known.situation.now(), known.deployment.running, target=known.script.target)
 
     def tick(self) -> None:
         """Request a plan if the start-up window has just closed, or a failed request is due again."""
         is_first = self._claim.state is Mastership.STARTING and not self._known.health.starting()
-        if is_first or self.planning.is_due_again():
+        is_free = self._is_held and not self._known.deployment.is_held()
+        if is_first or is_free or self.planning.is_due_again():
             self.ask()
 
     def ready(self, answer: PlanReady) -> None:

@@ -27,6 +27,7 @@ and changes none.
                     epoch's plan. If the plan is not known, served, mode and value are null
     script          state (none, asked, held, refused, ended) and why
     buses           by name: bits_per_s and load, as planned
+    other_tables    why a PE stages nothing, and what to do, by the PE's name
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
 """
 
@@ -94,6 +95,7 @@ def status(
         "functions": {f.name: _function(f, now, plan, unknown_epoch) for f in spec.functions.values()},
         "script": dict(script),
         "buses": {} if plan is None else plan.document()["buses"],
+        "other_tables": details.other_tables(),
         "unwatched": list(_unwatched(spec, plan)),
     }
 

@@ -69,6 +69,8 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     for channel, lacking in status["channels"].items():
         if lacking:
             yield f"! channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
+    for pe, why in status["other_tables"].items():
+        yield f"! {pe} stages nothing: {why}"
     yield from _told_without_a_fault(status)
     for phase in status["unwatched"]:
         yield f"! no running module gives the variable that requests phase {phase}"
