@@ -15,6 +15,7 @@ class Silences:
         self._functions = {m: [f.name for f in spec.functions.values() if m in f.outputs] for m in spec.modules}
         self._last_ns: dict[str, int] = {}
         self._longest_ns = 0
+        self.node: int | None = None  # the one that gave an output last
 
     @property
     def heard(self) -> Collection[str]:
@@ -24,6 +25,7 @@ class Silences:
     def see(self, at_ns: int, frame: Frame) -> None:
         """Take a frame that ended at this time."""
         output = self._witness.see(at_ns, frame)
+        self.node = self.node if output is None else output.node
         for function in () if output is None else self._functions[output.module]:
             self._longest_ns = max(self._longest_ns, at_ns - self._last_ns.get(function, at_ns))
             self._last_ns[function] = at_ns

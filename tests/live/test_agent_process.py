@@ -10,14 +10,17 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from time import sleep
 
 import can
 import pytest
 
 from agent.one_pe import BEAT_NS, DEMAND_ID, FLYING, NEIGHBOUR, NODE, TABLE, neighbour_state, slice_messages
 from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import actuator_echo_id, emcy_id, heartbeat_id, state_id
+from heronry_wire.identifiers import FIRST_MANAGER, actuator_echo_id, emcy_id, heartbeat_id, state_id
+from heronry_wire.key_file import make_key, read_key
 from heronry_wire.management import Activate, Alive, Ping, Step
 from heronry_wire.pe_table import PeTable
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, decode_state
@@ -193,6 +196,36 @@ def test_a_second_node_with_the_same_id_does_not_start(ground: Ground) -> None:
     assert code == 1
     assert said == [f"pe-agent: another node on the bus has node-ID {NODE}; change one of the two in the spec"]
     assert ground.hear_page_0().sequence > 0
+
+
+@pytest.mark.parametrize(("named", "code"), [(NEIGHBOUR, None), (NODE, 1)], ids=["forged states", "a true twin"])
+@mostly_on_softbus
+def test_with_a_key_the_manager_decides_whether_a_node_with_the_same_id_is_one(
+    ground: Ground, named: int, code: int | None
+) -> None:
+    file = ground.folder / "fleet.key"
+    make_key(file)
+    signer = CommandSigner(read_key(file), FIRST_MANAGER, 1)
+    state = Frame(state_id(NODE), neighbour_state(7).data)
+
+    agent = ground.start("--key", str(file), "--until-eof")
+    assert agent.stderr is not None
+    for _ in range(200):  # no manager yet: it waits
+        ground.say(state)
+        sleep(0.005)
+    assert agent.poll() is None
+    assert f"something sends with node-ID {NODE}" in agent.stderr.readline()
+    for number in range(600):
+        alive = command_frame(Alive(1, number % 256, frozenset({named})))
+        tag = signer.tag(alive)
+        assert tag is not None
+        ground.say(alive, tag, state)
+        message = ground.bus.recv(0.005)
+        if agent.poll() is not None or (message and message.arbitration_id == heartbeat_id(NODE)):
+            break
+    assert agent.poll() == code
+    told = "another node on the bus has node-ID" if code else "no node that the manager knows: they are forged"
+    assert told in agent.stderr.readline()
 
 
 @mostly_on_softbus

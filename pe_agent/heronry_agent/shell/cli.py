@@ -20,9 +20,10 @@ from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.devices import PLANT, Devices, open_drivers
-from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
+from heronry_agent.shell.driver import AgentDriver, is_abandoned
 from heronry_agent.shell.image_catalogues import why_not_here
 from heronry_agent.shell.incarnation import BootCount
+from heronry_agent.shell.own_node_id import NodeId, OwnNodeId
 from heronry_agent.shell.partition_groups import open_groups
 from heronry_agent.shell.partition_host import PartitionHost
 from heronry_agent.shell.ports import bus_configs
@@ -138,7 +139,7 @@ def _node(text: str) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    tell = _silent if arguments.quiet else _print_note
+    tell, until_eof = _silent if arguments.quiet else _print_note, arguments.until_eof
     key = None if arguments.key is None else read_key(arguments.key)
     table = _wait_for_table(arguments, tell, key) if arguments.table is None else _read_table(arguments.table)
     if table is None:
@@ -154,8 +155,8 @@ def _run(arguments: argparse.Namespace) -> int:
         for port, config in zip(table.ports, configs, strict=True):
             links.append(open_link(config, port.heartbeat_ns, port.misses))
             undo.callback(links[-1].close)
-        if id_is_taken(links, table):
-            raise _IdTakenError(table.node_id, " in the spec")
+        if not _has_own_node_id(OwnNodeId.of(links, table, key), tell, until_eof=until_eof, where=" in the spec"):
+            return 0
         if every_echo:
             tell(Note("echo", "every command is echoed: the simulated plants of other PEs follow it"))
 
@@ -178,14 +179,34 @@ def _run(arguments: argparse.Namespace) -> int:
         undo.callback(host.close)
         service = ServiceManager()
         undo.callback(service.close)
-        driver = AgentDriver(table, new_core, host, links, tell=tell, service=service)
+        driver = AgentDriver(table, new_core, host, links, key=key, tell=tell, service=service)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: driver.stop())
-        driver.run(until_eof=arguments.until_eof)
+        driver.run(until_eof=until_eof)
         service.stopping()
         if arguments.verbose:
             _print_counts(driver.core, links, table)
     return 0
+
+
+def _has_own_node_id(own: OwnNodeId, tell: Callable[[Note], None], *, until_eof: bool, where: str = "") -> bool:
+    """Wait until it is known whether another node has this node's node-ID, and tell that it has none.
+
+    False: the program that started this one has ended meanwhile. Raises _IdTakenError.
+    """
+    is_told = False
+    while (found := own.look()) is NodeId.UNPROVEN:
+        if not is_told:
+            is_told = True
+            sent = f"something sends with node-ID {own.node}"
+            tell(Note("clash", f"{sent}; this node waits until the manager tells whether it knows that other node"))
+        if until_eof and is_abandoned():
+            return False
+    if found is NodeId.TAKEN:
+        raise _IdTakenError(own.node, where)
+    if found is NodeId.FORGED:
+        tell(Note("clash", f"frames with node-ID {own.node} come from no node that the manager knows: they are forged"))
+    return True
 
 
 def _secret(key: Key | None) -> Secret | None:
@@ -199,8 +220,9 @@ def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None],
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
     channels = channel_configs(flags, channels_named(flags), "the bus")
     with closing(open_link(channels, USUAL_HEARTBEAT_NS, USUAL_MISSES)) as link:
-        if hears_own_id([link], arguments.node, _LISTEN_NS):
-            raise _IdTakenError(arguments.node)
+        own = OwnNodeId([link], arguments.node, key, listen_ns=_LISTEN_NS, lost_after_ns=_LISTEN_NS)
+        if not _has_own_node_id(own, tell, until_eof=arguments.until_eof):
+            return None
         waiting = Waiting(core, link, tell)
         numbers = (signal.SIGTERM, signal.SIGINT)
         before = {number: signal.signal(number, lambda *_: waiting.stop()) for number in numbers}

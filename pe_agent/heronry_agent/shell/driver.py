@@ -21,7 +21,7 @@ A lost bus does not end the agent (`heronry_wire.link` reopens it). Meanwhile th
 dropped; after T_lease its exclusive outputs are no longer authorized (protocol rule 6). If the bus toward the manager
 comes back after more than T_lease, other PEs may have taken over the modules of this PE. So the driver stops all
 modules, listens for another node with this node-ID, and then starts unconfigured, as a new incarnation. While another
-node with this node-ID is heard, the PE stays silent and goes on listening.
+node has this node-ID (`own_node_id`), the PE stays silent and goes on listening.
 
 In one turn a limited number of frames is read, more than the buffer of a socket holds: a flood of frames delays the
 state frames, but does not stop them.
@@ -38,9 +38,10 @@ from typing import Any
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.vocabulary import Action, ChannelsLost, Event, Left, Note
+from heronry_agent.shell.own_node_id import NodeId, OwnNodeId
 from heronry_agent.shell.partition_host import PartitionHost
-from heronry_wire.frame import Frame
-from heronry_wire.identifiers import heartbeat_id, state_id
+from heronry_wire.authentication import Key
+from heronry_wire.identifiers import state_id
 from heronry_wire.link import Arrival
 from heronry_wire.pe_table import PeTable
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
@@ -50,28 +51,11 @@ from heronry_wire.standstill import LatenessMeter
 
 _NS_PER_S = 1_000_000_000
 _BURSTS = 8  # bursts of 64 frames read in one turn; SocketCAN's default buffer holds fewer
-_LISTEN_PERIODS = 2  # heartbeat periods of a node that runs
 
 
-def hears_own_id(links: Sequence[AnyLink], node: int, listen_ns: int) -> bool:
-    """Listen for `listen_ns`, and tell whether another node sends with this node-ID; call it before this node sends."""
-    own = (state_id(node), heartbeat_id(node))
-    end_ns = time.monotonic_ns() + listen_ns
-    while (left_ns := end_ns - time.monotonic_ns()) > 0:
-        select.select([reader for link in links for reader in link.readers], [], [], left_ns / _NS_PER_S)
-        for link in links:
-            if any(_is_plain(frame) and frame.can_id in own for _, frame in link.receive(time.monotonic_ns())):
-                return True
-    return False
-
-
-def _is_plain(frame: Frame) -> bool:
-    return not (frame.extended or frame.remote or frame.error)
-
-
-def id_is_taken(links: Sequence[AnyLink], table: PeTable) -> bool:
-    """Listen for two heartbeat periods, and tell whether a running PE has the node-ID of this table."""
-    return hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns)
+def is_abandoned() -> bool:
+    """Tell whether standard input has ended, which means that the program that started the agent has ended."""
+    return bool(select.select([sys.stdin], [], [], 0)[0]) and not os.read(sys.stdin.fileno(), 4096)
 
 
 class AgentDriver:
@@ -84,6 +68,7 @@ class AgentDriver:
         host: PartitionHost,
         links: Sequence[AnyLink],
         *,
+        key: Key | None,
         tell: Callable[[Note], None],
         service: ServiceManager,
     ) -> None:
@@ -92,11 +77,13 @@ class AgentDriver:
         new_core: makes the core of a new incarnation.
         host: runs the partitions; reads and commands the devices.
         links: one for each port of the table, in the same order.
+        key: of the fleet; None without authentication.
         tell: called with every line for the log, at once.
         service: reports to systemd, if systemd has started the agent.
         """
         self.core = new_core()
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
+        self._key = key
         self._service, self._own_state = service, state_id(table.node_id)
         self._off_since_ns: int | None = None  # begin of the present outage of the uplink
         self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as last handed to the core
@@ -121,7 +108,7 @@ class AgentDriver:
             self._meter.waits(self.core.next_deadline_ns(), time.monotonic_ns())
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             self._measure_lateness(time.monotonic_ns())
-            if sys.stdin in ready and self._is_abandoned():
+            if sys.stdin in ready and is_abandoned():
                 break
             self._take_frames(ready)
             for event in self._host.take(ready, time.monotonic_ns()):
@@ -141,10 +128,6 @@ class AgentDriver:
         stood_still = self._meter.woke(now_ns, time.thread_time_ns())
         if stood_still is not None:
             self._step(now_ns, stood_still)
-
-    def _is_abandoned(self) -> bool:
-        """Tell whether standard input has ended, which means that the program that started the agent has ended."""
-        return bool(select.select([sys.stdin], [], [], 0)[0]) and not os.read(sys.stdin.fileno(), 4096)
 
     def _look_at_links(self, now_ns: int) -> None:
         """Log the link status events of all buses, and report changes of lost channels to the core.
@@ -169,14 +152,14 @@ class AgentDriver:
     def _begin_anew(self) -> None:
         """Stop all modules, wait while another node has this PE's node-ID, and begin as a new incarnation."""
         self._host.abandon()
-        is_told = False
-        while id_is_taken(self._links, self._table):
+        is_told, own = False, OwnNodeId.of(self._links, self._table, self._key)
+        while own.look() in (NodeId.TAKEN, NodeId.UNPROVEN):
             if not is_told:
                 taken = f"another node has taken node-ID {self._table.node_id}"
                 self._tell(Note("clash", f"{taken}; this node stays silent until that node is gone"))
                 is_told = True
             self._service.lives(time.monotonic_ns())  # the PE may be silent for long without a failure of this service
-            self._stopping = self._stopping or (self._until_eof and self._is_abandoned())
+            self._stopping = self._stopping or (self._until_eof and is_abandoned())
             if self._stopping:
                 return
         self.core, self._accepted, self._lost_channels = self._new_core(), (), {}
