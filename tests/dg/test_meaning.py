@@ -13,8 +13,8 @@ from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
 from heronry_manager.contingency.file_format import ContingencyFileError, from_bytes, to_bytes
-from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.memory import Memory
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.shell.journal import Journal, JournalError, whole_journal
 from heronry_tools.sim.world.planning import plan_ahead
 

@@ -11,7 +11,7 @@ from heronry_dg.model import Spec
 from heronry_dg.rules.wire import TOO_LONG_A_SLICE, TOO_MANY
 from heronry_dg.situation import situation
 from heronry_dg.wire_limits import WireLimitError, exceeded, require_wire_limits
-from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_tools.cli import main
 from heronry_wire import capacities

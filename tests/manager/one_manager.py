@@ -12,9 +12,9 @@ from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_manager import events
-from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Memory
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.core.vocabulary import Emit, Keep, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_manager.events import Event
 from heronry_manager.planner.exact import plan

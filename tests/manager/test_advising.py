@@ -7,9 +7,9 @@ import pytest
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager import events
-from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, OperatorSaid, Order, Reply
 from heronry_manager.planner.exact import plan
 from heronry_wire.frame import Frame

@@ -9,9 +9,9 @@ import pytest
 
 from heronry_dg.loader import loads
 from heronry_manager import events
+from heronry_manager.core.authentication.nonce_answers import NonceAnswers
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
-from heronry_manager.core.nonce_answers import NonceAnswers
 from heronry_manager.core.vocabulary import AskStatus, OperatorSaid, Reply
 from heronry_wire.authentication import (
     NO_EMERGENCY,

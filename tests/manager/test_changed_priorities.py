@@ -6,9 +6,9 @@ import pytest
 
 from heronry_dg.loader import loads
 from heronry_manager import events
-from heronry_manager.core.changed_priorities import CHANGE_NS
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.situation.changed_priorities import CHANGE_NS
 from heronry_manager.core.vocabulary import OperatorSaid, Reply, SetPriority
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id

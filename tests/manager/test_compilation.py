@@ -16,7 +16,7 @@ from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
 from heronry_dg.situation import Situation, hosts_when_all_is_up, situation, survivors
 from heronry_dg.traffic import hops, identifiers
-from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.core.topology import command_period_ns
 from heronry_manager.planner.exact import plan
 from heronry_wire.configuration_slice import Slice, decode_slice

@@ -7,7 +7,7 @@ import pytest
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
-from heronry_manager.core.exclusion import Exclusion
+from heronry_manager.core.membership.exclusion import Exclusion
 
 MS = 1_000_000
 T_LEASE = 100 * MS

@@ -6,7 +6,7 @@ import pytest
 
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
-from heronry_manager.core.health import (
+from heronry_manager.core.membership.health import (
     Change,
     Health,
     HealthChange,

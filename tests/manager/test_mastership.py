@@ -4,9 +4,9 @@ from enum import Enum, auto
 
 import pytest
 
-from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.mastership import TRANSITIONS, Claim, Mastership, MastershipEvent
+from heronry_manager.core.mastership.claim import TRANSITIONS, Claim, Mastership, MastershipEvent
 from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.core.transitions import TransitionTable
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import Lease, Step

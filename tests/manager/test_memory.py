@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from heronry_dg.loader import loads
 from heronry_manager import events
+from heronry_manager.core.epochs.numbering import EPOCHS_PER_TERM, EpochNumbers, NoTermError, next_term
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import EPOCHS, NOTHING, Memory, Reserved
-from heronry_manager.core.numbering import EPOCHS_PER_TERM, EpochNumbers, NoTermError, next_term
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, JournalTold, Keep, OperatorSaid
 from heronry_wire.identifiers import MANAGER_NODES

@@ -14,12 +14,12 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
-from heronry_manager.core.planning_policy import PlanningPolicy
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
 from heronry_manager.planner import client
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.planning_policy import PlanningPolicy
 from heronry_manager.shell import planner_processes
 from heronry_manager.shell.planner_processes import PlannerProcesses
 

@@ -15,7 +15,12 @@ from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_manager.contingency.contingencies import contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.core.planning_policy import (
+from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
+from heronry_manager.planner.exact import plan
+from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.planner.sweep import Outcome, Scope, Sweep
+from heronry_manager.planner.sweep import Question as SweepQuestion
+from heronry_manager.planning_policy import (
     Answer,
     AskPlanner,
     PlannerAnswered,
@@ -25,11 +30,6 @@ from heronry_manager.core.planning_policy import (
     Question,
     Source,
 )
-from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
-from heronry_manager.planner.exact import plan
-from heronry_manager.planner.greedy.planner import Greedy
-from heronry_manager.planner.sweep import Outcome, Scope, Sweep
-from heronry_manager.planner.sweep import Question as SweepQuestion
 from heronry_wire.sansio import InvariantError
 
 FILE = shipped_spec_path("elevator_and_chute")

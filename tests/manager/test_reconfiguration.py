@@ -4,8 +4,8 @@ from heronry_dg.configuration import Configuration, Running
 from heronry_dg.objective import score
 from heronry_dg.plan import make_plan
 from heronry_dg.situation import Situation
-from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.reconfiguration import Participant, Reconfiguration, Stage
+from heronry_manager.core.epochs.reconfiguration import Participant, Reconfiguration, Stage
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_wire.management import Activate, Prepare, SliceBody, SliceHead, Step
 from heronry_wire.state_frames import PeState
 from manager.one_manager import BEAT_NS, MS, two_tails

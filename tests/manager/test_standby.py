@@ -9,11 +9,11 @@ from heronry_dg.loader import load, loads
 from heronry_dg.situation import Situation
 from heronry_manager import events
 from heronry_manager.contingency.configuration_code import ConfigurationCode
-from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.mastership.overheard import Overheard
 from heronry_manager.core.memory import NOTHING, Memory, Runs
-from heronry_manager.core.on_board import ContingencyNumbers, on_board
-from heronry_manager.core.overheard import Overheard
+from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables.on_board import ContingencyNumbers, on_board
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import EnterPhase, FailElement, OperatorSaid
 from heronry_manager.planner.exact import plan

@@ -3,7 +3,7 @@
 import pytest
 
 from heronry_manager import events
-from heronry_manager.core.storms import Storms
+from heronry_manager.core.planning.storms import Storms
 from heronry_manager.core.vocabulary import ClearElement, FailElement, OperatorSaid
 from heronry_wire.state_frames import PeState
 from manager.one_manager import MS, OneManager

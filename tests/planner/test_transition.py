@@ -23,7 +23,7 @@ from heronry_dg.situation import Situation, situation, survivors
 from heronry_dg.traffic import source_mbit_per_s
 from heronry_dg.transition import Transition, Transitions, transition
 from heronry_dg.verify_transition import MOST_MIXTURES, verify_transition
-from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.planner.exact import plan
 from heronry_wire.configuration_slice import Slice, decode_slice
 from heronry_wire.management import Step

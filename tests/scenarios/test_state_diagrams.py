@@ -22,16 +22,18 @@ from heronry_agent.core.faults import Faults
 from heronry_agent.core.phase_requests import _Watch
 from heronry_agent.core.reconfiguration import Reconfiguration as PeReconfiguration
 from heronry_agent.core.staging import UNCONFIGURED, Staging
-from heronry_manager.core import mastership, reconfiguration, standing
-from heronry_manager.core.authenticity import Authenticity
-from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.exclusion import Exclusion
-from heronry_manager.core.health import Change, Health
-from heronry_manager.core.mastership import Claim
+from heronry_manager.core.authentication.authenticity import Authenticity
+from heronry_manager.core.epochs import reconfiguration
+from heronry_manager.core.mastership import claim
+from heronry_manager.core.mastership.claim import Claim
+from heronry_manager.core.membership import standing
+from heronry_manager.core.membership.exclusion import Exclusion
+from heronry_manager.core.membership.health import Change, Health
+from heronry_manager.core.membership.standing import Standing
 from heronry_manager.core.memory import Memory
-from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.standing import Standing
+from heronry_manager.core.situation.radio_links import RadioLinks
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.core.transitions import TransitionTable
 from heronry_manager.core.turn import Turn
 from heronry_tools.sim.faults.drawing import drawn_faults
@@ -139,7 +141,7 @@ MACHINES = (
 TABLES: Mapping[str, TransitionTable[Any, Any]] = {
     "standing": standing.TRANSITIONS,
     "epochs": reconfiguration.TRANSITIONS,
-    "mastership": mastership.TRANSITIONS,
+    "mastership": claim.TRANSITIONS,
 }
 
 

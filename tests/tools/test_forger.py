@@ -5,7 +5,7 @@ from random import Random
 import pytest
 
 from heronry_manager import events
-from heronry_manager.core.inbound import Inbound
+from heronry_manager.core.intake.inbound import Inbound
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.faults.forger import Forger

@@ -15,7 +15,7 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
 from heronry_manager import events
-from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_tools.cli import main
 from heronry_tools.runtime.witness import Outage, Witness
 from heronry_tools.sim.faults.fault import MANAGER

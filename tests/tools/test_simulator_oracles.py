@@ -14,8 +14,9 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
-from heronry_manager.core import attack_rate, radio_links
-from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.authentication import attack_rate
+from heronry_manager.core.situation import radio_links
+from heronry_manager.core.situation.known_situation import KnownSituation
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.runtime.witness import Outage
 from heronry_tools.sim.faults.fault import read_fault

@@ -10,7 +10,7 @@ from heronry_agent.core.publishing import Publisher
 from heronry_agent.core.table_index import TableIndex
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_tools.runtime.witness import Outage, Output, Witness
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.frame import Frame

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
-from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_wire.pe_table import PeTable, TableError, added_in, with_check_sum
 from heronry_wire.protocol_version import PROTOCOL, Version
 

@@ -42,19 +42,19 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, module_of
 from heronry_manager import events
-from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.inbound import Inbound
-from heronry_manager.core.mastership import Mastership
+from heronry_manager.core.epochs.numbering import next_term
+from heronry_manager.core.intake.inbound import Inbound
+from heronry_manager.core.intake.operator_orders import OperatorOrders, module_problem
+from heronry_manager.core.intake.parts import Parts
+from heronry_manager.core.intake.pe_reports import PeReports
+from heronry_manager.core.intake.succession import Succession
+from heronry_manager.core.mastership.claim import Mastership
 from heronry_manager.core.memory import Memory
-from heronry_manager.core.numbering import next_term
-from heronry_manager.core.on_board import ContingencyNumbers
-from heronry_manager.core.operator_orders import OperatorOrders, module_problem
-from heronry_manager.core.parts import Parts
-from heronry_manager.core.pe_details import Look
-from heronry_manager.core.pe_reports import PeReports
+from heronry_manager.core.reports.pe_details import Look
+from heronry_manager.core.reports.status import status
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.status import status
-from heronry_manager.core.succession import Succession
+from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables.on_board import ContingencyNumbers
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import (
     AliveLeft,

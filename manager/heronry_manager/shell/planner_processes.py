@@ -1,6 +1,6 @@
 """Runs the processes that plan: gives them the requests for plans, and takes their answers.
 
-`heronry_manager.core.planning_policy` (the *policy*) decides which process gets which request. The planner's
+`heronry_manager.planning_policy` (the *policy*) decides which process gets which request. The planner's
 process is started before the flight, the pre-planner's process with its first request.
 
 Two measures save processor time while a device fails and recovers again and again:
@@ -23,7 +23,9 @@ from typing import Protocol
 from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_manager.core.planning_policy import (
+from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
+from heronry_manager.planner.client import Failed, Planned
+from heronry_manager.planning_policy import (
     Answer,
     AskPlanner,
     FromPlanner,
@@ -34,8 +36,6 @@ from heronry_manager.core.planning_policy import (
     PrePlannerAnswered,
     Question,
 )
-from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
-from heronry_manager.planner.client import Failed, Planned
 
 AWAITED_NS = 10_000_000_000
 """Budget of a request whose plan the aircraft waits for: the first request, or one after a refused greedy plan."""

@@ -35,8 +35,8 @@ from heronry_dg.objective import placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager import events
-from heronry_manager.core.planning_policy import Answer, PlanningPolicy, Source
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan
+from heronry_manager.planning_policy import Answer, PlanningPolicy, Source
 from heronry_tools.console.number_arguments import flights, whole_number
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.bus import Sent

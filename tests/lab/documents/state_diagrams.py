@@ -3,13 +3,15 @@
 from enum import Enum
 from typing import Any
 
-from heronry_manager.core import mastership, reconfiguration, standing
+from heronry_manager.core.epochs import reconfiguration
+from heronry_manager.core.mastership import claim
+from heronry_manager.core.membership import standing
 from heronry_manager.core.transitions import TransitionTable
 
 
 def mastership_of_a_manager() -> str:
     """Draw whether a manager is the active one."""
-    return _diagram(mastership.TRANSITIONS)
+    return _diagram(claim.TRANSITIONS)
 
 
 def standing_of_a_pe() -> str:

@@ -3,14 +3,15 @@
     python -m lab.mutation.flight_code     their files, joined by commas, for `coverage report --include`
 
 Tests run every branch of these files (`make coverage` fails otherwise), and mutants are drawn from the cores. A core is
-every file in a folder `core`; the files of the codec, which share a folder with others, are listed by name. A test
-keeps the list complete.
+every file in a folder `core`, and the planning policy beside one; the files of the codec, which share a folder with
+others, are listed by name. A test keeps the list complete.
 """
 
 from collections.abc import Iterator
 from pathlib import Path
 
 CORES = (Path("manager/heronry_manager/core"), Path("pe_agent/heronry_agent/core"))
+POLICY = Path("manager/heronry_manager/planning_policy.py")
 DESCRIBING = frozenset(("__init__", "events", "status", "vocabulary"))  # no decision in flight depends on them
 WIRE = Path("dbc/heronry_wire")
 CODEC = (
@@ -28,9 +29,10 @@ SHELL = (  # of the wire: the files that use sockets, interfaces and files, or a
 
 def core_files(checkout: Path = Path()) -> Iterator[Path]:
     """Give the files of the cores, relative to the checkout."""
-    for room in CORES:
-        names = sorted(file.stem for file in (checkout / room).glob("*.py"))
-        yield from (room / f"{name}.py" for name in names if name not in DESCRIBING)
+    for core in CORES:
+        files = sorted((checkout / core).rglob("*.py"))
+        yield from (file.relative_to(checkout) for file in files if file.stem not in DESCRIBING)
+    yield POLICY
 
 
 def codec_files() -> Iterator[Path]:

@@ -21,7 +21,7 @@ from heronry_dg.keys import key_names
 from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import UnknownElementError, situation
-from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.core.transitions import TransitionTable
 from heronry_wire.canaerospace import DataType, Validity
 from heronry_wire.configuration_slice import ModuleSlice, Slice
@@ -79,7 +79,7 @@ def test_every_table_and_diagram_has_its_place_on_a_page(kind: str, names: Itera
 
 def made_in(package: str, kind: type[T]) -> list[T]:
     """Give the public values of a type that the modules of a package make, each once."""
-    names = [found.name for found in pkgutil.iter_modules(import_module(package).__path__, f"{package}.")]
+    names = [found.name for found in pkgutil.walk_packages(import_module(package).__path__, f"{package}.")]
     values = [item for name in names for item in vars(import_module(name)).items()]
     made = {id(value): value for name, value in values if isinstance(value, kind) and not name.startswith("_")}
     return list(made.values())

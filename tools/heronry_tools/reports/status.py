@@ -1,11 +1,11 @@
-"""The status of a manager (`heronry_manager.core.status`) as text: problems first, then what runs."""
+"""The status of a manager (`heronry_manager.core.reports.status`) as text: problems first, then what runs."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from heronry_dg.situation import module_of
-from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE
-from heronry_manager.core.mastership import Mastership
+from heronry_manager.core.mastership.claim import Mastership
+from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE
 from heronry_wire.management import FaultCode
 
 _NS_PER_S = 1_000_000_000

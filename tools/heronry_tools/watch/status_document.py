@@ -1,4 +1,4 @@
-"""Fills a snapshot with the content of a manager's status (`heronry_manager.core.status`)."""
+"""Fills a snapshot with the content of a manager's status (`heronry_manager.core.reports.status`)."""
 
 from collections.abc import Mapping
 from dataclasses import replace

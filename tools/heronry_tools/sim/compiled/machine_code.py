@@ -54,9 +54,15 @@ _COMPILED = {
     "table_index turn vocabulary without_manager",
     "heronry_agent.parts": "reading",
     "heronry_agent.shell": "devices module_runner start_orders",
-    "heronry_manager.core": "activation announcing authenticity beacon beat deployment epochs exclusion following "
-    "health inbound knowledge known_situation latched_faults manager mastership observation overheard pe_reports "
-    "planning radio_links reactions reconfiguration replanning standing succession turn vocabulary",
+    "heronry_manager.core": "knowledge manager turn vocabulary",
+    "heronry_manager.core.authentication": "authenticity",
+    "heronry_manager.core.epochs": "activation deployment known_epochs observation reconfiguration",
+    "heronry_manager.core.heartbeat": "announcing beacon beat",
+    "heronry_manager.core.intake": "inbound pe_reports reactions succession",
+    "heronry_manager.core.mastership": "claim following overheard",
+    "heronry_manager.core.membership": "exclusion health standing",
+    "heronry_manager.core.planning": "replanning requests",
+    "heronry_manager.core.situation": "known_situation latched_faults radio_links",
     "heronry_tools.aircraft.images": "actuators air_data altitude atmosphere attitude control guidance "
     "imaging mission pilot_view recovery sensors servo_monitor telemetry wing",
     "heronry_tools.aircraft.plant": "devices flight interface mechanism noise world",

@@ -34,7 +34,11 @@ from heronry_dg.verify import verify
 from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import Memory
-from heronry_manager.core.planning_policy import (
+from heronry_manager.core.vocabulary import Emit, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_manager.events.by_kind import on
+from heronry_manager.planner.exact import Planner
+from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.planning_policy import (
     Answer,
     AskPlanner,
     Instruction,
@@ -43,10 +47,6 @@ from heronry_manager.core.planning_policy import (
     PrePlan,
     Source,
 )
-from heronry_manager.core.vocabulary import Emit, ManagerEvent, PlanReady, RequestPlan, Stop
-from heronry_manager.events.by_kind import on
-from heronry_manager.planner.exact import Planner
-from heronry_manager.planner.greedy.planner import Greedy
 from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.replay.recording import Decision, Mastership, decision_of, note
 from heronry_tools.sim.world.planning import Prepared, prepared_with

@@ -6,7 +6,7 @@ and the running configuration. As in flight, the verifier has accepted every pla
 An oracle needs only levels 1 to 3 of the best plan. The running configuration has an effect only from level 4 on. So an
 oracle may use any plan that is proven best at levels 1 to 3, whatever ran before.
 
-The planning policy is that of a real manager (`heronry_manager.core.planning_policy`): it decides which planner gets a
+The planning policy is that of a real manager (`heronry_manager.planning_policy`): it decides which planner gets a
 request. `Planners` names the planners from which the policy can choose:
 
     BEST        only the exact planner, so every answer is the best plan, as if every fault had been pre-planned; the
@@ -27,13 +27,13 @@ from heronry_dg.situation import Situation, elements
 from heronry_dg.verify import verify
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.on_board import ContingencyNumbers, loaded, on_board
-from heronry_manager.core.planning_policy import Answer, Instruction, PlanningPolicy
+from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables.on_board import ContingencyNumbers, loaded, on_board
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan
 from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planner.sweep import Scope
+from heronry_manager.planning_policy import Answer, Instruction, PlanningPolicy
 from heronry_tools.analysis.campaign.sweeping import numbered, sweep
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import InvariantError, require

@@ -1,6 +1,6 @@
 """The driver of a simulated manager's planning policy: its planners, and the virtual time that they take.
 
-The policy is the same code as in flight (`heronry_manager.core.planning_policy`), with the planners in `Planners`. An
+The policy is the same code as in flight (`heronry_manager.planning_policy`), with the planners in `Planners`. An
 immediate answer takes a fixed time; the processes of planner and pre-planner take a drawn time. An answer that is under
 way arrives even if the manager is paused or dies meanwhile.
 """
@@ -9,7 +9,8 @@ from collections.abc import Callable
 
 from heronry_dg.model import Spec
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.core.planning_policy import (
+from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
+from heronry_manager.planning_policy import (
     Answer,
     AskPlanner,
     FromPlanner,
@@ -20,7 +21,6 @@ from heronry_manager.core.planning_policy import (
     PrePlannerAnswered,
     Source,
 )
-from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.planning import Planners, best_plan
 from heronry_wire.sansio import require

@@ -10,7 +10,6 @@ from dataclasses import replace
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_manager.core.manager import ManagerCore
-from heronry_manager.core.planning_policy import FromPlanner
 from heronry_manager.core.vocabulary import (
     AliveLeft,
     ChannelsLost,
@@ -29,6 +28,7 @@ from heronry_manager.core.vocabulary import (
     Stop,
 )
 from heronry_manager.events import Event
+from heronry_manager.planning_policy import FromPlanner
 from heronry_tools.sim.world.bus import SimulatedBus
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk

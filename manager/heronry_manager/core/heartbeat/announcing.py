@@ -1,0 +1,67 @@
+"""The active manager announces what a standby manager must know: the phase, priorities, latched faults, a held script.
+
+A *fact* is one such announcement:
+
+- CONTROL HOLDS with the phase, a latched fault, a changed priority or a held script;
+- CONTROL CLEAR with a function that has the priority of the spec, if the manager has executed a PE's request for a
+  priority of this function.
+
+The manager announces one fact at a time. A new fact comes with the next beat. The other facts take turns: one of them
+comes with every ANNOUNCED_EVERY-th beat.
+
+The manager also announces which requests of PEs it has executed: when the phase has its turn, the requests for phases;
+when a priority has its turn, the requests for this priority. Before each answer to a request, the manager announces the
+phase or the priority once more, since a standby manager that has just started may not have heard it yet.
+
+A PE uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a
+fact hears it again later. It drops a fact that it has not heard for some turns (`known_situation`).
+"""
+
+from heronry_dg.model import Spec
+from heronry_manager.core.situation.held_script import HeldScript
+from heronry_manager.core.situation.known_situation import KnownSituation
+from heronry_wire.management import ElementKind, Operation
+from heronry_wire.protocol_times import ANNOUNCED_EVERY
+
+Fact = tuple[Operation, int, int]  # operation, a and b of CONTROL
+
+
+class Announcer:
+    """Chooses the fact that the active manager announces next."""
+
+    def __init__(self, spec: Spec, situation: KnownSituation, script: HeldScript) -> None:
+        self._phases = list(spec.phases)
+        self._situation, self._script = situation, script
+        self._beat = 0
+        self._told: dict[Fact, int] = {}  # number of the beat that announced each fact last
+
+    def next(self) -> Fact | None:
+        """Give the fact to announce with this beat, and count it as announced; None: no fact is due."""
+        self._beat += 1
+        facts = self.look()
+        fact = min(facts, key=lambda one: self._told.get(one, 0), default=None)
+        if fact is None or (fact in self._told and self._beat % ANNOUNCED_EVERY):
+            return None
+        self._told[fact] = self._beat
+        return fact
+
+    def phase(self) -> list[Fact]:
+        """Give the phase as a fact that is announced immediately; an empty list if the spec has no phases."""
+        phase = self._phase()
+        self._told |= dict.fromkeys(phase, self._beat)
+        return phase
+
+    def look(self) -> list[Fact]:
+        """List the facts that hold now, and forget all others: a fact that holds again later counts as new."""
+        fields = map(self._situation.failed.field, self._situation.failed.elements)
+        held = sorted(field for field in fields if field is not None)
+        facts = self._phase() + [(Operation.HOLDS, *field) for field in held]
+        facts += self._situation.priorities.facts()
+        if self._script.target is not None:
+            facts.append((Operation.HOLDS, ElementKind.SCRIPT, 0))
+        self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
+        return facts
+
+    def _phase(self) -> list[Fact]:
+        phase = self._situation.phase
+        return [] if phase is None else [(Operation.HOLDS, ElementKind.PHASE, self._phases.index(phase))]

@@ -1,0 +1,140 @@
+"""Received frames: each is decoded, authenticated where there is a key, and handed to the file that deals with it.
+
+    state of a PE          to `pe_reports`; with a key only if it is believed
+    EMCY of a PE           to `pe_reports`; with a key once a page 0 has proven it. A report on a channel of a
+                           replicated bus needs no proof, since it changes no plan
+    command of a manager   to `succession`; with a key once its TAG has come. PREPARE and SLICE do not wait for their
+                           TAG, since a proven ACTIVATE or LEASE names their digest
+    report of a gateway    to `known_situation`; nothing proves it (`authenticity`)
+    SDO answer of a PE     to `pe_details`, if the manager reads objects; nothing proves it, and no decision depends on
+                           it
+    SDO request to a PE    (from another SDO client) to `pe_details`, which then reads nothing from that PE for a while
+    request of any node    to identify the manager (CANaerospace): to `identification`, which answers it
+
+Dropped are extended and remote frames, error frames, frames with any other identifier, and frames that cannot be
+decoded.
+
+The file that processes a frame says what follows if the frame is late, doubled or forged.
+"""
+
+from heronry_manager.core.intake.parts import Parts
+from heronry_manager.core.intake.pe_reports import PeReports
+from heronry_manager.core.intake.succession import Succession
+from heronry_manager.core.mastership.claim import Mastership
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.identification import REQUEST_ID, IdentificationService
+from heronry_wire.identifiers import (
+    MANAGER_NODES,
+    Command,
+    emcy_id,
+    management_id,
+    sdo_request_id,
+    sdo_response_id,
+    state_id,
+)
+from heronry_wire.management import ElementKind, Emergency, decode_command, decode_emergency
+from heronry_wire.sansio import Received
+from heronry_wire.state_frames import StatePage0, decode_state
+
+_NEEDS_NO_TAG = (Command.PREPARE, Command.SLICE)
+
+
+class Inbound:
+    """Decodes each received frame, and hands it to the part of the manager that deals with it."""
+
+    def __init__(self, parts: Parts, reports: PeReports, succession: Succession) -> None:
+        settings = parts.settings
+        self._is_advising, self._turn, self._claim, self._known = settings.advise, parts.turn, parts.claim, parts.known
+        self._reports, self._reactions, self._succession = reports, parts.reactions, succession
+        self.identification = IdentificationService(settings.node)  # its deadline is that of `tick`
+        pes = settings.spec.pes.values()
+        self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}
+        self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in pes}
+        self._node_of_sdo_id = {sdo_response_id(pe.node_id): pe.node_id for pe in pes if settings.reads_objects}
+        self._node_of_sdo_request = {sdo_request_id(node): node for node in self._node_of_sdo_id.values()}
+        followed = {*Command} if settings.standby or settings.advise else {Command.LEASE}
+        if settings.key is not None:
+            followed |= {Command.CONTROL, Command.TAG}
+        self._manager_ids = {
+            management_id(one, command): (one, command) for one in MANAGER_NODES for command in followed
+        }
+
+    def hears(self, identifier: int) -> bool:
+        """Tell whether the manager uses frames with this identifier; a driver may drop all others."""
+        return (
+            identifier in self._pe_of_state_id
+            or identifier in self._pe_of_emcy_id
+            or identifier in self._manager_ids
+            or identifier in self._known.situation.links.records
+            or identifier == REQUEST_ID
+            or identifier in self._node_of_sdo_id
+            or identifier in self._node_of_sdo_request
+        )
+
+    def take(self, frame: Frame) -> None:
+        """Decode a received frame, check it with the key if there is one, and hand it to the part that needs it."""
+        if frame.extended or frame.remote or frame.error:
+            return
+        pe = self._pe_of_state_id.get(frame.can_id)
+        if pe is not None:
+            self._state(pe, frame.data)
+        elif frame.can_id in self._pe_of_emcy_id:
+            self._emergency(self._pe_of_emcy_id[frame.can_id], frame.data)
+        elif frame.can_id in self._known.situation.links.records:
+            self._reactions.take(self._known.situation.link_reported(frame))
+        elif frame.can_id == REQUEST_ID:
+            self.identification.asked(0, frame, self._turn.now_ns)
+        elif frame.can_id in self._node_of_sdo_id:
+            self._known.details.reader.heard(self._node_of_sdo_id[frame.can_id], frame.data, self._turn.now_ns)
+        elif frame.can_id in self._node_of_sdo_request:
+            self._known.details.reader.heard_other(self._node_of_sdo_request[frame.can_id], self._turn.now_ns)
+        elif frame.can_id in self._manager_ids:
+            self._command(*self._manager_ids[frame.can_id], frame)
+
+    def tick(self) -> None:
+        """Send the answer to a request for identification, if an answer is due."""
+        self._turn.ask(*self.identification.tick(self._turn.now_ns))
+
+    def _state(self, pe: str, data: bytes) -> None:
+        page = decode_state(data)
+        if isinstance(page, Malformed):
+            return
+        authenticity = self._known.authenticity
+        if authenticity is None:
+            self._reports.page(pe, page)
+            return
+        believed = authenticity.believed(pe, page, data)
+        self._reports.page(pe, believed)
+        if not isinstance(page, StatePage0):
+            return
+        if believed is None:
+            self._reports.unproven(pe, page)
+            return
+        proven = authenticity.take_emergency(pe)
+        if proven is not None:
+            self._reports.emergency(pe, decode_emergency(proven))
+
+    def _emergency(self, pe: str, data: bytes) -> None:
+        emergency = decode_emergency(data)
+        authenticity = self._known.authenticity
+        if isinstance(emergency, Emergency) and emergency.kind is ElementKind.CHANNEL:
+            self._reports.lost_channel(pe, emergency)
+        elif authenticity is None:
+            self._reports.emergency(pe, emergency)
+        else:
+            authenticity.hold_emergency(pe, data)
+
+    def _command(self, node: int, command: Command, frame: Frame) -> None:
+        authenticity = self._known.authenticity
+        if authenticity is None or command in _NEEDS_NO_TAG:
+            self._succession.heard(node, decode_command(command, frame.data))
+        if authenticity is None:
+            return
+        if command is Command.TAG:
+            found = authenticity.proven(node, frame.data)
+            if found is not None and found.command not in _NEEDS_NO_TAG:
+                self._succession.heard(node, decode_command(found.command, found.event.frame.data))
+        else:
+            if command is Command.CONTROL and (self._is_advising or self._claim.state is Mastership.STANDBY):
+                authenticity.overhear(node, frame.data)
+            authenticity.hold(node, command, Received(0, frame))

@@ -1,0 +1,317 @@
+"""From a changed situation to a running configuration: a plan is requested, becomes an epoch, and is deployed.
+
+    a change      an epoch that is being prepared is abandoned, and a plan is requested: immediately, or once this
+                  manager has listened and the start-up window has closed. A standby manager requests nothing
+    a plan        that runs already changes nothing; any other plan opens an epoch (`deployment`)
+    a script      of the operator names a configuration, its target (`held_script`). The target is deployed in
+                  place of the plan unless it is worse than the plan at level 1
+    an epoch      that is completed drops its causes. If nothing else is under way, the optimal plan is requested
+                  in the background, or the core reports that the configuration has settled (`Settled`)
+    a storm       of changes: they are gathered, and what is under way is finished first where possible (`storms`)
+
+Three things stay apart: the plan is desired; `Deployment.current`, the last epoch whose ACTIVATE was sent, is
+commanded; only state frames show what a PE runs.
+
+A fault while an epoch is being prepared ends that epoch. A fault after the first ACTIVATE does not end the epoch:
+LEASE goes on repeating its step until the next epoch is ready to replace it.
+
+*What runs already.* After a restart or a take-over, PEs go on with the configuration that they run:
+
+- The manager knows this configuration: it adopts it. If the configuration may stay as it is, the manager requests
+  the optimal plan in the background; if not, it requests an immediate plan.
+- The manager does not know this configuration: it requests a plan. The result may be the configuration that runs.
+
+*Advising.* An advising manager, one that only advises, plans as if it were active, and reports what it would do
+(`advice`). When the PEs run an advised plan, the advising manager adopts this plan. While another manager is active,
+the advising manager follows what the active manager announces and activates, as a standby manager does (`following`).
+If the PEs run a configuration that the advising manager has neither overheard nor advised, it reports the unknown
+epoch, and advises nothing.
+
+`requests` drops answers that are late or doubled, and repeats a request after the planner has failed.
+"""
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.objective import CRITICAL_CLASSES
+from heronry_dg.plan import Plan
+from heronry_dg.verify import verify
+from heronry_manager import events
+from heronry_manager.core.epochs.reconfiguration import Cause
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.mastership.claim import Claim, Mastership
+from heronry_manager.core.planning.requests import Planning
+from heronry_manager.core.planning.storms import Storms
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.situation.known_situation import LimitChanged, PlanNeeded
+from heronry_manager.core.turn import Turn
+from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
+
+
+class Replanning:
+    """Requests a plan when the situation has changed, and deploys it."""
+
+    def __init__(
+        self, settings: ManagerSettings, turn: Turn, claim: Claim, known: Knowledge, planning: Planning
+    ) -> None:
+        self._settings, self._turn = settings, turn
+        self._claim, self._known, self.planning = claim, known, planning
+        self._storms = Storms(settings.spec, turn)
+        self._is_held = False  # a plan is needed once no PE flies with another table
+
+    # The situation has changed
+
+    def need(self, change: PlanNeeded) -> None:
+        """Abandon the epoch that is being prepared, and request a new plan as soon as possible.
+
+        In a storm of changes, the request or epoch that is under way may be finished first; the change is then
+        kept for the next request. No effect if this manager stands by.
+        """
+        if self._claim.state is Mastership.STANDBY:
+            return
+        now_ns = self._turn.now_ns
+        since_ns = now_ns if change.since_ns is None else change.since_ns
+        self._known.script.situation_changed(self._known.situation.now(), change.cause)
+        cause = Cause(change.cause, now_ns, since_ns)
+        if self._finishes_first():
+            self._gather(cause)
+            return
+        self.planning.causes.append(cause)
+        if self._known.deployment.next is not None or self.planning.waiting:
+            self._storms.ended_one()
+        self._known.deployment.abandon(change.cause)
+        if self._claim.state is not Mastership.LISTENING and not self._known.health.starting():
+            self.ask()
+
+    def _finishes_first(self) -> bool:
+        """Tell whether a new change must wait until the present request or epoch is finished.
+
+        This is so only during a storm (see storms.py), and only in two cases: an epoch is being prepared, and its
+        configuration may still be deployed; or no epoch is being prepared, and a plan is awaited.
+        """
+        if not self._storms.rages:
+            return False
+        opened = self._known.deployment.next
+        return self.planning.waiting if opened is None else self._may_finish(opened.configuration)
+
+    def _may_finish(self, wanted: Configuration) -> bool:
+        current = self._known.deployment.current
+        running = None if current is None else current.configuration
+        return self._storms.may_finish(self._known.situation.now(), wanted, running)
+
+    def _gather(self, cause: Cause) -> None:
+        """Keep a cause for the next request for a plan; a cause that is kept already is not added again."""
+        if all(one.what != cause.what for one in self.planning.gathered):
+            self.planning.gathered.append(cause)
+
+    def limit(self, change: LimitChanged) -> None:
+        """React to a changed limit of a radio.
+
+        Keep the running plan if it is still the best one and nothing is under way. In all other cases request a plan.
+        """
+        plan = self._known.deployment.plan
+        if plan is not None and self.planning.idle and self._known.situation.spares(plan):
+            self._settle()
+        else:
+            self.need(PlanNeeded(change.cause))
+
+    def need_higher_epoch(self, pe: str) -> None:
+        """Request a plan, which brings a newer epoch, if the PE `pe` runs a newer epoch than this manager has opened.
+
+        Do nothing if this manager is not active, while an answer of the planner is awaited, or while a failed
+        request waits to be repeated. See *overtaken* in `deployment`.
+        """
+        is_reigning = self._claim.state is Mastership.ACTIVE
+        if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
+            self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
+
+    def take_over(self, cause: Cause) -> None:
+        """Request the first plan after a take-over from another manager; `cause` becomes the cause of the request."""
+        self.planning.causes.append(cause)
+        if not self._known.health.starting():
+            self.ask()
+
+    # Scripts of the operator
+
+    def fly(self, target: Configuration) -> None:
+        """Request the best plan in the background, to compare it with `target`, which a script orders.
+
+        When the plan has come, `ready` compares them: `target` is deployed unless it is worse than the plan at level 1.
+        """
+        running = self._known.deployment.running
+        assert running is not None, "a script is refused while nothing runs"
+        self._known.script.ask(target)
+        self.planning.ask_for(target, self._known.situation.now(), running)
+
+    def release(self) -> None:
+        """Request the best plan as soon as nothing is under way, since the operator has ended a script."""
+        if self.planning.idle:
+            self._settle()
+
+    # Plans
+
+    def ask(self) -> None:
+        """Request a plan.
+
+        Before the first request of a term: if the PEs run the configuration that is remembered or was overheard, adopt
+        it instead.
+        """
+        is_first = self._claim.commands()
+        runs = self._known.following.runs if self._settings.advise else self._turn.memory.runs
+        if is_first and self._known.deployment.adopts_remembered(self._known.situation.now(), runs):
+            self._weigh()
+        else:
+            self._ask()
+
+    def _ask(self) -> None:
+        known = self._known
+        if known.deployment.is_held():
+            self._is_held = True
+            return
+        self._is_held = False
+        self.planning.ask(known.situation.now(), known.deployment.running, target=known.script.target)
+
+    def tick(self) -> None:
+        """Request a plan if the start-up window has just closed, or a failed request is due again."""
+        is_first = self._claim.state is Mastership.STARTING and not self._known.health.starting()
+        is_free = self._is_held and not self._known.deployment.is_held()
+        if is_first or is_free or self.planning.is_due_again():
+            self.ask()
+
+    def ready(self, answer: PlanReady) -> None:
+        """Deploy a plan from the planner; a manager that only advises reports it as advice.
+
+        There are three exceptions:
+
+        - Changes were gathered in a storm, and the plan does not suit the new situation: a new plan is requested.
+        - The plan was requested in the background, and is not better than the running plan: it is dropped.
+        - The PEs run the plan already: it is dropped.
+        """
+        deployment = self._known.deployment
+        if not self.planning.awaits(answer):
+            return
+        if self.planning.gathered and not self._may_finish(answer.plan.configuration):
+            self._ask()
+            return
+        answer = self._weighed(answer)
+        if self.planning.keeps_to(deployment.plan, answer):
+            self._settle()
+            return
+        self.planning.takes(answer)
+        if self._settings.advise:
+            self._known.following.planned(answer.plan)
+        if self._runs_already(answer.plan):
+            self.planning.causes.clear()
+            self._turn.emit(events.PlanUnchanged, request=answer.request)
+            self._storms.over()
+            self._settle()
+        elif self._settings.advise:
+            self._known.advice.advise(answer.plan, self._known.unknown_epoch(), self._known.following.runs)
+            self.planning.causes.clear()
+        else:
+            deployment.prepare(answer.plan, self.planning.causes)
+
+    def _weighed(self, answer: PlanReady) -> PlanReady:
+        """Return the answer to deploy: the given one, or one whose plan is the configuration of a script.
+
+        A script that the operator has just ordered is tried first, then the held script: its configuration is
+        taken unless it is worse at level 1 than the plan in `answer`. If none is taken, `answer` is returned.
+        """
+        script, deployment = self._known.script, self._known.deployment
+        was_asked = script.is_asked
+        plan = script.weigh(answer.plan, self._known.situation.now(), deployment.running)
+        if was_asked and plan is not None and plan.configuration == script.target:
+            self.planning.target_taken()
+        elif was_asked:
+            self.planning.target_refused()
+        return answer if plan is None else PlanReady(answer.request, plan)
+
+    def failed(self, answer: PlanFailed) -> None:
+        """Note that the planner could not answer; a request is repeated unless it was made in the background."""
+        if self.planning.failed(answer) and self.planning.in_background:
+            if self._known.script.is_asked:
+                self._known.script.refuse(
+                    f"the planner gave no plan with which to compare the result of the script: {answer.reason}"
+                )
+            self.planning.causes.clear()
+            self._settle()
+
+    def _runs_already(self, plan: Plan) -> bool:
+        """Tell whether the PEs run this plan already, even if it was deployed in another term."""
+        deployment = self._known.deployment
+        may_adopt = deployment.current is None or self._settings.advise
+        return deployment.runs(plan) or (may_adopt and deployment.adopts(plan))
+
+    # What runs
+
+    def advance(self) -> None:
+        """Command the next step of each epoch for which nothing is left to wait for.
+
+        If an epoch is completed, drop its causes, and decide what to request next (`_settle`). If the epoch that
+        was being prepared has been activated, tell `storms`: a storm of changes ends with an activation.
+        """
+        was_next = self._known.deployment.next
+        done = self._known.deployment.advance()
+        if was_next is not None and self._known.deployment.next is None:
+            self._storms.over()
+        if done is not None:
+            self.planning.done(done.causes)
+            self._settle()
+
+    def look_at_what_runs(self) -> None:
+        """In a manager that only advises: find out whether the PEs run a configuration that was advised or overheard.
+
+        If such a configuration has just become known as the running one, decide whether it may stay (`_weigh`).
+        """
+        known = self._known
+        is_reigning = self._claim.state is Mastership.ACTIVE
+        if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
+            self.planning.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
+            self._weigh()
+
+    def _weigh(self) -> None:
+        """Decide whether the PEs keep the configuration that has become known to run.
+
+        They keep it if it may stay (`_may_stay`) and no plan is awaited. Otherwise a plan is requested.
+        """
+        if self._may_stay() and not self.planning.waiting:
+            self.planning.causes.clear()
+            self._settle()
+        else:
+            self._ask()
+
+    def _may_stay(self) -> bool:
+        """Tell whether the running configuration may stay.
+
+        It may if it is legal, serves all critical functions that are wanted, and is run by every available PE.
+        Besides, none of its modules may have been stopped by a fault that the operator has cleared.
+        """
+        spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
+        plan, now = deployment.plan, situation.now()
+        if plan is None or not deployment.all_available_run_it():
+            return False
+        functions = spec.functions.values()
+        wanted = sum(now.priority_of(f) for f in functions if f.criticality_in(now.phase) in CRITICAL_CLASSES)
+        if sum(plan.objective.critical) < wanted:
+            return False
+        return not verify(spec, now, plan.configuration)
+
+    def _settle(self) -> None:
+        """Decide what to request next, if there is a current epoch, none is being prepared and no plan is awaited.
+
+        - If changes were gathered, request a plan for them.
+        - Else request the optimal plan in the background, unless the running plan is optimal, a script is held,
+            or the last request was already one in the background.
+        - In these three cases, report that the plan has settled.
+        """
+        deployment = self._known.deployment
+        running, plan = deployment.running, deployment.plan
+        if running is None or deployment.next is not None or self.planning.waiting:
+            return
+        if self.planning.gathered:
+            self.ask()
+            return
+        now = self._known.situation.now()
+        may_improve = plan is not None and not plan.optimal and self._known.script.target is None
+        if may_improve and not self.planning.in_background:
+            self.planning.ask_in_background(now, running)
+        else:
+            self._turn.ask(Settled(now, running))

@@ -1,0 +1,159 @@
+"""The manager's status, as plain data for `heronry status`: what the manager knows, not what it plans.
+
+`status` only reads the parts of the core, and changes nothing. The document is versioned; a later version adds keys
+and changes none.
+
+    v, spec, spec_digest, phase, epoch, stage
+    manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
+                    or null), standstills (times, long_times, last_long_ms, longest_ms)
+    next            epoch that is being prepared, or null
+    unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null. In
+                    all other cases `unknown_epoch` is null, also while the manager stands by
+    pes             by name:
+                    state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns
+                    authentic     null without a key; otherwise is_believed, refused_states, unproven_reports (EMCYs in
+                                  the name of the PE that were never proven), refused_commands (as the PE reports them)
+                    standstills   as last read from the PE; null: not read yet
+                    held          exclusive outputs that the PE has held back for longer than T_lease: modules, why,
+                                  for_ns; null: there are none
+    priorities      changed priorities, by function: priority, by ("operator" or "module")
+    latched         list of element, by, code, detail, for_ns
+    failures        last failure of each module, as its PE reports it: list of element, by, text, for_ns
+    links           by name of the radio: state, limit (per mille of its bit rate, with which the manager plans), usable
+                    (per mille of its bit rate, as reported last), delivered (per cent), queued, dropped
+    channels        channels of replicated buses, by name (can0.1): the nodes that hear nothing on the channel
+    disagreements   list of module (a comparator), by, detail
+    functions       by name: wanted, criticality, priority, served, mode, value, why_not; the last four are those of the
+                    epoch's plan. If the plan is not known, served, mode and value are null
+    script          state (none, asked, held, refused, ended) and why
+    buses           by name: bits_per_s and load, as planned
+    other_tables    why a PE stages nothing, and what to do, by the PE's name
+    unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from heronry_dg.model import Function, Spec
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
+from heronry_manager.core.authentication.authenticity import Authenticity
+from heronry_manager.core.epochs.deployment import Deployment
+from heronry_manager.core.epochs.held_outputs import HeldOutputs
+from heronry_manager.core.membership.health import Health
+from heronry_manager.core.memory import PriorityChanged
+from heronry_manager.core.reports.pe_details import PeDetails
+from heronry_manager.core.situation.known_situation import KnownSituation
+from heronry_manager.core.situation.radio_links import LinkRecord
+
+VERSION = 1
+
+
+def status(
+    spec: Spec,
+    now_ns: int,
+    *,
+    manager: Mapping[str, Any],
+    health: Health,
+    situation: KnownSituation,
+    deployment: Deployment,
+    script: Mapping[str, Any],
+    unknown_epoch: int | None,
+    authenticity: Authenticity | None = None,
+    details: PeDetails,
+    held: HeldOutputs,
+) -> dict[str, Any]:
+    """Build the status document; `manager` and `script` are the values of its keys with these names."""
+    current, plan, now = deployment.current, deployment.plan, situation.now()
+    return {
+        "v": VERSION,
+        "spec": spec.name,
+        "spec_digest": spec.digest,
+        "manager": dict(manager),
+        "phase": now.phase,
+        "priorities": {one.function: _priority(one) for one in situation.priorities.all()},
+        "epoch": None if current is None else current.epoch,
+        "stage": None if current is None else current.stage.value,
+        "next": None if deployment.next is None else deployment.next.epoch,
+        "unknown_epoch": unknown_epoch,
+        "pes": {
+            pe: {
+                **_pe(pe, now_ns, health, deployment, authenticity),
+                "standstills": details.standstills(pe),
+                "held": held.status(pe),
+            }
+            for pe in spec.pes
+        },
+        "latched": [
+            {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
+            for f in situation.failed.all()
+        ],
+        "failures": details.failures(),
+        "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
+        "channels": situation.channels.lost_by(),
+        "disagreements": [{"module": m, "by": pe, "detail": d} for m, pe, d in situation.disagreements.all()],
+        "functions": {f.name: _function(f, now, plan, unknown_epoch) for f in spec.functions.values()},
+        "script": dict(script),
+        "buses": {} if plan is None else plan.document()["buses"],
+        "other_tables": details.other_tables(),
+        "unwatched": list(_unwatched(spec, plan)),
+    }
+
+
+def _pe(
+    pe: str, now_ns: int, health: Health, deployment: Deployment, authenticity: Authenticity | None
+) -> dict[str, Any]:
+    seen = deployment.observed.of[pe]
+    return {
+        "state": health.standing(pe).value,
+        "why": health.cause(pe),
+        "epoch": seen.epoch or None,
+        "runs": seen.state.name,
+        "losses": health.losses(pe),
+        "held_down_for_ns": health.held_down_for_ns(pe, now_ns),
+        "authentic": None if authenticity is None else authenticity.status(pe),
+    }
+
+
+def _link(record: LinkRecord) -> dict[str, Any]:
+    report = record.report
+    if report is None:
+        return {"state": "unheard", "limit": record.step, "usable": None, "delivered": None, "queued": 0, "dropped": 0}
+    return {
+        "state": report.state.name.lower(),
+        "limit": record.step,
+        "usable": report.usable,
+        "delivered": report.delivered,
+        "queued": report.queued,
+        "dropped": report.dropped,
+    }
+
+
+def _function(function: Function, now: Situation, plan: Plan | None, unknown_epoch: int | None) -> dict[str, Any]:
+    report = plan.functions[function.name] if plan is not None else None
+    known, why_not = True, "nothing runs yet"
+    if unknown_epoch is not None:
+        known, why_not = False, f"epoch {unknown_epoch} runs, which this manager does not know"
+    return {
+        "wanted": now.priority_of(function) > 0,
+        "criticality": function.criticality_in(now.phase),
+        "priority": now.priority_of(function),
+        "served": (report is not None and report.served) if known else None,
+        "mode": None if report is None else report.mode,
+        "value": (0 if report is None else report.value) if known else None,
+        "why_not": why_not if report is None else report.why_not,
+    }
+
+
+def _priority(one: PriorityChanged) -> dict[str, Any]:
+    return {"priority": one.priority, "by": "operator" if one.by_operator else "module"}
+
+
+def _unwatched(spec: Spec, plan: Plan | None) -> Iterator[str]:
+    if plan is None:
+        return
+    running = plan.configuration
+    given = {variable for module in running.modules for variable in running.mode(spec, module).gives}
+    for phase in spec.phases.values():
+        if phase.when is not None and phase.when.variable not in given:
+            yield phase.name

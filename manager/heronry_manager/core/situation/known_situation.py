@@ -1,0 +1,376 @@
+"""The situation as the manager knows it: what is down, what is limited, the phase, and changed priorities.
+
+A method that changes the situation returns the consequences. The caller hands them to `reactions`, in their order:
+
+    HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
+    PlanNeeded        the running plan was made for another situation
+    LimitChanged      a radio has another limit: the running plan may still be the best one
+    PeAsked           a module suspects a PE: the manager sends this PE a PING
+    TargetAsked       the operator orders the configuration that a script makes, the target
+    TargetReleased    the operator ends a script
+    ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
+
+All elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`), are down.
+`radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
+priorities. `lost_channels`, `module_notices` and `restarts_told` only make reports, and change no plan. The head of
+each of these files says what follows from a lost, late, doubled or forged message.
+
+A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
+
+A report that the manager's own bus has failed changes no plan: the report was heard on that bus, and a plan without
+that bus would stop everything in flight.
+
+The active manager announces all latched faults repeatedly, one after the other (`announcing`). It sends each CLEAR only
+once. A standby manager drops a fault that was missing in three rounds of these announcements. So if a CLEAR is lost,
+the standby manager drops the fault some heartbeat periods later.
+
+A manager may also only advise the operator, while another manager is active. It follows the announcements in the same
+way, with one exception: a fault that the operator has reported to this manager itself. Such a fault is an assumption,
+and stays until another report on the element comes.
+
+The whole situation survives a restart (`memory`), and so does a quarantine.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation, survivors
+from heronry_manager import events
+from heronry_manager.core.membership.health import Health, HealthChange
+from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, Released
+from heronry_manager.core.situation.changed_priorities import ChangedPriorities
+from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
+from heronry_manager.core.situation.lost_channels import LostChannels
+from heronry_manager.core.situation.mission_phase import MissionPhase
+from heronry_manager.core.situation.module_notices import Disagreements, UnknownOutputs, UnknownReports
+from heronry_manager.core.situation.radio_links import RadioLinks
+from heronry_manager.core.situation.restarts_told import RestartsTold
+from heronry_manager.core.situation.suspicions import Suspicions
+from heronry_manager.core.turn import Turn
+from heronry_wire.frame import Frame
+from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
+from heronry_wire.protocol_times import ANNOUNCED_EVERY, t_lease_ns
+
+_TURNS = 3  # of announcements, in which a latched fault may stay unannounced
+
+
+@dataclass(frozen=True, slots=True)
+class PlanNeeded:
+    """A plan is needed, because the situation has changed.
+
+    cause: why a plan is needed, in words.
+    since_ns: when the old situation was last known to hold, such as the time of the last frame of a lost PE; None: now.
+    """
+
+    cause: str
+    since_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LimitChanged:
+    """The usable bandwidth of a radio has changed; `cause` says how, in words."""
+
+    cause: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleReleased:
+    """A fault of a module was cleared; the module starts again only with a new epoch.
+
+    pe: the only PE on which the fault was cleared; None: it was cleared on all PEs.
+    """
+
+    module: str
+    pe: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PeAsked:
+    """A module suspects this PE: the manager must ask the PE for its state, by PING."""
+
+    pe: str
+
+
+@dataclass(frozen=True, slots=True)
+class TargetAsked:
+    """The operator has ordered, by a script, that the PEs run the configuration `target`, which is legal."""
+
+    target: Configuration
+
+
+@dataclass(frozen=True, slots=True)
+class TargetReleased:
+    """The operator has ended the script that was held, or that was ordered and not held yet."""
+
+
+SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased | TargetAsked | TargetReleased
+Changes = Sequence[SituationChange]
+
+
+class KnownSituation:
+    """Keeps what is down, what is limited, the phase, and changed priorities."""
+
+    def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
+        """Begin with what is remembered over a restart, and nothing else."""
+        self._spec, self._turn, self._health = spec, turn, health
+        self._mission = MissionPhase(spec)
+        self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)  # the longest wait of a frame
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self.failed = LatchedFaults(spec)
+        self.links = RadioLinks(spec)
+        self.priorities = ChangedPriorities(spec, turn)
+        self.channels = LostChannels(spec, turn)
+        self.disagreements = Disagreements(spec, turn)
+        self.unknown_reports = UnknownReports(spec, turn)
+        self.unknown_outputs = UnknownOutputs(spec, turn)
+        self.suspicions = Suspicions(spec, turn, health)
+        self._restarts = RestartsTold(spec, turn)
+        self.own_bus = f"bus:{spec.manager.bus}"
+        self._untold: Counter[str] = Counter()  # beats since another manager announced that it holds an element
+        self._told_phase: int | None = None  # the phase that another manager announced last
+        self._has_just_told_phase = False  # it has announced a phase, and since then only acknowledged requests
+        self._remember()
+
+    @property
+    def phase(self) -> str | None:
+        """The mission phase for which plans are made; None: the spec has no phases."""
+        return self._mission.current
+
+    def now(self) -> Situation:
+        """Give the situation that plans are made for."""
+        return Situation(self.down(), self.links.limits(), self.phase, self.priorities.now())
+
+    def spares(self, plan: Plan) -> bool:
+        """Tell whether a plan need not be replaced although limits of radios have changed.
+
+        This is so if the plan fits the present limits, and none of the limits for which it was made has risen.
+        """
+        limits = self.links.limits()
+        room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
+        fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
+        return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
+
+    def link_reported(self, frame: Frame) -> Changes:
+        """Note a gateway's report on its radio; gives the changes that follow."""
+        changes: list[SituationChange] = []
+        beyond = self.links.records[frame.can_id].radio.beyond
+        anybody = any(self._health.is_available(pe) for pe in beyond)
+        for change in self.links.heard(frame, self._turn.now_ns, any_pe_beyond=anybody):
+            radio = change.radio
+            cause = f"bus:{radio.bus} is {change.what}, reported by {radio.gateway}"
+            match change.what:
+                case "gone":
+                    self._turn.emit(events.LinkGone, bus=radio.bus, by=radio.gateway)
+                    changes += self._health.cut_off(sorted(radio.beyond), cause, self._turn.now_ns)
+                case "back":
+                    self._turn.emit(events.LinkBack, bus=radio.bus, by=radio.gateway)
+                case _:
+                    share = f"{change.step / 10:g}%"
+                    self._turn.emit(events.LinkLimited, bus=radio.bus, by=radio.gateway, share=share)
+                    changes.append(
+                        LimitChanged(f"bus:{radio.bus} has {share} of its bandwidth, reported by {radio.gateway}")
+                    )
+        return changes
+
+    def _remember(self) -> None:
+        """Restore from the memory what this manager knew before its restart.
+
+        This is the phase, the executed phase requests, the latched faults, and the losses of PEs in quarantine.
+        """
+        memory, now_ns = self._turn.memory, self._turn.now_ns
+        self._mission.current = memory.phase or self._mission.current
+        self._mission.remember({pe: (one.incarnation, one.number) for pe, one in memory.phase_requests.items()})
+        for one in memory.latched.values():
+            self.failed.latch(LatchedFault(one.element, one.by, one.code, one.detail, now_ns))
+            kind, _, name = one.element.partition(":")
+            if kind == "pe":
+                self._health.bar(name, f"failed, reported by {one.by}", now_ns)
+        for pe, losses in memory.quarantined.items():
+            self._health.quarantine(pe, losses)
+
+    def down(self) -> frozenset[str]:
+        """Give the elements that are down, each as `kind:name`.
+
+        The manager's own bus is left out, since a plan without this bus would stop everything.
+        """
+        missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_available(pe))
+        return (self.failed.elements | frozenset(missing)) - {self.own_bus}
+
+    def reported(self, pe: str, emergency: Emergency) -> Changes | None:
+        """Take the fault that a PE reports.
+
+        A fault of a device or module is latched. A fault of a PE or bus is only a suspicion (`suspicions`).
+        A restart of a module is only reported as an event.
+
+        Gives the changes that follow; None if the report names an element that the spec lacks.
+        """
+        element = self.failed.element(emergency.kind, emergency.index)
+        if element is None:
+            return None
+        if emergency.code is FaultCode.MODULE_RESTARTED:
+            self._restarts.reported(pe, element, emergency.detail)
+            return ()
+        kind, _, name = element.partition(":")
+        if kind == "pe":
+            return (PeAsked(name),) if self.suspicions.pe(name, pe) else ()
+        if kind == "bus":
+            self.suspicions.bus(name, pe)
+            return ()
+        element = self.failed.where(element, pe, emergency.code)
+        return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
+
+    def requested(self, pe: str, request: Emergency) -> Changes | None:
+        """Decide on a request for a phase or a priority.
+
+        Gives the changes that follow; None if the request must not be acknowledged.
+        """
+        incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
+        if incarnation is not None and request.kind is ElementKind.PRIORITY:
+            causes = self.priorities.requested(pe, incarnation, request)
+            return None if causes is None else tuple(map(PlanNeeded, causes))
+        if incarnation is None or not self._mission.knows(request.index):
+            return None
+        is_new = self._request_accepted(pe, incarnation, request.detail)
+        if is_new and self._mission.allows(request.index, request.detail):
+            return self.enter(list(self._spec.phases)[request.index], pe)
+        return ()
+
+    def order_priority(self, function: str, priority: int | None) -> Changes:
+        """Set a function's priority by an order of the operator (None: the spec's priority).
+
+        Gives the changes that follow.
+        """
+        cause = self.priorities.order(function, priority)
+        return () if cause is None else (PlanNeeded(cause),)
+
+    def _request_answered(self, pe: str, kind: int, number: int) -> None:
+        """Note that another manager has acknowledged a request of a PE, if the acknowledgement means "executed".
+
+        It means this if that manager has announced the requested phase, or the priority of the function,
+        immediately before. No effect if the PE may have restarted since the request.
+
+        kind: PHASE or PRIORITY.
+        number: number of the request; for a priority, with the index of the function, as in CONTROL.
+        """
+        incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
+        if incarnation is None:
+            return
+        if kind == ElementKind.PRIORITY:
+            self.priorities.answered(pe, incarnation, number)
+        elif self._has_just_told_phase:
+            self._request_accepted(pe, incarnation, number)
+
+    def _request_accepted(self, pe: str, incarnation: int, detail: int) -> bool:
+        """Note that a phase request of a PE was executed, by this manager or another one.
+
+        detail: number of the request, with or without the bit FORWARD_ONLY.
+
+        Returns True if this manager did not know the request before.
+        """
+        if not self._mission.accepted(pe, incarnation, detail):
+            return False
+        self._turn.keep(PhaseRequest(pe, incarnation, detail & ~FORWARD_ONLY))
+        return True
+
+    def overheard(self, manager: int, told: Control) -> Changes:
+        """Take over what the active manager announces; gives the changes that follow.
+
+        An announcement says that a fact holds, that a fault was cleared, or which request was executed.
+        """
+        if told.operation is Operation.ACKNOWLEDGE and told.a in (ElementKind.PHASE, ElementKind.PRIORITY):
+            if told.node in self._pe_of_node:
+                self._request_answered(self._pe_of_node[told.node], told.a, told.b)
+            return ()
+        self._has_just_told_phase = told.operation is Operation.HOLDS and told.a == ElementKind.PHASE
+        causes = self.priorities.overheard(manager, told)
+        if causes is not None:
+            return tuple(map(PlanNeeded, causes))
+        if self._has_just_told_phase:
+            return self._phase_told(manager, told.b)
+        element = self.failed.told(told.a, told.b)
+        if element is not None and told.operation is Operation.HOLDS:
+            self._untold[element] = 0
+            return self.latch(LatchedFault(element, f"manager {manager}", HELD_CODE, 0, self._turn.now_ns))
+        if element is not None and told.operation is Operation.CLEAR:
+            return self.clear(element, f"manager {manager}") or ()
+        return ()
+
+    def _phase_told(self, manager: int, index: int) -> Changes:
+        if not self._mission.knows(index) or index == self._told_phase:
+            return ()
+        self._told_phase, phase = index, list(self._spec.phases)[index]
+        return () if phase == self.phase else self.enter(phase, f"manager {manager}")
+
+    def held_no_longer(self, manager: int) -> Changes:
+        """Count a heartbeat of the active manager, and drop what the active manager has ceased to announce.
+
+        This concerns latched faults and changed priorities. A manager that only advises keeps the faults that its
+        operator has supposed, and all changed priorities.
+
+        manager: node-ID of the active manager. Returns the changes of the situation that follow.
+        """
+        supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
+        elements = self.failed.elements - supposed
+        self._untold = Counter({element: self._untold[element] + 1 for element in elements})
+        facts = 1 + len(elements) + len(self.priorities.facts())  # the phase has its turn, too
+        longest = _TURNS * ANNOUNCED_EVERY * facts
+        changes: list[SituationChange] = []
+        for element in sorted(elements):
+            if self._untold[element] > longest:
+                changes += self.clear(element, f"manager {manager}") or ()
+        if not self._turn.silent:  # an adviser keeps the priorities that the operator has supposed
+            changes += map(PlanNeeded, self.priorities.held_no_longer(longest))
+        return changes
+
+    def latch(self, fault: LatchedFault) -> Changes:
+        """Note a fault that stays until it is cleared; gives the changes that follow."""
+        is_news = fault.element not in self.failed.elements
+        if self.failed.latch(fault):
+            self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
+        if not is_news:
+            return ()
+        self._turn.emit(events.FaultReported, element=fault.element, by=fault.by, detail=fault.detail, code=fault.code)
+        kind, _, name = fault.element.partition(":")
+        changes: list[SituationChange] = []
+        if kind == "pe":
+            changes += self._health.bar(name, f"failed, reported by {fault.by}", self._turn.now_ns)
+        if not changes:  # else the loss of the PE leads to a plan
+            changes.append(PlanNeeded(f"{fault.element} failed, reported by {fault.by}"))
+        return changes
+
+    def clear(self, element: str, by: str) -> Changes | None:
+        """Clear an element: its latched faults end, and a PE leaves its quarantine.
+
+        Gives the changes that follow; None if the element had no latched fault and was not in quarantine.
+        """
+        faults = self.failed.clear(element)
+        kind, _, name = element.partition(":")
+        let_in = kind == "pe" and self._health.forgive(name)
+        if not faults and not let_in:
+            return None
+        changes: list[SituationChange] = []
+        for fault in faults:
+            self._turn.keep(Cleared(fault.element))
+            if kind == "module" and fault.code != OPERATOR_CODE:
+                module, _, pe = fault.element.removeprefix("module:").partition("@")
+                changes.append(ModuleReleased(module, pe or None))
+        if name in self._turn.memory.quarantined and let_in:
+            self._turn.keep(Released(name))
+        self._turn.emit(events.FaultCleared, element=element, by=by)
+        if kind != "pe":  # plans use a PE again when it joins
+            changes.append(PlanNeeded(f"{element} cleared by {by}"))
+        return changes
+
+    def enter(self, phase: str, by: str) -> Changes:
+        """Enter the mission phase `phase`, and return the resulting change: a plan is needed.
+
+        by: who has requested the phase, for events and causes.
+        """
+        before, self._mission.current = self._mission.current, phase
+        self._turn.keep(PhaseEntered(phase))
+        self._turn.emit(events.PhaseChanged, phase=phase, before=before, by=by)
+        return (PlanNeeded(f"phase {phase}, requested by {by}"),)
