@@ -137,7 +137,7 @@ def _named(field: str, value: object, key: DeclaredKey | None = None) -> Fields:
     if value is None or value in ((), frozenset(), {}):
         return {}
     reading = key.reading if key is not None else Reading()
-    name = key.name if key is not None and reading.parts > 1 else field
+    name = key.name if key is not None else field
     if isinstance(value, int) and reading.in_bytes:
         return {name: _bytes(value)}
     return {name: _text(key.in_units_of_the_file(value) if key is not None else value)}
