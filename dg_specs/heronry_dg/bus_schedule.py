@@ -29,13 +29,12 @@ from math import ceil
 from heronry_dg.configuration import Configuration
 from heronry_dg.echo_rates import EchoRates, outputs_of
 from heronry_dg.model import Bus, Spec
-from heronry_dg.own_identifiers import report_ways
 from heronry_dg.response_times import Response, ResponseTimes, blocking_bits
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, frame_bits, hops
+from heronry_dg.uplinks import radios
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import MAX_DATA_BYTES
-from heronry_wire.gateway_report import link_id
 from heronry_wire.identifiers import (
     FIRST_MANAGER,
     Command,
@@ -255,9 +254,10 @@ def _foreign(bus: Bus) -> Iterator[ScheduledMessage]:
 
 def _reports(spec: Spec) -> Iterator[tuple[tuple[str, ...], ScheduledMessage]]:
     """Yield the report on each radio, once in each of its heartbeat periods, and before it the buses that carry it."""
-    for number, radio, gateway, way in report_ways(spec):
-        period_ns = spec.buses[radio].heartbeat_ns
-        yield way, _management("management", link_id(number), f"link of {radio}", gateway, period_ns)
+    for radio in radios(spec).values():
+        period_ns = spec.buses[radio.bus].heartbeat_ns
+        name = f"link of {radio.bus}"
+        yield radio.report_way, _management("management", radio.link_id, name, radio.gateway, period_ns)
 
 
 def _above(spec: Spec, bus: Bus, rates: EchoRates) -> list[ScheduledMessage]:

@@ -5,9 +5,9 @@ go over every bus from this PE to the manager's bus. On a bus that carries the e
 
     min(10, max(1, floor((reserve x bitrate - the rest) / 135 n)))
 
-times a second. The *rest* are the frames that management sends all the time: state frames, LEASE and ALIVE, and CANopen
-heartbeats, each with the states and heartbeats that gateways forward from beyond. Over several buses the smallest of
-their rates counts. All these frames, and the echoes, must fit into the reserve of a bus (DG307).
+times a second. The *rest* are the frames that management sends all the time: state frames, LEASE and ALIVE, CANopen
+heartbeats, and the reports of gateways on their radios, each with those that gateways forward from beyond. Over several
+buses the smallest of their rates counts. All these frames, and the echoes, must fit into the reserve of a bus (DG307).
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,8 @@ from fractions import Fraction
 from typing import Final
 
 from heronry_dg.model import Bus, Module, Spec
-from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
+from heronry_dg.situation import hosts_when_all_is_up
+from heronry_dg.uplinks import radios, uplinks
 from heronry_wire.protocol_times import CANOPEN_HEARTBEAT_NS
 from heronry_wire.timing import WORST_BLOCKING_BITS, worst_bits
 
@@ -33,6 +34,7 @@ class ReserveUse:
     periodic: LEASE, ALIVE and the states of the PEs on this bus, once in each heartbeat period.
     passing: states of PEs beyond gateways, in the heartbeat periods of their own buses.
     heartbeats: CANopen heartbeats.
+    reports: reports of gateways on their radios, once in each heartbeat period of the radio.
     outputs: number of outputs of which the bus carries the echoes.
     echoes_per_s: how often each of them is echoed.
     """
@@ -40,13 +42,14 @@ class ReserveUse:
     periodic: Fraction
     passing: Fraction
     heartbeats: Fraction
+    reports: Fraction
     outputs: int
     echoes_per_s: int
 
     @property
     def rest(self) -> Fraction:
         """All but the echoes."""
-        return self.periodic + self.passing + self.heartbeats
+        return self.periodic + self.passing + self.heartbeats + self.reports
 
     @property
     def echoes(self) -> int:
@@ -78,7 +81,8 @@ class EchoRates:
 
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
-        self._ways = _ways_to_the_manager(spec)
+        self._ways = uplinks(spec)
+        self._radios = radios(spec).values()
         carried: dict[str, int] = dict.fromkeys(spec.buses, 0)
         for hosts in outputs_of(spec).values():
             for bus in {bus for pe in hosts for bus in self._ways.get(pe, ())}:
@@ -113,19 +117,12 @@ class EchoRates:
                 heartbeats += 1
         periodic, passing = periodic * frame * _NS_PER_S, passing * frame * _NS_PER_S
         heartbeats *= Fraction(heartbeat * _NS_PER_S, CANOPEN_HEARTBEAT_NS)
-        rate = MOST_ECHOES_PER_S
+        reports, rate = self._reports(bus.name), MOST_ECHOES_PER_S
         if outputs:
-            left = bus.reserve * bus.bitrate - periodic - passing - heartbeats
+            left = bus.reserve * bus.bitrate - periodic - passing - heartbeats - reports
             rate = min(rate, max(1, int(left // (frame * outputs))))
-        return ReserveUse(periodic, passing, heartbeats, outputs, rate)
+        return ReserveUse(periodic, passing, heartbeats, reports, outputs, rate)
 
-
-def _ways_to_the_manager(spec: Spec) -> dict[str, tuple[str, ...]]:
-    """Give the buses from each PE that a manager reaches to the manager's bus, this bus included."""
-    left, hub = survivors(spec, Situation()), spec.manager.bus
-    doors = [pe.name for pe in spec.pes.values() if hub in pe.buses]
-    ways: dict[str, tuple[str, ...]] = {}
-    for pe in left.pe_cpu_millis:
-        route = (hub,) if hub in spec.pes[pe].buses else left.route(pe, doors[0]) or ()
-        ways[pe] = route if hub in route else (*route, hub)
-    return ways
+    def _reports(self, bus: str) -> Fraction:
+        periods = (self.spec.buses[radio.bus].heartbeat_ns for radio in self._radios if bus in radio.report_way)
+        return sum((Fraction(WORST_BLOCKING_BITS * _NS_PER_S, period) for period in periods), Fraction(0))

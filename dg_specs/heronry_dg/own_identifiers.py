@@ -13,7 +13,7 @@ from heronry_dg.echo_rates import EchoRates
 from heronry_dg.model import Module, Spec
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, identifiers
-from heronry_wire.gateway_report import link_id
+from heronry_dg.uplinks import radios
 from heronry_wire.identifiers import (
     MANAGER_NODES,
     Command,
@@ -33,33 +33,16 @@ def own_identifiers(spec: Spec) -> dict[str, dict[int, str]]:
 
     Raises WireError where the spec has more sources than identifiers.
     """
-    rates, radios, given = EchoRates(spec), report_ways(spec), identifiers(spec)
-    hops = possible_hops(spec)
-    used: dict[str, dict[int, str]] = {}
+    rates, given, hops = EchoRates(spec), identifiers(spec), possible_hops(spec)
+    measured, used = radios(spec).values(), dict[str, dict[int, str]]()
     for bus in spec.buses:
         here = used[bus] = dict(_of_the_managers())
         for pe in spec.pes.values():
             if rates.carries(bus, pe.name):
                 here.update(_of_a_pe(pe.node_id, pe.name))
-        here.update((link_id(n), f"reports on '{radio}'") for n, radio, _, way in radios if bus in way)
+        here.update((one.link_id, f"reports on '{one.bus}'") for one in measured if bus in one.report_way)
         here.update((given[h.producer, h.variable], f"'{h.variable}' from '{h.producer}'") for h in hops[bus])
     return used
-
-
-def report_ways(spec: Spec) -> list[tuple[int, str, str, tuple[str, ...]]]:
-    """Give for each radio its number, its name, the gateway that reports on it, and the buses that carry the report.
-
-    A radio without a gateway toward the manager is left out: nobody reports on it.
-    """
-    rates, found = EchoRates(spec), []
-    radios = [bus.name for bus in spec.buses.values() if bus.kind == "wireless"]
-    for number, radio in enumerate(radios):
-        for pe in spec.pes.values():
-            way = rates.way(pe.name)
-            if radio in pe.buses and way and radio not in way:
-                found.append((number, radio, pe.name, way))
-                break
-    return found
 
 
 def possible_hops(spec: Spec) -> dict[str, list[Hop]]:

@@ -43,10 +43,12 @@ def test_what_management_sends_on_each_bus() -> None:
     assert radio.periodic == Fraction(4 * 135 * 1000, 200)  # LEASE, ALIVE and two states
     assert radio.passing == 0
     assert radio.heartbeats == 2 * 65
+    assert radio.reports == 0  # the nose reports on the radio toward the manager alone
     assert radio.outputs == 2
     assert wire.periodic == Fraction(3 * 135 * 1000, 20)
     assert wire.passing == Fraction(135 * 1000, 200)  # the states of the ground, forwarded by the nose
     assert wire.heartbeats == 3 * 65  # of both PEs, and of the manager
+    assert wire.reports == Fraction(135 * 1000, 200)
     assert wire.outputs == 3
 
 
@@ -61,6 +63,17 @@ def test_the_rate_fills_the_reserve_and_is_one_to_ten(bitrate: int, echoes_per_s
     assert (found.of("ground"), found.of("nose")) == (echoes_per_s, 10)
     fits = found.by_bus["radio"].total <= Fraction(2, 10) * bitrate
     assert fits == (bitrate >= 15_500)
+
+
+def test_reports_cross_each_bus_on_their_way_to_the_manager() -> None:
+    """Beyond the ground is another radio: its reports cross the first radio, and take room there that echoes had."""
+    text = SPEC.format(bitrate=50_000).replace("buses: [radio]", "buses: [radio, rover]")
+    rover = "  rover: {kind: wireless, bitrate: 50000, heartbeat_ms: 500}\npes:\n"
+    found = EchoRates(loads(text.replace("pes:\n", rover), "x.dg.yaml"))
+    assert [found.by_bus[bus].reports for bus in ("rover", "radio")] == [0, Fraction(135 * 1000, 500)]
+    assert found.by_bus["can0"].reports == Fraction(135 * 1000, 500) + Fraction(135 * 1000, 200)
+    short = SPEC.format(bitrate=27_650).replace("buses: [radio]", "buses: [radio, rover]")
+    assert EchoRates(loads(short.replace("pes:\n", rover), "x.dg.yaml")).of("ground") == 9
 
 
 @pytest.mark.parametrize("name", ["big_blue", "elevator_and_chute"])

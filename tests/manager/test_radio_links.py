@@ -6,9 +6,9 @@ from fractions import Fraction
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_dg.uplinks import radios
 from heronry_manager import events
 from heronry_manager.core.situation.radio_links import RadioLinks
-from heronry_manager.core.topology import radios
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState
 from heronry_wire.state_frames import PeState

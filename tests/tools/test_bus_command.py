@@ -10,6 +10,7 @@ import pytest
 
 from heronry_dg.bus_schedule import BusSchedule, bus_schedules
 from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.echo_rates import EchoRates
 from heronry_dg.loader import load, loads
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.shipped import example_specs, shipped_spec_path
@@ -118,6 +119,21 @@ def test_a_gateway_reports_on_its_radio_toward_the_manager_alone() -> None:
     can0, radio = schedules_of("big_blue")[0]
     assert [(m.identifier, m.node) for m in can0.messages if m.name.startswith("link")] == [(291, "comms")]
     assert not any(m.name.startswith("link") for m in radio.messages)
+
+
+@pytest.mark.parametrize("file", [shipped_spec_path("big_blue"), *example_specs()], ids=lambda file: file.name)
+def test_what_is_listed_as_management_is_what_the_reserve_counts(file: Path) -> None:
+    """Protocol rule 14: the list and DG307 count alike; of echoes the list has those of what runs."""
+    spec = load(file)
+    uses = EchoRates(spec).by_bus
+    for schedule in bus_schedules(spec, situation(spec), plan(spec, situation(spec)).configuration):
+        use, loads_of = uses[schedule.bus.name], dict.fromkeys(("management", "heartbeat", "echo"), Fraction(0))
+        for message in schedule.messages:
+            if message.kind in loads_of:
+                loads_of[message.kind] += schedule.share(message) * schedule.bus.bitrate
+        assert loads_of["management"] == use.periodic + use.passing + use.reports
+        assert loads_of["heartbeat"] == use.heartbeats
+        assert loads_of["echo"] <= use.echoes
 
 
 def test_a_second_bus_holds_the_time_of_the_first_and_without_a_bound_there_is_none_after_it() -> None:

@@ -122,7 +122,7 @@ def test_a_missed_deadline_shows_what_goes_first() -> None:
 def test_the_reserve_counts_states_from_behind_gateways() -> None:
     """Four states a second of `far` pass up through `can0`, beside those of its PEs and two frames of the manager.
 
-    Four CANopen heartbeats of 65 bits and an echo of the only output come each second, too.
+    Four CANopen heartbeats of 65 bits, an echo of the only output, and four reports on `link` come each second, too.
     """
     fragment = (
         "buses:\n  can0: {bitrate: 10000, heartbeat_ms: 1000, reserve: SHARE}\n"
@@ -131,11 +131,11 @@ def test_the_reserve_counts_states_from_behind_gateways() -> None:
         "  tail: {node_id: 93, buses: [can0, link], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
         "  far: {node_id: 94, buses: [link], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
     )
-    assert found_in(fragment.replace("SHARE", "0.148")) == []
-    (finding,) = found_in(fragment.replace("SHARE", "0.147"))
+    assert found_in(fragment.replace("SHARE", "0.202")) == []
+    (finding,) = found_in(fragment.replace("SHARE", "0.201"))
     assert finding.code == RESERVE_TOO_SMALL.code
-    assert "take 1475 bit/s" in finding.sentence
-    assert finding.hint == "write reserve: 0.148 or heartbeat_ms: 1010, or more"
+    assert "CANopen heartbeats, reports on radios and the echoes of 1 outputs take 2015 bit/s" in finding.sentence
+    assert finding.hint == "write reserve: 0.202 or heartbeat_ms: 1010, or more"
     (swamped,) = found_in(fragment.replace("SHARE", "0.1").replace("bitrate: 10000,", "bitrate: 1000,"))
     assert (swamped.code, swamped.hint) == ("DG307", "raise the bit rate")
 

@@ -62,7 +62,7 @@ def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str
 def _radios(count: int) -> str:
     """Write a spec in which a gateway has `count` wireless buses; beyond each of them, one PE reads one sensor."""
     numbers = range(count)
-    radios = "".join(f", r{number}: {{kind: wireless, bitrate: 250000, reserve: 0.5}}" for number in numbers)
+    radios = "".join(f", r{number}: {{kind: wireless, bitrate: 250000, heartbeat_ms: 100}}" for number in numbers)
     names = ", ".join(f"r{number}" for number in numbers)
     fields = "cpu: 1, ram: 8KiB, flash: 8KiB"
     far = "".join(f"  far{number}: {{node_id: {93 + number}, buses: [r{number}], {fields}}}\n" for number in numbers)

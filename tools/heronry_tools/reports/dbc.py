@@ -23,7 +23,7 @@ from cantools.database.namedsignalvalue import NamedSignalValue
 
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
-from heronry_manager.core.topology import radios
+from heronry_dg.uplinks import radios
 from heronry_wire.canaerospace import HEADER_BYTES, DataType, Validity
 from heronry_wire.gateway_report import LINK, link_id
 from heronry_wire.identifiers import (

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from heronry_dg.model import Spec
-from heronry_manager.core.topology import Radio, radios
+from heronry_dg.uplinks import Radio, radios
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkState, decode_link
 from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS

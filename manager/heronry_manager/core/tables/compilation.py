@@ -17,8 +17,9 @@ from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.model import Module, Phase, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import criticality_ranks, identifiers
+from heronry_dg.uplinks import radios
 from heronry_dg.wire_limits import require_wire_limits
-from heronry_manager.core.topology import command_period_ns, radios, uplink_bus
+from heronry_manager.core.topology import command_period_ns, uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
 from heronry_wire.management import MOST_FUNCTIONS
 from heronry_wire.pe_table import (

@@ -155,8 +155,8 @@ RESERVE_TOO_SMALL = FAMILY.error(
     "reserve-too-small",
     what="The `reserve` of a bus is less than what management sends there all the time.",
     why="In each heartbeat period every PE on the bus sends its state and the manager its LEASE and ALIVE. Each output "
-    "is echoed once a second or more, and each node sends a CANopen heartbeat every second. Without room for these "
-    "frames of up to 135 bits healthy PEs fall silent, and are declared down.",
+    "is echoed once a second or more, each node sends a CANopen heartbeat every second, and gateways report on their "
+    "radios. Without room for these frames of up to 135 bits healthy PEs fall silent, and are declared down.",
     fix="Raise `reserve` to the share in the message, or raise `heartbeat_ms`.",
     bad="buses: {can0: {bitrate: 1000000, reserve: 0.01}}\n",
     good="buses: {can0: {bitrate: 1000000, reserve: 0.1}}\n",

@@ -21,7 +21,8 @@ Only a PE that was lost again and again (quarantine) makes the bound long.
 """
 
 from heronry_dg.model import Spec
-from heronry_manager.core.topology import radios, uplink_bus
+from heronry_dg.uplinks import radios
+from heronry_manager.core.topology import uplink_bus
 from heronry_tools.sim.oracles.active_term import ActiveTerm
 from heronry_tools.sim.oracles.end_state import unnoticed_ns
 from heronry_tools.sim.oracles.limits import (

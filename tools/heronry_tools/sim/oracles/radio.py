@@ -23,7 +23,8 @@ from collections import defaultdict
 from fractions import Fraction
 
 from heronry_dg.model import Spec
-from heronry_manager.core.topology import radios, uplink_bus
+from heronry_dg.uplinks import radios
+from heronry_manager.core.topology import uplink_bus
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS, PATIENCE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation

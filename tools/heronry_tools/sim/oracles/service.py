@@ -47,7 +47,8 @@ from typing import NamedTuple
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.situation import Situation, module_of
-from heronry_manager.core.topology import radios, uplink_bus
+from heronry_dg.uplinks import radios
+from heronry_manager.core.topology import uplink_bus
 from heronry_tools.runtime.witness import Outage
 from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.limits import (
