@@ -31,7 +31,7 @@ REQUIRED: Final = MISSING  # in place of a default: the file must give the key
 class Key:
     """What a key means, and what counts if the file leaves it out."""
 
-    __slots__ = ("analysis_only", "called", "examples", "left_out", "meaning", "required", "resolved")
+    __slots__ = ("analysis_only", "called", "examples", "left_out", "meaning", "repeats", "required", "resolved")
 
     def __init__(
         self,
@@ -42,6 +42,7 @@ class Key:
         resolved: object = MISSING,
         required: bool = False,
         analysis_only: bool = False,
+        repeats: bool = False,
     ) -> None:
         """Declare a key.
 
@@ -55,10 +56,11 @@ class Key:
         required: True if the file must give the key although the field has a default.
         analysis_only: True if the key changes no plan, table or flight, so that the digest of a spec does not tell it
         (`meaning`).
+        repeats: True if other fields of the model say the same, so that the digest need not tell it again.
         """
         self.meaning, self.examples, self.called = meaning, examples, called
         self.left_out, self.resolved, self.required = left_out, resolved, required
-        self.analysis_only = analysis_only
+        self.analysis_only, self.repeats = analysis_only, repeats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

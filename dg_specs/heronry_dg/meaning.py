@@ -5,7 +5,7 @@ they resolve to the same model (`model.Spec`), apart from what only analysis rea
 
 - comments, blank lines, line breaks, quotes, the order of keys, and a key that is given with its default;
 - notation: `0.8` or `0.80`, `1MiB` or `1024KiB`, `altitude` or `altitude@<=3` of three versions;
-- keys that are declared with `analysis_only`.
+- keys that are declared with `analysis_only`; and with `repeats`, since other fields tell what they do.
 
 The order of elements counts, also that of the outputs in `gives`: the indices in slices and EMCYs are positions.
 
@@ -63,12 +63,12 @@ def _sorted(by_phase: Mapping[str | None, Any]) -> dict[str, Any]:
 def _of_kind(kind: Any) -> tuple[tuple[str, Any, bool], ...]:
     """List the fields of a record that count, sorted by name: name, default, and whether it is a map in any order."""
     keys = keys_of(kind)
-    only_analysis = {one.field for one in keys if one.key.analysis_only}
+    untold = {one.field for one in keys if one.key.analysis_only or one.key.repeats}
     in_any_order = {one.field for one in keys if one.reading.in_any_order}
     return tuple(
         (one.name, _default(one), one.name in in_any_order)
         for one in sorted(fields(kind), key=lambda one: one.name)
-        if one.name not in only_analysis
+        if one.name not in untold
     )
 
 

@@ -180,8 +180,8 @@ def test_only_how_likely_things_fail_is_left_to_analysis() -> None:
         "probability",
         "common_cause",
         "mission_h",
-        "needs",  # of a DEMUX: its branches have it in their own
     }
+    assert [(kind.__name__, one.field) for kind, one in KEYS if one.key.repeats] == [("Demux", "needs")]
     assert {kind for kind, one in KEYS if one.field == "rate_per_h"} >= {Bus, Pe, Module}
 
 

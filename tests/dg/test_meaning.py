@@ -3,6 +3,7 @@
 import random
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import yaml
 
 from heronry_dg.loader import load, loads
+from heronry_dg.meaning import with_digest
 from heronry_dg.model import Spec
 from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
 from heronry_manager.contingency.file_format import ContingencyFileError, from_bytes, to_bytes
@@ -164,6 +166,20 @@ def test_a_named_gate_counts_as_an_element() -> None:
     exchanged = "gates: {b: {and: [count]}, a: {and: [height]}}\n"
     assert loads(BASE + gates, "x").digest != loads(BASE + exchanged, "x").digest
     assert loads(BASE + gates, "x").digest != loads(BASE, "x").digest
+
+
+def test_what_is_in_front_of_a_demux_counts_once_in_each_branch() -> None:
+    """`repeats` of its key is true: the digest tells it although it leaves out the expression of the DEMUX itself."""
+    branch = "{needs: out, cpu: 0.1, ram: 1KiB, rate_hz: 10}"
+    demux = BASE.replace("phases:", f"  left: {branch}\n  right: {branch}\ngates: {{out: {{demux: DEMAND}}}}\nphases:")
+    demands = ["count", "height", "height@1", "{and: [count, height]}", "{and: [height, count]}"]
+    specs = [loads(demux.replace("DEMAND", demand), "x") for demand in demands]
+    assert len({spec.digest for spec in specs}) == len(demands)
+    for spec in specs:
+        one = spec.demuxes["out"]
+        assert all(spec.modules[branch].modes["only"].needs == one.needs for branch in one.branches)
+        forgotten = replace(spec, demuxes={"out": replace(one, needs=specs[0].demuxes["out"].needs)})
+        assert with_digest(forgotten).digest == spec.digest
 
 
 @pytest.mark.parametrize("name", ["x.dg.yaml", "y.dg.yaml"])

@@ -179,6 +179,8 @@ def test_a_function_that_is_lost_and_what_that_saves(capsys: pytest.CaptureFixtu
          "altitude [3, 2]", "altitude [9, 1]"),
         ("criticality: B, priority: 80", "criticality: B, priority: 81", "function:parachute", "priority", "80", "81"),
         ("faults: 2", "faults: 1", "contingency", "faults", "2", "1"),
+        ("bitrate: 1000000", "bitrate: 1000000, foreign: [{range: [1800, 1815], bytes: 8, period_ms: 12.5}]", "bus:can0",
+         "foreign", None, "[{range: [1800, 1815], extended: false, bytes: 8, period_ms: 12.5}]"),
         ("contingency:", "together: [[gps_driver, pressure_driver]]\ncontingency:", "spec", "together", None,
          "[[gps_driver, pressure_driver]]"),
     ],

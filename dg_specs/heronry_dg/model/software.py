@@ -161,7 +161,7 @@ class Demux:
     name: str
     variable: Annotated[str, Found("")]  # of the first input in front of it, which as a rule is the only one
     branches: Annotated[tuple[str, ...], Found(())]  # modules, in the spec's order: the first is the primary
-    needs: Annotated[  # its leaves name the DEMUX; each branch has it in its own `needs`, so the digest does cover it
+    needs: Annotated[  # its leaves name the DEMUX; each branch has it in its own `needs`, too
         Expression,
         Unread,
         Key(
@@ -169,7 +169,7 @@ class Demux:
             "elevator_demand",
             {"xor": ["elevator_demand@1", "elevator_demand@2"]},
             called="demux",
-            analysis_only=True,
+            repeats=True,
         ),
     ]
     to: Annotated[
