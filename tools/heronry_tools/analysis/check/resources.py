@@ -106,8 +106,8 @@ def _reserve(subject: Subject, findings: Findings, bus: Bus, use: ReserveUse) ->
         return
     reports = ", reports on radios" if use.reports else ""
     sentence = (
-        f"bus '{bus.name}' reserves {float(reserved):.0f} bit/s, but states, LEASE and ALIVE, CANopen heartbeats{reports} "
-        f"and the echoes of {use.outputs} outputs take {float(use.total):.0f} bit/s"
+        f"bus '{bus.name}' reserves {float(reserved):.0f} bit/s, but states, LEASE and ALIVE, CANopen heartbeats"
+        f"{reports} and the echoes of {use.outputs} outputs take {float(use.total):.0f} bit/s"
     )
     remedies, others = [], use.total - use.periodic
     if use.total < bus.bitrate * bus.max_load:
