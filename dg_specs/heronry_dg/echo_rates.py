@@ -10,7 +10,7 @@ heartbeats, and the reports of gateways on their radios, each with those that ga
 buses the smallest of their rates counts. All these frames, and the echoes, must fit into the reserve of a bus (DG307).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
@@ -95,6 +95,18 @@ class EchoRates:
         """Give how often, per second, an output on a PE is echoed."""
         rates = (self.by_bus[bus].echoes_per_s for bus in self._ways.get(pe, ()))
         return min(rates, default=MOST_ECHOES_PER_S)
+
+    def longest_gap_ns(self, modules: Iterable[str]) -> int:
+        """Give the longest time in ns from one echo of some modules to the next, in any mode, on any of their PEs.
+
+        That is a period of the slowest mode; or of the echoes of a PE which has not room for the most of them. (With
+        this room a plant may ask for an echo of every command.)
+        """
+        these = [self.spec.modules[name] for name in modules]
+        slowest = min(mode.rate_mhz for module in these for mode in module.modes.values())
+        rates = [self.of(pe) for module in these for pe in hosts_when_all_is_up(self.spec, module)]
+        scarce = [_NS_PER_S // rate for rate in rates if rate < MOST_ECHOES_PER_S]
+        return max([1000 * _NS_PER_S // slowest, *scarce])
 
     def way(self, pe: str) -> tuple[str, ...]:
         """Give the buses over which the frames of a PE go to the manager, in order; () for a PE that none reaches."""

@@ -13,12 +13,10 @@ of the echoes counts if it is longer. The witness also detects when two branches
 driven in turn within this time (`rivals`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from heronry_dg.echo_rates import MOST_ECHOES_PER_S, EchoRates
-from heronry_dg.model import Function, Module, Spec
-from heronry_dg.situation import hosts_when_all_is_up
+from heronry_dg.echo_rates import EchoRates
+from heronry_dg.model import Function, Spec
 from heronry_wire.canaerospace import DataType, decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
@@ -79,7 +77,7 @@ class Witness:
         self._drivers = {positions[m.device]: m.name for m in spec.modules.values() if m.device is not None}
         rates = EchoRates(spec)
         self._watched = {
-            name: _Watched(function, _patience_ns(rates, [spec.modules[module] for module in function.outputs]))
+            name: _Watched(function, PATIENCE_PERIODS * rates.longest_gap_ns(function.outputs) + PATIENCE_NS)
             for name, function in spec.functions.items()
         }
         self._functions_of: dict[str, list[_Watched]] = {}
@@ -154,12 +152,3 @@ class Witness:
                 self.rivals.append((last, output))
             watched.before = last
         watched.last = output
-
-
-def _patience_ns(rates: EchoRates, modules: Sequence[Module]) -> int:
-    slowest_ns = max(10**12 // mode.rate_mhz for module in modules for mode in module.modes.values())
-    pes = {pe for module in modules for pe in hosts_when_all_is_up(rates.spec, module)}
-    seldom = min((rates.of(pe) for pe in pes), default=MOST_ECHOES_PER_S)
-    if seldom < MOST_ECHOES_PER_S:
-        slowest_ns = max(slowest_ns, 10**9 // seldom)
-    return PATIENCE_PERIODS * slowest_ns + PATIENCE_NS

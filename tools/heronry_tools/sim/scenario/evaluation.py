@@ -21,7 +21,8 @@ Real processes share a computer with other programs, so these times are longer f
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from heronry_dg.model import Mode, Spec
+from heronry_dg.echo_rates import EchoRates
+from heronry_dg.model import Spec
 from heronry_dg.situation import module_of
 from heronry_manager.core.topology import uplink_bus
 from heronry_tools.sim.scenario.observations import Observations
@@ -53,6 +54,7 @@ class Evaluation:
         slack_ns: added to the longest allowed gap between frames
         """
         self._spec, self._heard, self._start_ns, self._slack_ns = spec, heard, start_ns, slack_ns
+        self._rates = EchoRates(spec)
 
     def verdict(self, one: Expectation) -> Verdict:
         """Return whether an expectation holds, with a sentence on what was heard."""
@@ -136,12 +138,11 @@ class Evaluation:
         return before[-1] if before else next((epoch for _, epoch in named), NO_EPOCH)
 
     def _usual_gap_ns(self, function: str) -> int:
-        modules = (self._spec.modules[module] for module in self._spec.functions[function].outputs)
-        return _patience_ns(mode for module in modules for mode in module.modes.values())
+        return _patience_ns(self._rates.longest_gap_ns(self._spec.functions[function].outputs))
 
     def _usual_pause_ns(self, variable: str) -> int:
         modes = (mode for module in self._spec.modules.values() for mode in module.modes.values())
-        return _patience_ns(mode for mode in modes if variable in mode.gives)
+        return _patience_ns(max(10**12 // mode.rate_mhz for mode in modes if variable in mode.gives))
 
     def _missed_ns(self, pe: str) -> int:
         bus = self._spec.buses[uplink_bus(self._spec, pe)]
@@ -204,8 +205,8 @@ class Evaluation:
         return f"{(t_ns - self._start_ns) / 1e9:.3f} s"
 
 
-def _patience_ns(modes: Iterable[Mode]) -> int:
-    return max(10**12 // mode.rate_mhz for mode in modes) * 5 // 2
+def _patience_ns(gap_ns: int) -> int:
+    return gap_ns * 5 // 2
 
 
 def holds_since(marks: Iterable[Mark], patience_ns: int, until_ns: int) -> int | None:
