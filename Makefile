@@ -19,7 +19,7 @@ help:
 	@echo '  make test      tests, in minutes: without processes, with processes, on a SocketCAN vcan0, and flights of new seeds'
 	@echo '  make soak      the same with all long tests, complete: for a night'
 	@echo '  make coverage  tests of cores and codec, and which of their branches these miss'
-	@echo '  make lint      style, types, which package may import which, retired words in prose'
+	@echo '  make lint      style, types, which package may import which, lengths of files'
 	@echo '  make clean     remove .venv and everything that tools left in this folder'
 	@echo
 	@echo 'Then, in .venv/bin: heronry --help and pe-agent --help. For a vcan0 where the kernel has none: tools/with-vcan --help'
@@ -38,7 +38,7 @@ demo: .venv/ready-to-run
 # completely.
 FAULTS := $(wildcard tests/scenarios/test_single_*.py tests/scenarios/test_two_*.py)
 SCENARIO_FILES := tests/scenarios/test_scenario_files.py
-LINTING := tests/wire/test_bytes_of_frames.py tests/lab/tests/test_clock_of_the_day.py tests/lab/tests/test_retired_words.py
+LINTING := tests/wire/test_bytes_of_frames.py tests/lab/tests/test_clock_of_the_day.py tests/lab/tests/test_file_lengths.py
 test: BUT := and not soak
 test: FLIGHTS := 7
 test: FLIGHTS_OF_BIG_BLUE := 3

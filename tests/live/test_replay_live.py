@@ -28,6 +28,6 @@ def test_a_recorded_demo_is_decided_again_as_it_was(tmp_path: Path) -> None:
         [*HERONRY, "replay", str(log), str(spec), "--json"], capture_output=True, text=True, check=False, timeout=120
     )
     assert ran.returncode == 0, ran.stdout
-    (mastership,) = json.loads(ran.stdout)["reigns"]
+    (mastership,) = json.loads(ran.stdout)["masterships"]
     prepared = [entry for entry in mastership["entries"] if entry.get("decision") == "PREPARE"]
     assert len(prepared) >= 3  # the start, the loss, the return; a better plan may have followed one made at once

@@ -230,7 +230,7 @@ def test_heronry_check_takes_graphs(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(["check", "--fast", "--select", "DG4", str(tmp_path)]) == 1
     assert "PCS001" in capsys.readouterr().out
     for form in ("json", "sarif", "github", "junit"):
-        assert main(["check", "--output-format", form, str(tmp_path)]) == 1
+        assert main(["check", "--format", form, str(tmp_path)]) == 1
         assert "PCS001" in capsys.readouterr().out
     assert main(["explain", "PCS001"]) == 0
     assert capsys.readouterr().out.startswith("PCS001 ")

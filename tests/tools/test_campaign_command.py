@@ -92,7 +92,7 @@ class _ends(str):  # noqa: N801, SLOT000 - reads as a matcher
 def test_a_page_stands_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "degradation.html"
     required = ["--require", "servo_monitoring after 1", "--require", "A after 1"]
-    assert run(capsys, "elevator_and_chute", "--kinds", "device", "--html", str(page), *required)[0] == 1
+    assert run(capsys, "elevator_and_chute", "--kinds", "device", "-o", str(page), *required)[0] == 1
     text = page.read_text()
     body = ET.fromstring(re.sub("<!DOCTYPE html>|<meta [^>]*>", "", text))
     assert len(body.findall(".//svg")) == 2

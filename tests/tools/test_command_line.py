@@ -247,10 +247,8 @@ def test_no_usage_lists_the_interfaces_of_python_can(name: str, capsys: pytest.C
 def test_machines_read_json_and_a_file_keeps_what_is_written(name: str) -> None:
     for parser in parsers_of(name):
         options = {option for action in parser._actions for option in action.option_strings}
-        shown = {o for a in parser._actions if a.help != argparse.SUPPRESS for o in a.option_strings}
         assert ("--json" in options) is (name not in (*FORMATS, *WIRES))
         assert ("-o" in options) is (name not in (*ORDERS, *STREAMS, *WIRES))
-        assert shown.isdisjoint({"--output-format", "--docs", "--html", "--junit"}), "older spellings are not shown"
 
 
 def parsers_of(name: str) -> list[argparse.ArgumentParser]:
@@ -430,15 +428,6 @@ def test_an_answer_of_no_is_kept_as_well(capsys: pytest.CaptureFixture[str]) -> 
     assert main(["check", "wrong.dg.yaml", "-o", "found.json"]) == 1
     assert json.loads(Path("found.json").read_text())
     assert capsys.readouterr() == ("", "")
-
-
-def test_older_spellings_still_do(capsys: pytest.CaptureFixture[str]) -> None:
-    assert helped(capsys, "rules", "--docs") == helped(capsys, "rules", "--format", "markdown")
-    concise = helped(capsys, "check", "elevator_and_chute", "--format", "concise")
-    assert helped(capsys, "check", "elevator_and_chute", "--output-format", "concise") == concise
-    both = helped(capsys, "campaign", "elevator_and_chute", "--faults", "0", "--jobs", "1", "--html", "page.html")
-    assert both.startswith("elevator_and_chute")
-    assert Path("page.html").exists()
 
 
 def test_an_order_answers_in_json(capsys: pytest.CaptureFixture[str]) -> None:

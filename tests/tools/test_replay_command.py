@@ -84,8 +84,8 @@ def test_a_recording_in_which_nothing_is_decided_says_so(capsys: pytest.CaptureF
 def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = recorded(flight_with_a_loss(planning.Planners.GREEDY), tmp_path / "greedy.log")
     code, document = replayed(capsys, file)
-    assert (code, document["reigns"][0]["differences"]) == (0, 0)
-    (mastership,), page = document["reigns"], Path("docs/operator.md").read_text()
+    assert (code, document["masterships"][0]["differences"]) == (0, 0)
+    (mastership,), page = document["masterships"], Path("docs/operator.md").read_text()
     words = {*document, *mastership, *(key for entry in mastership["entries"] for key in entry)}
     assert sorted(key for key in words if f"`{key}`" not in page) == []
 
@@ -98,8 +98,8 @@ def test_a_second_mastership_is_replayed_by_itself(capsys: pytest.CaptureFixture
     simulation.run_for(1_500 * MS)
     code, document = replayed(capsys, recorded(simulation, tmp_path / "two.log"))
     assert code == 0
-    assert [mastership["term"] for mastership in document["reigns"]] == [1, 3]
-    second = document["reigns"][1]
+    assert [mastership["term"] for mastership in document["masterships"]] == [1, 3]
+    second = document["masterships"][1]
     assert second["decisions"] == 0  # it adopted what ran
     assert any("adopted" in entry.get("remark", "") for entry in second["entries"])
 
@@ -115,7 +115,7 @@ def test_a_loss_that_the_recording_does_not_show_is_a_difference(
     file.write_text("\n".join(lines) + "\n")
     code, document = replayed(capsys, file)
     assert code == 1
-    assert {entry["taken"] for entry in document["reigns"][0]["entries"] if "taken" in entry} >= {"recorded"}
+    assert {entry["taken"] for entry in document["masterships"][0]["entries"] if "taken" in entry} >= {"recorded"}
     assert main(["replay", str(file), SPEC]) == 1
     assert "NOT REPLAYED" in capsys.readouterr().out
 
@@ -130,7 +130,7 @@ def test_a_computer_that_stood_still_lost_no_pe_for_that(capsys: pytest.CaptureF
     file.write_text("\n".join(lines) + "\n")
     code, document = replayed(capsys, file)
     assert code == 0, document
-    lost = [entry["remark"] for entry in document["reigns"][0]["entries"] if "pe lost" in entry.get("remark", "")]
+    lost = [entry["remark"] for entry in document["masterships"][0]["entries"] if "pe lost" in entry.get("remark", "")]
     assert len(lost) == 1
 
 
@@ -167,7 +167,7 @@ def test_a_flight_with_a_stretched_heartbeat_is_replayed_with_that(
     file = recorded(simulation, tmp_path / "slow.log")
     code, document = replayed(capsys, file)
     assert (code, document["heartbeat_ns"]) == (0, heartbeat_ms * MS)
-    assert document["reigns"][0]["decisions"] >= 4
+    assert document["masterships"][0]["decisions"] >= 4
     assert main(["replay", str(file), SPEC]) == 0
     said = f"flown with a heartbeat of {heartbeat_ms} ms, and not 20 ms as in the spec: the replay does so too\n"
     assert capsys.readouterr().out.startswith(said) == (heartbeat_ms != 20)
@@ -201,7 +201,7 @@ def test_what_flew_with_a_key_is_replayed_by_what_the_key_proves(
     )
     code, document = replayed(capsys, recorded(simulation, tmp_path / "keyed.log"), "--key", str(key_file))
     assert code == 0
-    (mastership,) = document["reigns"]
+    (mastership,) = document["masterships"]
     remarks = [entry.get("remark", "") for entry in mastership["entries"]]
     assert [remark for remark in remarks if "fault reported" in remark] == [
         "fault reported module:servo_driver_1: tail_pe"
@@ -215,7 +215,7 @@ def test_the_masterships_of_a_keyed_manager_that_was_restarted_are_replayed(
 ) -> None:
     simulation = keyed_flight("0.1 manager_crash manager for 0.3", "1.2 crash pe:tail_pe")
     code, document = replayed(capsys, recorded(simulation, tmp_path / "keyed.log"), "--key", str(key_file))
-    assert (code, [mastership["term"] for mastership in document["reigns"]]) == (0, [1, 3])
+    assert (code, [mastership["term"] for mastership in document["masterships"]]) == (0, [1, 3])
 
 
 def test_a_key_is_named_where_there_was_one_and_where_there_was_none_it_is_not(

@@ -56,7 +56,7 @@ def test_a_manager_that_adopts_an_epoch_does_not_bind_a_pe_that_runs_it_and_has_
 def test_two_managers_in_one_term_are_seen() -> None:
     check = terms()
     check.follow_command(9, 126, Ping(2, NODE, 0), "manager 126")
-    assert [violation.rule for violation in check.violations] == ["reign"]
+    assert [violation.rule for violation in check.violations] == ["mastership"]
 
 
 def test_a_manager_that_goes_back_to_an_older_term_is_seen() -> None:

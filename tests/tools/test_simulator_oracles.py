@@ -536,10 +536,10 @@ def test_a_rule_is_waived_from_its_fault_on_until_all_has_settled_and_no_other_i
     known = [Violation(8 * S, "clash", "", since_ns) for since_ns in (7 * S, 7 * S + 1)]
     early = [Violation(t_ns, "clash", "", 0) for t_ns in (5 * S - 1, 5 * S)]
     assert waivers.promised([*known, *early]) == (known[1], early[0])
-    waivers.begin(frozenset(("clash", "reign")), 6 * S).to_ns = 8 * S
+    waivers.begin(frozenset(("clash", "mastership")), 6 * S).to_ns = 8 * S
     waivers.begin(frozenset(), 0)
-    assert waivers.unverified_ns(10 * S) == {"clash": 4 * S, "reign": 3 * S}
-    assert waivers.unverified_ns(8 * S) == {"clash": 3 * S, "reign": 2 * S}
+    assert waivers.unverified_ns(10 * S) == {"clash": 4 * S, "mastership": 3 * S}
+    assert waivers.unverified_ns(8 * S) == {"clash": 3 * S, "mastership": 2 * S}
 
 
 def test_a_report_long_after_data_were_wrong_is_verified() -> None:

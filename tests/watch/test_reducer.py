@@ -254,7 +254,7 @@ def test_a_take_over_an_adoption_and_what_runs() -> None:
     assert (view.manager.term, view.phase, view.epoch, view.next_epoch) == (3, "glide", 9, None)
     assert view.modules["attitude_filter"].pe == "nav"
     assert (view.pes["nav"].stood_still, view.buses["can0"].trouble, view.lost_lines) == (3, "the bus is off", 4)
-    assert snapshot(*events[:2]).manager.state == "reigning"
+    assert snapshot(*events[:2]).manager.state == "active"
     assert snapshot(events[0]).manager.state == "standby"
 
 

@@ -36,7 +36,7 @@ def test_after_a_take_over_the_page_follows_the_standby_manager_and_later_its_ow
             standby.followers.tell(events.TakenOver(9, term=2, **term))
             await until(lambda: live.snapshot.manager.term == 2)
             assert live.trouble is None
-            assert live.snapshot.manager.state == "reigning"
+            assert live.snapshot.manager.state == "active"
         await until(lambda: live.trouble is not None)
         with manager_on(path, status(t_ns=20)):
             await until(lambda: live.snapshot.t_ns == 20)

@@ -43,7 +43,7 @@ def the_status_tells_of_pes_faults_functions_and_buses() -> None:
     status = _status(manager)
     equal((status["epoch"], status["stage"], status["next"]), (manager.lease().epoch, "done", None), "epoch and stage")
     told = status["manager"]
-    equal((told["node"], told["term"], told["state"], told["advises"]), (126, 1, "reigning", False), "itself")
+    equal((told["node"], told["term"], told["state"], told["advises"]), (126, 1, "active", False), "itself")
     equal((told["planning"], told["journal"], told["key"]), (False, None, None), "what it does")
     flight = status["pes"]["flight"]
     equal((flight["state"], flight["why"], flight["losses"], flight["held_down_for_ns"]), ("up", None, 0, None), "a PE")

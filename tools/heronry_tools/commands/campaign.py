@@ -6,7 +6,6 @@ Exit codes: 0 done, and every requirement holds; 1 a requirement is broken; 2 th
 import argparse
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, feasible, jobs_of, scope_of
@@ -45,7 +44,6 @@ def add_parsers(subparsers: Any) -> None:
         help="a class or function that must survive any N faults; may be repeated; exit code 1 if it does not survive",
     )
     add_output(parser, forms={"text": (), "json": JSON, "html": (".html", ".htm")})
-    parser.add_argument("--html", metavar="FILE", type=Path, help=argparse.SUPPRESS)  # older: a page, too
     parser.set_defaults(run=run)
 
 
@@ -57,11 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.analysis.campaign.requirements import offences, read_requirement  # noqa: PLC0415
     from heronry_tools.analysis.campaign.survey import survey  # noqa: PLC0415
     from heronry_tools.analysis.campaign.sweeping import sweep  # noqa: PLC0415
-    from heronry_tools.console.whole_file import expect_writable, write_whole  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
-    if arguments.html is not None:
-        expect_writable(arguments.html)
     required = [read_requirement(spec, text) for text in arguments.require]
     named = scope_of(spec, arguments)
     scope = feasible(replace(named, faults=max([named.faults, *(one.faults for one in required)])))
@@ -72,8 +67,6 @@ def run(arguments: argparse.Namespace) -> int:
         outcomes = sweep(spec, scope, executor).outcomes
     surveys = survey(spec, scope, outcomes)
     assessed = [(one, offences(spec, one, outcomes)) for one in required]
-    if arguments.html is not None:
-        write_whole(arguments.html, html_page(spec, scope, surveys, assessed).encode())
     report = {"text": text_report, "json": json_report, "html": html_page}[arguments.format]
     sys.stdout.write(report(spec, scope, surveys, assessed))
     return 1 if any(broken for _, broken in assessed) else 0

@@ -77,10 +77,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--strict", action="store_true", help="count all warnings as errors")
     parser.add_argument("-q", "--quiet", action="store_true", help="report errors only, and the number of warnings")
-    forms = add_output(
-        parser, "write the findings as JSON", _FORMATS, "github where GITHUB_ACTIONS is set, full elsewhere"
-    )
-    forms.add_argument("--output-format", dest="format", choices=tuple(_FORMATS), help=argparse.SUPPRESS)  # older
+    add_output(parser, "write the findings as JSON", _FORMATS, "github where GITHUB_ACTIONS is set, full elsewhere")
     parser.set_defaults(run=run)
 
 

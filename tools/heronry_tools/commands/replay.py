@@ -32,7 +32,7 @@ examples:
   heronry demo big_blue --kill pe:nav@3 --for 8 --record flight.log
   heronry replay flight.log big_blue
   heronry replay FOLDER                          a folder of 'heronry record' has its spec
-  heronry replay flight.log big_blue --json | jq '.reigns[].entries[] | select(.differs)'
+  heronry replay flight.log big_blue --json | jq '.masterships[].entries[] | select(.differs)'
   heronry replay can0.log my.dg.yaml --contingencies my.contingencies
   heronry replay can0.log my.dg.yaml --key fleet.key
 """
@@ -201,7 +201,7 @@ def _document(spec: "Spec", no_frames: int, comparisons: "list[Comparison]") -> 
         "spec": spec.name,
         "heartbeat_ns": period_ns(spec),
         "lines_that_are_no_frames": no_frames,
-        "reigns": [
+        "masterships": [
             {
                 "manager": comparison.mastership.node,
                 "term": comparison.mastership.term,

@@ -46,12 +46,11 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_RULES_EPILOG,
     )
     rules.add_argument("codes", metavar="CODE", nargs="*", help="codes, or beginnings of codes (default: all rules)")
-    forms = add_output(
+    add_output(
         rules,
         "write the rules, examples included, as JSON",
         {"text": (), "json": JSON, "markdown": (".md",)},
     )
-    forms.add_argument("--docs", dest="format", action="store_const", const="markdown", help=argparse.SUPPRESS)  # older
     rules.set_defaults(run=run_rules)
 
     explain = subparsers.add_parser(

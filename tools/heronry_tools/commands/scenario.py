@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import JSON, add_output
 from heronry_tools.console.progress import show_line
-from heronry_tools.console.whole_file import expect_writable, write_whole
 
 if TYPE_CHECKING:
     from heronry_tools.sim.scenario.flown import Flown
@@ -59,7 +58,6 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="scenario files")
     add_output(parser, "write one JSON object per file", {"text": (), "json": JSON, "junit": (".xml",)})
-    parser.add_argument("--junit", metavar="FILE", type=Path, help=argparse.SUPPRESS)  # older: the results as well
     parser.add_argument(
         "--rewrite", action="store_true", help="write FILE.golden anew, if every expectation holds (simulator only)"
     )
@@ -85,8 +83,6 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if arguments.patience is not None and not _is_live(arguments):
         raise UserError("--patience is only for real processes; add -i and -c, or leave --patience out")
-    if arguments.junit is not None:
-        expect_writable(arguments.junit)
     scripts = [read_script(file) for file in arguments.files]
     flights = []
     for flown in _flown(arguments, scripts):
@@ -94,8 +90,6 @@ def run(arguments: argparse.Namespace) -> int:
         flights.append(flown)
         if arguments.format != "junit":
             print(json.dumps(document(flown)) if arguments.json else "\n".join(text_report(flown)), flush=True)
-    if arguments.junit is not None:
-        write_whole(arguments.junit, junit(flights).encode())
     failed = sum(not flown.holds for flown in flights)
     if arguments.format == "junit":
         sys.stdout.write(junit(flights))

@@ -68,15 +68,13 @@ def add_output(
     what: str = "write the result as JSON",
     forms: Forms = TEXT_OR_JSON,
     usual: str | None = None,
-) -> argparse._MutuallyExclusiveGroup:
+) -> None:
     """Add -o FILE and --json; add --format, too, if there are more forms than text and JSON.
 
     what: the help of --json.
     forms: the forms of the output, the usual one first, with the endings of their files.
     usual: what the help says about the default form, if the command itself chooses this form. None: the default is the
         first form.
-
-    Returns the group of the options that choose a form; the caller may add older spellings of options to it.
     """
     _add_file(parser)
     choice = parser.add_mutually_exclusive_group()
@@ -90,7 +88,6 @@ def add_output(
     if "json" in forms:
         choice.add_argument("--json", dest="format", action="store_const", const="json", help=what)
     parser.set_defaults(forms=forms, has_usual_form=usual is None)
-    return choice
 
 
 def settled(arguments: argparse.Namespace) -> argparse.Namespace:

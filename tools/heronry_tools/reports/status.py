@@ -9,7 +9,6 @@ from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CO
 from heronry_wire.management import FaultCode
 
 _NS_PER_S = 1_000_000_000
-_WORDS = {Mastership.ACTIVE.value: "active"}  # of a state whose value is an older word
 
 _FAULTS = {  # in words, by the name of the code
     FaultCode.MODULE_EXCEPTION.name: "its code raised an exception",
@@ -37,7 +36,7 @@ def report(status: Mapping[str, Any]) -> Iterator[str]:
 
 def _head(status: Mapping[str, Any]) -> Iterator[str]:
     manager, phase = status["manager"], status["phase"]
-    does = "only advises" if manager["advises"] else f"is {_WORDS.get(manager['state'], manager['state'])}"
+    does = "only advises" if manager["advises"] else f"is {manager['state']}"
     proof = "no key: any node on the bus can command the system" if manager["key"] is None else f"key {manager['key']}"
     yield f"{status['spec']}: manager {manager['node']} {does}, term {manager['term']}; {proof}"
     unknown = status["unknown_epoch"]

@@ -274,7 +274,7 @@ def _pe_seen(_: Spec, state: State, event: events.PeSeen) -> State:
 
 
 def _manager_seen(_: Spec, state: State, event: events.ManagerSeen) -> State:
-    return _with_manager(state, node=event.node, term=event.term, state="reigning")
+    return _with_manager(state, node=event.node, term=event.term, state="active")
 
 
 # What the manager tells
@@ -295,7 +295,7 @@ def _manager_started(_: Spec, state: State, event: events.ManagerStarted) -> Sta
 
 def _taken_over(_: Spec, state: State, event: events.TakenOver) -> State:
     state = _with(state, phase=event.phase, script=Script())  # a script ends with its mastership
-    return _with_manager(state, term=event.term, state="reigning")
+    return _with_manager(state, term=event.term, state="active")
 
 
 def _standing_by(_: Spec, state: State, event: events.StandingBy) -> State:
@@ -383,7 +383,7 @@ def _reconfigured(_: Spec, state: State, event: events.Reconfigured) -> State:
     next_epoch = None if snapshot.next_epoch == event.epoch else snapshot.next_epoch
     later = {epoch: plan for epoch, plan in state.prepared.items() if epoch == next_epoch}
     state = _with(state, epoch=event.epoch, next_epoch=next_epoch, unknown_epoch=None)
-    return replace(_with_manager(state, state="reigning"), running=running, prepared=later)
+    return replace(_with_manager(state, state="active"), running=running, prepared=later)
 
 
 def _epoch_seen(spec: Spec, state: State, event: events.EpochSeen) -> State:
@@ -393,7 +393,7 @@ def _epoch_seen(spec: Spec, state: State, event: events.EpochSeen) -> State:
 
 
 def _adopted(_: Spec, state: State, event: events.Adopted) -> State:
-    return _with_manager(_with(state, epoch=event.epoch, next_epoch=None, unknown_epoch=None), state="reigning")
+    return _with_manager(_with(state, epoch=event.epoch, next_epoch=None, unknown_epoch=None), state="active")
 
 
 def _unknown_epoch(_: Spec, state: State, event: events.UnknownEpoch) -> State:

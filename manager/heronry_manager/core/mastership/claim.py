@@ -13,7 +13,7 @@
                    terms, but only once: the higher terms may have been in a journal that was lost
     STARTING    it has a term, and is active: LEASE and ALIVE go out. It waits until every PE was heard, or until the
                 start-up window closes
-    ACTIVE      it is active, and has requested its first plan: normal operation (in the status: `reigning`)
+    ACTIVE      it is active, and has requested its first plan: normal operation
     STANDBY     another manager is active. This one follows it (`following`), and takes over when the PEs hear none
     RETIRED     the manager has ended. Another manager is active, and this one was started without `standby`; or all
                 terms have been used
@@ -57,7 +57,7 @@ class Mastership(Enum):
     LISTENING = "listening"
     STANDBY = "standby"
     STARTING = "starting"
-    ACTIVE = "reigning"
+    ACTIVE = "active"
     RETIRED = "retired"
 
 

@@ -119,8 +119,8 @@ class Replanning:
         Do nothing if this manager is not active, while an answer of the planner is awaited, or while a failed
         request waits to be repeated. See *overtaken* in `deployment`.
         """
-        is_reigning = self._claim.state is Mastership.ACTIVE
-        if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
+        is_active = self._claim.state is Mastership.ACTIVE
+        if is_active and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
     def take_over(self, cause: Cause) -> None:
@@ -262,8 +262,8 @@ class Replanning:
         If such a configuration has just become known as the running one, decide whether it may stay (`_weigh`).
         """
         known = self._known
-        is_reigning = self._claim.state is Mastership.ACTIVE
-        if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
+        is_active = self._claim.state is Mastership.ACTIVE
+        if is_active and known.advice.follow(known.situation.now(), known.following.runs):
             self.planning.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
             self._weigh()
 

@@ -177,7 +177,7 @@ class Fleet:
             for node in self._managers:
                 with contextlib.suppress(ControlError):
                     status = call(self.control_socket(node), AskStatus()).status
-                    if status is not None and status["manager"]["state"] in ("starting", "reigning"):
+                    if status is not None and status["manager"]["state"] in ("starting", "active"):
                         return node
         return min(self._managers)
 

@@ -112,11 +112,11 @@ class Kind:
 _COMMANDED = frozenset(
     (
         *("exclusion", "clash", "digest", "epoch", "blame", "configuration", "service"),
-        *("freshness", "foreign", "publishing", "load", "reign", "term", "policy", "transition", "phase"),
+        *("freshness", "foreign", "publishing", "load", "mastership", "term", "policy", "transition", "phase"),
     )
 )
 
-_NUMBERED = frozenset(("reign", "term", "digest", "journal"))
+_NUMBERED = frozenset(("mastership", "term", "digest", "journal"))
 
 KINDS: Mapping[str, Kind] = {
     "crash": Kind("pe", (200, 3000), "a PE dies; it may be started again", for_good=0.3),

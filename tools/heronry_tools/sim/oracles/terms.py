@@ -81,9 +81,9 @@ class TermCheck(Oracle):
             return own == self._mastership.number or self._mastership.is_claimed(own, station)
         term = message.term
         if self._manager_of.setdefault(term, manager) != manager:
-            self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both use term {term}")
+            self._tell(t_ns, "mastership", f"managers {self._manager_of[term]} and {manager} both use term {term}")
         if term < self._own.get(station, 0):
-            self._tell(t_ns, "reign", f"manager {manager} went back from term {self._own[station]} to {term}")
+            self._tell(t_ns, "mastership", f"manager {manager} went back from term {self._own[station]} to {term}")
         self._own[station] = max(term, self._own.get(station, 0))
         if isinstance(message, Prepare):
             self._prepares(t_ns, station, message)
@@ -115,7 +115,7 @@ class TermCheck(Oracle):
         """Verify that a LEASE names no older epoch than the last LEASE of the same station and term."""
         term, before = self._leased.get(station, (message.term, message.epoch))
         if term == message.term and is_newer(before, message.epoch):
-            self._tell(t_ns, "reign", f"{station} goes back from epoch {before} to {message.epoch} in term {term}")
+            self._tell(t_ns, "mastership", f"{station} goes back from epoch {before} to {message.epoch} in term {term}")
         self._leased[station] = message.term, message.epoch
         named = message.epoch, message.digest
         self._adopted[named] = max(message.term, self._adopted.get(named, 0))
@@ -128,7 +128,7 @@ class TermCheck(Oracle):
             self._prepared[message.epoch] = station, message
             return
         story = f"epoch {message.epoch} is prepared with one digest in term {message.term}, another in {first.term}"
-        self._tell(t_ns, "reign", story)
+        self._tell(t_ns, "mastership", story)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
         """Note that a station has used a term at `t_ns`, and verify that it does not share the term for too long.
@@ -145,7 +145,7 @@ class TermCheck(Oracle):
             return
         firsts_ns, lasts_ns = zip(*voices.values(), strict=True)
         if min(lasts_ns) - max(firsts_ns) > self._together_ns:
-            self._tell(t_ns, "reign", f"{' and '.join(sorted(voices))} both use term {term}")
+            self._tell(t_ns, "mastership", f"{' and '.join(sorted(voices))} both use term {term}")
             voices.clear()
 
     def said(self, state: StateSaid) -> None:

@@ -25,7 +25,6 @@ _SEVERITY = {
     "good": ("+", "green"),
     "detail": (" ", "dim"),
 }
-_MANAGER = {"reigning": "active", None: "not heard"}  # states whose value is an older word
 _NS_PER_S = 1_000_000_000
 _LOST_IN_HEAD = 2
 LEGEND = (
@@ -58,7 +57,7 @@ def head(view: Snapshot) -> list[Text]:
     Below it there is a line for each of the first lost functions, and a line with everything else that is wrong.
     """
     manager = view.manager
-    state = _MANAGER.get(manager.state, manager.state)
+    state = manager.state or "not heard"
     line = Text.assemble((view.spec, "bold"), f"  phase {view.phase or '-'}  ")
     epoch = view.epoch if view.epoch is not None else f"{view.unknown_epoch} (unknown)" if view.unknown_epoch else "-"
     line.append(f"epoch {epoch}", "bold")

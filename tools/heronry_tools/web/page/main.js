@@ -46,7 +46,7 @@ const SOURCES = {
   manager: "a manager here", bus: "the bus alone: no causes", log: "a log", record: "a recording", simulator: "the simulator",
 };
 
-const STANDINGS = { reigning: "active", standby: "stands by" };
+const STANDINGS = { standby: "stands by" };
 
 function chips() {
   const snapshot = store.snapshot;

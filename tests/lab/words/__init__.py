@@ -1,1 +1,0 @@
-"""Sentences that have changed, and the proof that nothing else has."""
