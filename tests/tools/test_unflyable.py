@@ -1,7 +1,8 @@
 """Twenty aircraft that cannot fly: `heronry check` names each of them, with the reason.
 
 Each file of the folder `unflyable` says in its second line which finding it must get, and a part of its sentence or
-hint. The files were written before the rules that find them. (They do not end in .dg.yaml, as `twins` do not.)
+hint. The files were written before the rules that find them. (They do not end in .dg.yaml, or `heronry check` would
+find them in a checkout.)
 """
 
 import re

@@ -34,8 +34,7 @@ How a rule is added to a family:
 
     findings.add(UNUSED_THING, place, "nothing uses thing 'pump'", "remove it, or name it in 'uses'")
 
-3. Add two whole specs to tests/dg/twins, DG299.bad.yaml and DG299.good.yaml, that differ in one line. Each such spec
-   may break only its own rule: if a spec of an older rule breaks the new rule, too, correct that spec.
+3. Run the tests of the rules: if an example of an older rule breaks the new rule, too, correct that example.
 4. Run `heronry rules -o docs/rules.md`.
 """
 
