@@ -68,6 +68,20 @@ class Operation(IntEnum):
     # element is latched, or this is the phase. For a changed priority, a = PRIORITY and, in the high byte, the
     # function, and b = the priority (plus BY_OPERATOR). CLEAR with the same a: the priority is that of the spec again
 
+    @property
+    def is_known(self) -> bool:
+        """Tell whether this version of the protocol has the operation; if not, a later minor may have it."""
+        return self.name in Operation.__members__
+
+    @classmethod
+    def _missing_(cls, value: object) -> "Operation | None":
+        """Give a number of one byte without a name here as an operation of a later minor."""
+        if not isinstance(value, int) or not 0 <= value <= 0xFF:
+            return None
+        later = int.__new__(cls, value)
+        later._name_, later._value_ = f"OPERATION_{value}", value
+        return later
+
 
 class ElementKind(IntEnum):
     """Kinds of elements in EMCY and CONTROL. The index of an element is its position among its kind in the spec.
@@ -274,12 +288,12 @@ class Ping:
 class Control:
     """Commands a PE to carry out an operation, whose arguments are `a` and `b`; with `node` 0, commands all PEs.
 
-    An operation that is no `Operation` is one of a later minor of the protocol: a PE counts it, and forwards it.
+    An operation that is not known is one of a later minor of the protocol: a PE counts it, and forwards it.
     """
 
     term: int
     node: int
-    operation: Operation | int
+    operation: Operation
     a: int = 0
     b: int = 0
 
@@ -424,7 +438,7 @@ def _control(data: bytes) -> Control | Malformed:
     if fields is None:
         return Malformed("CONTROL has a wrong length")
     term, node, number, a, b = fields
-    return Control(term, node, Operation(number) if number in _OPERATIONS else number, a, b)
+    return Control(term, node, Operation(number), a, b)
 
 
 _DECODERS = {

@@ -149,7 +149,7 @@ class CommandAcceptance:
         term = self.mastership.term if isinstance(message, SliceHead | SliceBody) else message.term
         if not self._counts(manager, term, event):
             return
-        if isinstance(message, Control) and not isinstance(message.operation, Operation):
+        if isinstance(message, Control) and not message.operation.is_known:
             self.turn.count("operation of another version", event.frame.can_id)
         else:
             self._accept(message)
