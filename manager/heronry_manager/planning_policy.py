@@ -25,10 +25,13 @@ A plan comes from the first of these sources that has one:
     pre-planned     made in flight for exactly this situation, before it happened
     planner         only for background requests: the exact planner, in its own process
     immediate       the greedy planner, within the call, checked by the verifier (`heronry_dg.verify`)
+    safe mode       made before the flight for this phase (`contingency.look_up`); it takes the place of an immediate
+                    plan that is not legal, or serves less of class A. The optimal plan is then requested as usual
 
 Special cases:
 
-    - If the verifier refuses a greedy plan, the exact planner answers. If there is no exact planner, the request fails.
+    - If the verifier refuses a greedy plan, and there is no legal safe mode, the exact planner answers. If there is no
+      exact planner, the request fails.
     - If the exact planner fails, or needs more time than the driver gives it, the greedy planner answers. So the
       aircraft gets a configuration even if a planner hangs. But a request that is only for a better plan then fails.
     - Without a solver there is no exact planner: the greedy planner answers everything, and nothing is pre-planned.
@@ -100,6 +103,7 @@ class Source(Enum):
     PRE_PLANNED = "pre-planned"
     IMMEDIATE = "immediate"
     PLANNER = "planner"
+    SAFE_MODE = "safe mode"
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +227,9 @@ class PlanningPolicy:
     def _plan_at_once(self, immediate: ImmediatePlanner, request: RequestPlan) -> Instruction:
         plan = immediate.plan(request.now, request.running)
         refusals = verify(self._spec, request.now, plan.configuration)
+        safe = self._safe_mode(request, None if refusals else plan)
+        if safe is not None:
+            return safe
         if not refusals:
             return Answer(PlanReady(request.request, plan), Source.IMMEDIATE)
         if self._has_planner:
@@ -240,7 +247,27 @@ class PlanningPolicy:
             plan = self._immediate.plan(request.now, request.running)
             if not verify(self._spec, request.now, plan.configuration):
                 return Answer(PlanReady(request.request, plan), Source.IMMEDIATE)
+        if isinstance(answer, PlanFailed) and not request.in_background:
+            return self._safe_mode(request, None) or Answer(answer, Source.PLANNER)
         return Answer(answer, Source.PLANNER)
+
+    def _safe_mode(self, request: RequestPlan, immediate: Plan | None) -> Answer | None:
+        """Give the safe mode as the answer, if it is legal and serves more of class A than the immediate plan.
+
+        immediate: None: no immediate plan is legal.
+        """
+        if self._contingencies is None or (immediate is not None and self._serves_class_a(request.now, immediate)):
+            return None
+        safe = self._contingencies.safe_mode(request.now, request.running)
+        if safe is None or (immediate is not None and safe.objective.critical[0] <= immediate.objective.critical[0]):
+            return None
+        return Answer(PlanReady(request.request, safe), Source.SAFE_MODE)
+
+    def _serves_class_a(self, now: Situation, plan: Plan) -> bool:
+        """Tell whether a plan serves every wanted function of class A."""
+        functions = self._spec.functions.values()
+        wanted = sum(now.priority_of(one) for one in functions if one.criticality_in(now.phase) == "A")
+        return plan.objective.critical[0] >= wanted
 
     def _ask(self, request: RequestPlan, refusal: Violation | None = None) -> AskPlanner:
         self._owed[request.request] = request

@@ -8,8 +8,8 @@ import pytest
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.loader import load, loads
-from heronry_dg.objective import Placement, placement
-from heronry_dg.plan import Plan
+from heronry_dg.objective import Placement, placement, score
+from heronry_dg.plan import Plan, make_plan
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
@@ -23,6 +23,7 @@ from heronry_manager.planner.sweep import Question as SweepQuestion
 from heronry_manager.planning_policy import (
     Answer,
     AskPlanner,
+    ImmediatePlanner,
     PlannerAnswered,
     PlanningPolicy,
     PrePlan,
@@ -78,12 +79,16 @@ def ahead(policy: PlanningPolicy) -> Ahead:
     return Ahead(policy)
 
 
-def table() -> ContingencyTable:
-    """Contingencies for the losses of PEs."""
+MONITOR_LOST = Situation(frozenset({"module:servo_monitor"}))
+SAFE = plan(SPEC, MONITOR_LOST, RUNNING).configuration
+
+
+def table(safe: Configuration = SAFE) -> ContingencyTable:
+    """Contingencies for the losses of PEs; `safe`: the safe mode."""
     scope = Scope(tuple(f"pe:{pe}" for pe in SPEC.pes), 1, (None,))
     swept = Sweep(SPEC, scope)
     swept.run(lambda _, questions: [(one, _planned(one)) for one in questions])
-    return ContingencyTable(SPEC, contingencies(SPEC, scope, swept.outcomes, {None: Configuration()}))
+    return ContingencyTable(SPEC, contingencies(SPEC, scope, swept.outcomes, {None: safe}))
 
 
 def _planned(one: SweepQuestion) -> Outcome:
@@ -176,6 +181,55 @@ class TestARefusedGreedyPlan:
         assert policy.step(self.plan_request) == [Answer(failed, Source.IMMEDIATE)]
 
 
+class Idle:
+    """An immediate planner whose plans serve nothing."""
+
+    def plan(self, now: Situation, running: Placement | None = None) -> Plan:
+        worth = score(SPEC, now, Configuration(), running)
+        return make_plan(SPEC, now, Configuration(), worth, optimal=False)
+
+
+class TestSafeMode:
+    lost = RequestPlan(7, MONITOR_LOST, RUNNING)
+
+    @pytest.mark.parametrize("immediate", [Overloading(), Idle()], ids=["no legal plan", "a plan without class A"])
+    @pytest.mark.parametrize("has_planner", [False, True])
+    def test_it_takes_the_place_of_what_is_not_legal_or_serves_less_of_class_a(
+        self, immediate: ImmediatePlanner, *, has_planner: bool
+    ) -> None:
+        policy = PlanningPolicy(SPEC, immediate, has_planner=has_planner, contingencies=table())
+        (answer,) = policy.step(self.lost)
+        assert isinstance(answer, Answer)
+        assert isinstance(answer.answer, PlanReady)
+        assert answer.source is Source.SAFE_MODE
+        assert answer.answer.plan.configuration == SAFE
+        assert not answer.answer.plan.optimal
+
+    def test_it_takes_the_place_of_a_planner_that_fails(self) -> None:
+        policy = PlanningPolicy(SPEC, None, has_planner=True, contingencies=table())
+        assert policy.step(self.lost) == [AskPlanner(self.lost)]
+        (answer,) = policy.step(PlannerAnswered(PlanFailed(7, "it was killed")))
+        assert isinstance(answer, Answer)
+        assert answer.source is Source.SAFE_MODE
+
+    def test_it_must_be_legal(self) -> None:
+        policy = PlanningPolicy(SPEC, Idle(), has_planner=False, contingencies=table(BEST.configuration))
+        assert source(policy, self.lost) is Source.IMMEDIATE
+
+    def test_it_must_serve_more_of_class_a(self) -> None:
+        policy = PlanningPolicy(SPEC, Idle(), has_planner=False, contingencies=table(Configuration()))
+        assert source(policy, self.lost) is Source.IMMEDIATE
+
+    def test_it_is_that_of_the_phase(self) -> None:
+        assert table().safe_mode(Situation(phase="unknown"), None) is None
+
+    def test_a_background_request_never_gets_it(self) -> None:
+        policy = PlanningPolicy(SPEC, None, has_planner=True, contingencies=table())
+        policy.step(replace(self.lost, in_background=True))
+        failed = PlanFailed(7, "it was killed")
+        assert policy.step(PlannerAnswered(failed)) == [Answer(failed, Source.PLANNER)]
+
+
 class TestContingencies:
     def test_what_they_know_is_at_hand_and_not_pre_planned(self) -> None:
         policy = PlanningPolicy(SPEC, GREEDY, has_planner=True, contingencies=table())
@@ -202,6 +256,9 @@ class TestContingencies:
                 raise AssertionError("its plans are for whole buses")
 
             find = plan
+
+            def safe_mode(self, *_: object) -> None:
+                """The buses carry nothing, so it is not legal."""
 
         policy = PlanningPolicy(SPEC, GREEDY, has_planner=True, contingencies=Table())
         none = Situation(TAIL_LOST.down, {"bus:can0": Fraction(0)})

@@ -13,15 +13,19 @@ three preconditions of the plan:
 If a precondition is not met, the planner must answer. For example, while another configuration runs, a plan made ahead
 would be legal, but not the plan with the fewest changes.
 
+*Safe mode.* The safe mode of a phase serves the critical functions of the phase. It is a plan of last resort for any
+situation in which it is legal (`safe_mode`).
+
 The file holds configurations. A look-up makes a plan with its report from a configuration, and keeps the plan. This
 takes longer than a look-up may, so for single faults the plans are made at the start.
 """
 
 from heronry_dg.losses import lost_of
 from heronry_dg.model import Spec
-from heronry_dg.objective import Placement, placement
+from heronry_dg.objective import Placement, placement, score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation, elements, places, survivors
+from heronry_dg.verify import verify
 from heronry_manager.contingency.contingencies import Contingencies, Made
 from heronry_manager.planner.sweep import FaultSet, Phase
 
@@ -66,6 +70,16 @@ class ContingencyTable:
             known = make_plan(self._spec, now, configuration, found.objective, optimal=found.optimal)
             self._plans[phase, down] = known
         return known
+
+    def safe_mode(self, now: Situation, running: Placement | None) -> Plan | None:
+        """Give the safe mode of the present phase as a plan; None: it is not legal in the situation `now`."""
+        table = next((table for table in self._contingencies.phases if table.phase == now.phase), None)
+        if table is None:
+            return None
+        configuration = self._contingencies.configuration(table.safe_mode)
+        if verify(self._spec, now, configuration):
+            return None
+        return make_plan(self._spec, now, configuration, score(self._spec, now, configuration, running), optimal=False)
 
     def _named_once(self, down: FaultSet) -> FaultSet:
         """Leave out the elements that count as down only because another element of the set is down."""

@@ -75,6 +75,7 @@ _NAMES = {
     Source.CONTINGENCIES: "the contingency",
     Source.PLANNER: "the best plan",
     Source.IMMEDIATE: "the greedy plan",
+    Source.SAFE_MODE: "the safe mode",
 }
 
 
